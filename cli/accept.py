@@ -29,7 +29,7 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     from vfplan.review.digest import digest_of
 
     if answers and answer_all:
-        raise click.UsageError("--answer and --answer-all exclude each other; give one")
+        raise click.UsageError("--answer and --answer-all exclude each other. Give one")
     before = read_fixture(fixture)
     accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
     with outputs(output) as (path,):

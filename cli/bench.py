@@ -56,7 +56,7 @@ def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
         stages = [name for name in stages if name in measured]
         if not stages:
             raise InputError(
-                f"holds no results of stage {stage}; name one that was measured",
+                f"holds no results of stage {stage}. Name one that was measured",
                 where=str(source), code="no-such-stage",
             )  # fmt: skip
     names = ["bench.json", "bench.csv", *(f"bench_{name}.png" for name in stages)]
@@ -102,9 +102,9 @@ def refuse_idle_options(stages: list[str], source: Path | None) -> None:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             typed.append(word)
     if source is not None and typed:
-        raise click.UsageError(f"--from measures nothing; leave out {', '.join(typed)}")
+        raise click.UsageError(f"--from measures nothing. Leave out {', '.join(typed)}")
     if "--peer" in typed and "proxy" not in stages:
-        raise click.UsageError("--peer runs in stage proxy only; leave it out")
+        raise click.UsageError("--peer runs in stage proxy only. Leave it out")
 
 
 def measure(

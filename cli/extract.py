@@ -181,13 +181,13 @@ def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> N
 
     if extracted.image is None or extracted.extraction is None:
         raise SettingError(
-            "a vector curve alone has no image to draw it on; leave --mask-out and --overlay-out "
-            "out", code="picture-without-image",
+            "a vector curve alone has no image to draw it on. Leave --mask-out and "
+            "--overlay-out out", code="picture-without-image",
         )  # fmt: skip
     if mask is not None:
         if extracted.extraction.method == "vector":
             raise SettingError(
-                "a vector curve has no mask; leave --mask-out out", code="no-mask-of-a-vector"
+                "a vector curve has no mask. Leave --mask-out out", code="no-mask-of-a-vector"
             )
         draw_mask(extracted.extraction, mask)
     if overlay is not None:

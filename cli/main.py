@@ -84,11 +84,11 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             import difflib
 
-            hint = "they are " + ", ".join(COMMANDS)
+            hint = "Choose one of " + ", ".join(COMMANDS)
             similar = difflib.get_close_matches(name, COMMANDS, 1)
             if similar:
-                hint = f"did you mean {similar[0]!r}?"
-            raise click.UsageError(f"no command {name!r}; {hint}", ctx)
+                hint = f"Did you mean {similar[0]!r}?"
+            raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = MODULES.get(name, f"vfplan.cli.{name}")
         return importlib.import_module(module).command
 

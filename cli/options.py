@@ -88,7 +88,7 @@ def parse_stroke(text: str) -> str | int:
     if text in ("all", "longest"):
         return text
     if not text.isdecimal():
-        raise ValueError(f"{text!r} is no stroke; type all, longest or a number")
+        raise ValueError(f"{text!r} is no stroke. Type all, longest or a number")
     return int(text)
 
 
@@ -97,10 +97,24 @@ def parse_rectangle(text: str) -> tuple[int, ...]:
     values = Numbers(4, metavar="U,V,W,H", positive=False).numbers(text)
     for value in values:
         if not value.is_integer():
-            raise ValueError(f"{text!r} holds a part of a pixel; type whole numbers")
+            raise ValueError(f"{text!r} holds a part of a pixel. Type whole numbers")
         if abs(value) >= LARGEST_PIXEL:
-            raise ValueError(f"{text!r} holds a number that no image's pixels reach")
+            raise ValueError(
+                f"{text!r} holds a number that no image's pixels reach. Type smaller ones"
+            )
     return tuple(map(int, values))
+
+
+def parse_side(text: str) -> str | tuple[float, ...]:
+    """`above`, `below`, or the direction X,Y,Z."""
+    if text in ("above", "below"):
+        return text
+    try:
+        return VECTOR.numbers(text)
+    except ValueError:
+        raise ValueError(
+            f"{text!r} is no side. Type above, below, or X,Y,Z such as 0,0,1"
+        ) from None
 
 
 def parse_margin(text: str) -> str | float:
@@ -114,7 +128,7 @@ def parse_margin(text: str) -> str | float:
         except ValueError:
             probability = 0.0
     if not 0 < probability < 1:
-        raise ValueError(f"{text!r} is no margin; type tre95, or p=P with P between 0 and 1")
+        raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
     return probability
 
 
@@ -122,11 +136,11 @@ def parse_seconds(text: str) -> float:
     """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
     if match is None:
-        raise ValueError(f"{text!r} is not a time; type one like 90s, 30min, 12h or 2d")
+        raise ValueError(f"{text!r} is not a time. Type one like 90s, 30min, 12h or 2d")
     try:
         return timedelta(**{UNITS_OF_TIME[match[2]]: float(match[1])}).total_seconds()
     except OverflowError:
-        raise ValueError(f"{text!r} is longer than any bundle is old; type less") from None
+        raise ValueError(f"{text!r} is longer than any bundle is old. Type less") from None
 
 
 def both_spacings(
@@ -220,9 +234,9 @@ FIXTURE_OPTIONS = options_in_order(
     option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
            help="Extend the fixture without end along this axis.  [default: normal, of the "
            "drawn slice]"),
-    option("--seen-from", type=VECTOR,
-           help="Direction in the robot's frame from which you look at the slice; 0,0,1 is from "
-           "above."),
+    option("--seen-from", type=Parsed("above|below|X,Y,Z", parse_side),
+           help="Side from which you look at the slice, or its direction in the robot's frame; "
+           "above is 0,0,1."),
     option("--max-residual", type=MM_OR_NONE,
            help="Refuse markers that miss their places by more (rms) [mm].  [default: 1]"),
     option("--max-tre", type=MM_OR_NONE,
@@ -272,9 +286,9 @@ def fixture_settings(arguments: dict[str, Any]) -> Any:
     margin = arguments["margin"]
     is_probability = isinstance(margin, float)
     if arguments["tolerance_m"] and arguments["density_per_m"]:
-        raise click.UsageError("--tolerance and --density exclude each other; give one")
+        raise click.UsageError("--tolerance and --density exclude each other. Give one")
     if is_probability != (arguments["campaign"] is not None):
-        raise click.UsageError("--margin p=P and --campaign DIR belong together; give both")
+        raise click.UsageError("--margin p=P and --campaign DIR belong together. Give both")
 
     # Options that are written in another unit than the field, or in another form.
     chosen = dict(arguments)
@@ -317,6 +331,6 @@ def trust(arguments: dict[str, Any]) -> Any:
         return Trust(read_keys(arguments["keys"]), *demands)
     if demands != (None, None, None):
         raise click.UsageError(
-            "--case, --robot-serial and --max-age read a signature; give --require-signature KEYS"
+            "--case, --robot-serial and --max-age read a signature. Give --require-signature KEYS"
         )
     return None

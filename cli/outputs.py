@@ -53,11 +53,12 @@ def refuse_folder(folder: Path | None, *names: str) -> None:
         _refuse([folder / name for name in names])
         if not names and any(folder.iterdir()) and not is_overwriting():
             raise OutputError(
-                "is not empty; give --overwrite to replace what is in it, or name a new folder",
+                "is not empty. Give --overwrite to replace what is in it, or name a new "
+                "folder",
                 where=str(folder), code="folder-not-empty",
             )  # fmt: skip
     elif folder.exists():
-        raise OutputError("is a file; name a folder", where=str(folder), code="folder-is-a-file")
+        raise OutputError("is a file. Name a folder", where=str(folder), code="folder-is-a-file")
     else:
         _refuse([folder])
 
@@ -85,13 +86,13 @@ def _refuse(paths: list[Path]) -> None:
     for path in paths:
         if path.resolve() in resolved:
             raise OutputError(
-                "is given for two outputs; give each its own name",
+                "is given for two outputs. Give each its own name",
                 where=str(path), code="output-twice",
             )  # fmt: skip
         resolved.add(path.resolve())
         if path.resolve() in inputs:
             raise OutputError(
-                "is an input of this call; give the output another name",
+                "is an input of this call. Give the output another name",
                 where=str(path), code="output-is-input",
             )  # fmt: skip
         try:
@@ -99,27 +100,29 @@ def _refuse(paths: list[Path]) -> None:
         except OSError as error:
             # The name is too long, or the folder may not be looked into.
             reason = error.strerror or str(error)
-            raise OutputError(reason, where=str(path), code="output-place") from None
+            raise OutputError(
+                f"{reason}. Name another file", where=str(path), code="output-place"
+            ) from None
 
 
 def refuse_place(path: Path) -> None:
     """Raise `OutputError` where no file may be written at a path."""
     if path.is_dir():
         raise OutputError(
-            "is a directory; name a file", where=str(path), code="output-is-a-directory"
+            "is a directory. Name a file", where=str(path), code="output-is-a-directory"
         )
     if path.exists() and not path.is_file():
         # To move a file there would unmake the device.
         raise OutputError(
-            "is a device or a pipe; name a file", where=str(path), code="output-is-a-device"
+            "is a device or a pipe. Name a file", where=str(path), code="output-is-a-device"
         )
     if path.exists() and not is_overwriting():
         raise OutputError(
-            "exists already; give --overwrite to replace it", where=str(path), code="output-exists"
+            "exists already. Give --overwrite to replace it", where=str(path), code="output-exists"
         )
     if not path.parent.is_dir():
         raise OutputError(
-            "its folder does not exist; make it first", where=str(path), code="no-output-folder"
+            "its folder does not exist. Make it first", where=str(path), code="no-output-folder"
         )
 
 
@@ -176,7 +179,9 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
             if pairs:
                 where = str(pairs[0][1])
             raise OutputError(
-                f"cannot be written: {reason}", where=where, code="output-not-written"
+                f"cannot be written: {reason}. Check the folder and its free space",
+                where=where,
+                code="output-not-written",
             ) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.

@@ -186,8 +186,8 @@ def rehearse_approaches(
         if not rehearsal.passed:
             reason = objections(rehearsal.metrics)[0]
             raise CheckFailed(
-                f"arm {arm.name}, {session.name}: {reason}; nothing is written. Move the base with "
-                "--base, or look at it with vfplan rehearse",
+                f"arm {arm.name}, {session.name}: {reason}, so nothing is written. Move the "
+                "base with --base, or look at it with vfplan rehearse",
                 code="rehearsal-failed",
             )
         rehearsals.append({"way": session.name, **rehearsal.metrics})

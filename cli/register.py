@@ -52,9 +52,9 @@ def command(
 
     settings = options.fixture_settings(arguments)
     if settings.find_markers and image is None:
-        raise click.UsageError("--find-markers measures marks on a slice; give --image IMAGE too")
+        raise click.UsageError("--find-markers measures marks on a slice. Give --image IMAGE too")
     if tip_radius is not None and touched is None:
-        raise click.UsageError("--tip-radius has no effect alone; give --touched POINTS.csv too")
+        raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
     drawn = read_fixture(curve)
     slice_image = None
     if image is not None:

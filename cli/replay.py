@@ -35,7 +35,7 @@ def parse_limit(text: str) -> tuple[str, float]:
     try:
         return name, parse_decimal(number)
     except ValueError:
-        raise ValueError(f"{text!r} is no limit; type NAME=NUMBER, e.g. force_max_n=20") from None
+        raise ValueError(f"{text!r} is no limit. Type NAME=NUMBER, e.g. force_max_n=20") from None
 
 
 def micrometres_to_metres(
@@ -135,7 +135,7 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
         refuse_folder(report_folder)
         index_path = report_folder / "index.html"
     elif arguments["image"] is not None:
-        raise click.UsageError("--image is for the pictures of a report; give --report DIR too")
+        raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
     with outputs(output, csv_out, index_path) as (result, table, index):
         replayed = replay_with_outputs(fixture, session, result, table, arguments)
         if index is not None:
@@ -273,5 +273,5 @@ def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     if arguments["pivot"] is not None:
         settings["pivot"] = arguments["pivot"]
     if settings and arguments["poses"] is None:
-        raise click.UsageError("--pose-limits and --pivot are for a moving fixture; give --poses")
+        raise click.UsageError("--pose-limits and --pivot are for a moving fixture. Give --poses")
     return settings

@@ -67,7 +67,9 @@ def command(source, markers, markers2, output, sheet_out, slice_path, **argument
     With --sheet-out only the review sheet is drawn.
     """
     if (output is None) == (sheet_out is None):
-        raise click.UsageError("give -o OUT.h5 for the page, or --sheet-out PNG for the sheet")
+        raise click.UsageError(
+            "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
+        )
     files = ReviewFiles(source, markers, markers2, slice_path)
     if sheet_out is not None:
         return draw_sheet(files, sheet_out, arguments)
@@ -83,7 +85,7 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
     from vfplan.review.source import settings_of
 
     if arguments["case"] and arguments["key"] is None:
-        raise click.UsageError("--case belongs to a signature; give --key KEY too")
+        raise click.UsageError("--case belongs to a signature. Give --key KEY too")
     settings = settings_of(
         settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
     )
@@ -187,7 +189,9 @@ def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     from vfplan.review import sheet_input
 
     if files.slice_path is not None:
-        raise click.UsageError("--slice belongs to a bundle; SOURCE is a slice itself")
+        raise click.UsageError(
+            "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
+        )
     settings = settings_from_options(ExtractSettings, arguments)
     if files.markers is None:
         extracted = extract(files.source, settings, curve=arguments["curve"])
@@ -218,7 +222,9 @@ def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     if files.markers is None:
         return sheet_input.of_fixture(fixture, files.source.name, image=image)
     if fixture.frame == "robot_base":
-        raise click.UsageError("MARKERS have no effect on a fixture, which is registered already")
+        raise click.UsageError(
+            "MARKERS have no effect on a fixture, which is registered already. Leave them out"
+        )
     planned = register(
         fixture, files.markers, files.markers2, options.fixture_settings(arguments), image=image
     )

@@ -226,7 +226,10 @@ def command(
                     except OSError as error:
                         if not as_json:
                             silence(sys.stdout)
-                        what = f"cannot be written: {error.strerror}; no output file is kept"
+                        what = (
+                            f"cannot be written: {error.strerror}, so no output file is kept. "
+                            "Check where it goes"
+                        )
                         printer.exit_with(Failure("OutputError", what, "the report", 2))
                     commit()
                     sys.exit(result.exit_code)

@@ -93,11 +93,11 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
         settings = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"is not JSON: {error}; write one object of settings", where=str(path), code="not-json"
+            f"is not JSON: {error}. Write one object of settings", where=str(path), code="not-json"
         ) from None
     if not isinstance(settings, dict):
         raise InputError(
-            "is no JSON object; write one object of settings", where=str(path), code="not-json"
+            "is no JSON object. Write one object of settings", where=str(path), code="not-json"
         )
 
     # Each of its settings takes the place of an option that was not typed.
@@ -107,7 +107,8 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
         if name not in params:
             allowed = ", ".join(sorted(params))
             raise SettingError(
-                f"has a setting {field!r}, which {context.info_name} has not; it has {allowed}",
+                f"has a setting {field!r}, which {context.info_name} does not have. Choose "
+                f"among {allowed}",
                 where=str(path),
                 code="unknown-setting",
             )
@@ -117,7 +118,7 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
                 value = convert(value)
             except TypeError:
                 raise SettingError(
-                    f"{field} {raw!r} is no such setting; docs/cli.md names its form",
+                    f"{field} {raw!r} is no such setting. See its form in docs/cli.md",
                     where=str(path), code="setting-of-another-form",
                 ) from None  # fmt: skip
         else:
@@ -125,13 +126,13 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
             if isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
                 allowed = ", ".join(kind.choices)
                 raise SettingError(
-                    f"{field} is {value!r}; choose one of {allowed}",
+                    f"{field} is {value!r}. Choose one of {allowed}",
                     where=str(path),
                     code="unknown-choice",
                 )
             if not fits_option(params[name], value):
                 raise SettingError(
-                    f"{field} is {raw!r}; give a value as docs/cli.md has it for this option",
+                    f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option",
                     where=str(path),
                     code="setting-of-another-form",
                 )

@@ -32,13 +32,13 @@ class OutputFile(click.Path):
         """The path; a usage error (exit 2) names its suffix and those allowed."""
         path = Path(str(value))
         if not self.suffixes and str(path) == "-":
-            self.fail("'-' is no file name; name a file", param, ctx)
+            self.fail("'-' is no file name. Name a file", param, ctx)
         if self.suffixes and not path.name.lower().endswith(self.suffixes):
             suffix = "no suffix"
             if path.suffix:
                 suffix = f"suffix {path.suffix!r}"
             allowed = " or ".join(self.suffixes)
-            self.fail(f"{str(value)!r} has {suffix}; end the name in {allowed}", param, ctx)
+            self.fail(f"{str(value)!r} has {suffix}. End the name in {allowed}", param, ctx)
         return path
 
 
@@ -107,13 +107,15 @@ class Numbers(Parsed):
             numbers = tuple(map(parse_decimal, text.split(",")))
         except ValueError as error:
             raise ValueError(
-                f"{text!r} is not a number or a comma-separated list of numbers: {error}"
+                f"{text!r} cannot be read: {error}. Type numbers with commas between them"
             ) from None
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
-            raise ValueError(f"{text!r} has {count(len(numbers), 'number')}; type {allowed}")
+            raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
         if self.positive and not min(numbers) > 0:
-            raise ValueError(f"{text!r} holds a number that is not finite and above 0")
+            raise ValueError(
+                f"{text!r} holds a number that is not finite and above 0. Type larger ones"
+            )
         return numbers
 
 
@@ -144,7 +146,7 @@ class Number(Numbers):
         """The number of a text, scaled."""
         value = self.numbers(text)[0]
         if self.zero_allowed and value < 0:
-            raise ValueError(f"{text!r} is below 0; type 0 or a number above")
+            raise ValueError(f"{text!r} is below 0. Type 0 or a number above")
         return float(value * self.scale)
 
 

@@ -31,7 +31,7 @@ def command(fixture, result, screenshot, at_s) -> CommandResult:
     from vfplan.session import read_result, require_fixture
 
     if at_s is not None and (screenshot is None or result is None):
-        raise click.UsageError("--at picks a tick; give --screenshot PNG and RESULT.h5 too")
+        raise click.UsageError("--at picks a tick. Give --screenshot PNG and RESULT.h5 too")
     planned, seal = read_sealed(fixture)
     ticks = None
     if result is not None:

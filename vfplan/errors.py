@@ -181,4 +181,4 @@ def requires_extra(what: str, extra: str, where: str | None = None) -> Iterator[
     try:
         yield
     except ImportError:
-        raise MissingExtra(f"{what}: pip install 'vfplan[{extra}]'", where=where) from None
+        raise MissingExtra(f"{what}. Run pip install 'vfplan[{extra}]'", where=where) from None

@@ -301,7 +301,7 @@ def size_doubt(points: NDArray[np.float64]) -> str | None:
     if is_usual_size and coordinate <= MAX_COORDINATE_M:
         return None
     return (
-        f"the points are {extent:.3g} m across and up to {coordinate:.3g} m from the origin along "
-        f"an axis; {MIN_EXTENT_M:g} to {MAX_EXTENT_M:g} m across, within {MAX_COORDINATE_M:g} m, "
-        "is usual: is a unit wrong?"
+        f"The points are {extent:.3g} m across and up to {coordinate:.3g} m from the origin "
+        f"along an axis, where {MIN_EXTENT_M:g} to {MAX_EXTENT_M:g} m across and within "
+        f"{MAX_COORDINATE_M:g} m is usual. Is a unit wrong?"
     )

@@ -58,7 +58,9 @@ class PaperProxy:
         self, points: ArrayLike, *table: Any, rule: str = "paper", **parameters: Any
     ) -> None:
         if rule != "paper":
-            raise SettingError(f"rule {rule!r}: the reference renders 'paper' only")
+            raise SettingError(
+                f"rule is {rule!r}, and the reference renders 'paper' only. Give that"
+            )
         self.parameters = ProxyParameters.make(points, *table, rule="paper", **parameters)
         self._cloud = self._across(check_points(points))
         self._proxy: Vector | None = None

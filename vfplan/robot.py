@@ -84,22 +84,22 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     if str(choice) in SHIPPED:
         text = (files("vfplan.schemas") / "robots" / f"{choice}.toml").read_text("utf-8")
     else:
-        choices = f"{', '.join(SHIPPED)}, none or a robot file is wanted"
+        choices = f"{', '.join(SHIPPED)}, none or a robot file"
         try:
             text = read_whole(Path(choice), MAX_BYTES).decode("utf-8")
         except InputError as error:
-            error.message += f"; {choices}"
+            error.message += f", or give {choices}"
             raise
         except UnicodeDecodeError:
             raise InputError(
-                f"is not text; {choices}", where=str(choice), code="not-text"
+                f"is not text. Give {choices}", where=str(choice), code="not-text"
             ) from None
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         # Tables within tables without end raise RecursionError.
         raise InputError(
-            f"not a robot file: {error}", where=str(choice), code="robot-not-toml"
+            f"is no robot file: {error}. Correct its TOML", where=str(choice), code="robot-not-toml"
         ) from None
     check_robot(values, where=str(choice))
     fields = {}
@@ -116,7 +116,7 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
     version = values.get("version")
     if "version" in values and version not in VERSIONS:
         raise InputError(
-            f"version is {version!r}; {' or '.join(map(repr, VERSIONS))} is wanted",
+            f"version is {version!r}. Give {' or '.join(map(repr, VERSIONS))}",
             where=where,
             code="robot-version",
         )
@@ -127,24 +127,22 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
     for name in schema["required"]:
         if name not in values:
             raise InputError(
-                f"{name} is missing; a robot file must say it", where=where, code="robot-incomplete"
+                f"{name} is missing. Add it to the robot file", where=where, code="robot-incomplete"
             )
     for name, value in values.items():
         if name not in known:
             raise InputError(
-                f"{name!r} is unknown; {', '.join(known)} are known",
+                f"{name!r} is unknown. Give {', '.join(known)}",
                 where=where,
                 code="robot-name-unknown",
             )
         wanted = _violation(value, known[name])
         if wanted is not None:
-            raise InputError(
-                f"{name} is {value!r}; {wanted} is wanted", where=where, code="robot-value"
-            )
+            raise InputError(f"{name} is {value!r}. Give {wanted}", where=where, code="robot-value")
     joints = {len(value) for value in values.values() if isinstance(value, list)}
     if len(joints) > 1:
         raise InputError(
-            f"lists of {min(joints)} and of {max(joints)} joints; all must be of one arm",
+            f"lists are of {min(joints)} and of {max(joints)} joints. Give all of one arm",
             where=where,
             code="robot-joints",
         )

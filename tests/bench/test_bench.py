@@ -325,7 +325,7 @@ def test_peer_that_fails_is_named(tmp_path, body, says):
 
 
 def test_peer_that_is_no_program():
-    with pytest.raises(SettingError, match="no such program"):
+    with pytest.raises(SettingError, match="is no program"):
         bench(["proxy"], peers=[Peer("/nowhere/peer")])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from refusals import refuses
 from replays import fixture_of
 
 import vfplan
@@ -73,14 +73,14 @@ def test_a_line_pressed_through_is_told():
     y = 8e-3 * np.cos(2 * np.pi * t / 1.5)
     burred = burr(fixture, vfplan.Session(t, np.stack((0 * t, y, 0 * t), axis=1)), 0.9 * R)
     (held,) = [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
-    assert f"the force reached {burred.metrics['force_max_n']:.3g} N" in held["message"]
+    assert f"The force reached {burred.metrics['force_max_n']:.3g} N" in held["message"]
     assert len(burr_figure(burred).axes) == 3  # its plane, the force, and the points' count
 
 
 def test_a_ball_that_is_not_felt_first_is_refused():
     fixture, session = scene()
     for radius in (R, 0.0, np.nan):
-        with pytest.raises(SettingError, match="below the contact radius"):
+        with refuses(SettingError, "burr-radius"):
             burr(fixture, session, radius)
 
 

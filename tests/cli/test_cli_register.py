@@ -290,8 +290,8 @@ def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
     words = ["--density", "0.5", "--contact-radius", "100", "--max-residual", "none"]
     run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words)
     assert run.code == 0, run.stderr
-    assert "is a unit wrong?" in run.stderr
-    assert "is a unit wrong?" in vfplan_cli("validate", out).stdout
+    assert "Is a unit wrong?" in run.stderr
+    assert "Is a unit wrong?" in vfplan_cli("validate", out).stdout
 
 
 def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, tmp_path):

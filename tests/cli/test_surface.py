@@ -103,7 +103,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
     assert run.code == 0, run.stderr
     assert run.json["touched"]["moved_max_m"] == pytest.approx(8e-4, rel=0.02)
     assert run.json["touched"]["rms_m"] < 5e-5
-    assert "did a marker move, or is something else touched?" in run.stderr
+    assert "Did a marker move, or is something else touched?" in run.stderr
     assert "pixel" not in registered_text(run.json)
     refined = vfplan.read_fixture(tmp_path / "t.h5")
     shift = refined.points - moved(1e3 * planned.points + [0.8, 0, 0])

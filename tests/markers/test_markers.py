@@ -258,9 +258,9 @@ BAD_JSON = {
     "holds 'Curve'": mrk(POINTS, type="Curve"),
     "coordinateUnits is 'inch'": mrk(POINTS, coordinateUnits="inch"),
     "coordinateSystem is 'IJK'": mrk(POINTS, coordinateSystem="IJK"),
-    "three numbers are wanted": mrk([("x1", [1, 2], "defined")]),
-    "a finite number is wanted": mrk([("x1", [1, 2, float("nan")], "defined")]),
-    "a number is wanted": mrk([("x1", [1, 2, "a"], "defined")]),
+    "Give three numbers": mrk([("x1", [1, 2], "defined")]),
+    "Give a finite number": mrk([("x1", [1, 2, float("nan")], "defined")]),
+    "Give a number": mrk([("x1", [1, 2, "a"], "defined")]),
     "has no label": mrk([("", [1, 2, 3], "defined")]),
     "holds no marker": mrk([]),
 }
@@ -277,7 +277,7 @@ BAD_FCSV = {
     "CoordinateSystem is None": HEAD,
     "CoordinateSystem is '2'": HEAD + "# CoordinateSystem = 2\n",
     "columns are": HEAD + "# CoordinateSystem = 0\n# columns = label,x,y,z\n",
-    "a number is wanted": HEAD + "# CoordinateSystem = 0\n1,1,2,z,0,0,0,1,1,1,0,x1,,\n",
+    "Give a number": HEAD + "# CoordinateSystem = 0\n1,1,2,z,0,0,0,1,1,1,0,x1,,\n",
     "has no label": HEAD + "# CoordinateSystem = 0\n1,1,2,3\n",
 }
 
@@ -306,7 +306,7 @@ def test_a_table_may_end_its_lines_with_cr_alone(write):
 
 
 def test_a_number_is_only_what_every_program_reads_as_one(write):
-    with pytest.raises(MarkerError, match="True; a number is wanted"):
+    with pytest.raises(MarkerError, match=r"True\. Give a number"):
         read_markers(write("p.mrk.json", mrk([("x1", [True, 0, 0], "defined")])))
 
 

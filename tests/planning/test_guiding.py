@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from refusals import refuses
 from replays import fixture_of
 
 import vfplan
@@ -83,7 +84,7 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
     assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
-    with pytest.raises(SettingError, match="guide pull 2 N, 0 mm/s"):
+    with refuses(SettingError, "guide-pull"):
         FixtureSettings(guide_m=1e-3, guide_pull=(2.0, 0.0))
 
 
@@ -121,8 +122,8 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     ("change", "says"),
     [
         ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
-        ({"guide_stroke": 2}, "guide stroke 2: of 2 strokes"),
-        ({"guide_stroke": -1}, "guide stroke -1: of 2 strokes"),
+        ({"guide_stroke": 2}, "guide stroke 2 "),
+        ({"guide_stroke": -1}, "guide stroke -1 "),
     ],
 )
 def test_what_cannot_guide_is_refused(change, says):
@@ -134,7 +135,7 @@ def test_what_cannot_guide_is_refused(change, says):
 
 
 def test_settings_without_a_guide_are_refused():
-    with pytest.raises(SettingError, match="have no effect"):
+    with refuses(SettingError, "no-guide"):
         FixtureSettings(guide_ends="open")
     with pytest.raises(SettingError, match="guide is 2000 mm"):
         FixtureSettings(guide_m=2.0)
@@ -160,9 +161,9 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     on = made.fixture.points @ np.diag([1.0, 1, 0])
     assert np.abs(guide.run(on).lateral_m).max() < 5e-6
     assert "tick-too-long" in [finding.code for finding in made.findings]
-    with pytest.raises(SettingError, match=r"the guide of 0\.1 mm does not count"):
+    with refuses(SettingError, "arcs-coarse"):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
-    with pytest.raises(SettingError, match="stroke 0: the curve is one stroke, which guides w"):
+    with refuses(SettingError, "guide-stroke"):
         add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0))
 
 
@@ -179,5 +180,5 @@ def test_the_advice_for_lines_and_arcs_is_taken(beside):
 
 
 def test_what_is_said_of_no_guide_is_refused_by_its_options():
-    with pytest.raises(SettingError, match=r"--ends, .* --guide-cut-bends .* without --guide MM"):
+    with refuses(SettingError, "no-guide"):
         FixtureSettings(guide_ends="stop")

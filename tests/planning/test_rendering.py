@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from margins import MADE
+from refusals import refuses
 from scipy.spatial import cKDTree
 
 from vfplan.bundle import read_fixture, write_fixture
@@ -79,7 +80,7 @@ def test_a_tolerance_beyond_what_the_radius_allows_is_said_to_be_cut(made):
 
 
 def test_a_tolerance_finer_than_the_engine_is_refused():
-    with pytest.raises(SettingError, match="tolerance 9e-08 mm: at least 1e-07 mm"):
+    with refuses(SettingError, "tolerance-fine"):
         elbow(tolerance_m=9e-11)
 
 

@@ -252,6 +252,6 @@ def test_what_never_came_and_what_was_too_old_is_told():
     events = [Event(90000, remove=[3])]
     found = vfplan.replay(fixture(), session, rule="robust", poses=poses, events=events).metrics
     told = {f["code"]: f["message"] for f in found["findings"]}
-    assert told["stale"].startswith(f"in {found['stale_ticks']} of 500 ticks")
+    assert told["stale"].startswith(f"In {found['stale_ticks']} of 500 ticks")
     assert found["stale_ticks"] >= 398
     assert told["events-left"].startswith("1 events")

@@ -78,7 +78,7 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     rows = np.column_stack([session.time, session.hip])
     np.savetxt(table, rows, "%.17g", ",", header="t,x,y,z", comments="")
     plain = vfplan_cli("replay", bundle, table)
-    assert "warning: force-step: the force changes by" in plain.stdout
+    assert "warning: force-step: The force changes by" in plain.stdout
     held = vfplan_cli("replay", bundle, table, "--governor", "--robot", "fr3", "--json").json
     assert (held["governor"]["force_step_n"], held["governor"]["force_max_n"]) == (1.2, 20.0)
     assert next(c for c in held["checks"] if c["name"] == "force_step_max_n")["pass"]

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import refuses
 from scipy.spatial import cKDTree
 
 from vfplan import scenes
@@ -375,7 +376,7 @@ def test_bad_requests_are_refused():
         lambda: scenes.Point().path("around"),
         lambda: scenes.travel([[0, 0, 0], [1, 0, 0]], speed=0.0),
     ):
-        with pytest.raises(SettingError, match=r"allowed|above 0"):
+        with pytest.raises(SettingError, match="Give "):
             bad()
-    with pytest.raises(SceneError, match=r"proxy at 0\.001 m"):
+    with refuses(SceneError, "starts-inside"):
         god_object.follow(scenes.Point().pieces, np.array([1e-3, 0, 0]), np.zeros(3), R)

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from captures import capture
+from refusals import refuses
 from vector_files import RING_MM, SCHEMA, polyline, slicer
 
 from vfplan.errors import CurveError, SettingError
@@ -253,5 +254,5 @@ def test_a_point_that_is_there_twice_is_one(tmp_path, off):
     once = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve")).fine(1e-4)
     twice = np.vstack([RING_MM[:1], RING_MM, RING_MM[:1] + off])
     assert np.allclose(read_vector_curve(slicer(tmp_path, twice, "ClosedCurve")).fine(1e-4), once)
-    with pytest.raises(CurveError, match="holds 2 different points; 3 are wanted"):
+    with refuses(CurveError, "too-few-points"):
         read_vector_curve(slicer(tmp_path, RING_MM[[0, 1, 0]], "ClosedCurve"))

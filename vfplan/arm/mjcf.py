@@ -61,13 +61,15 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
     except InputError as error:
         known = ", ".join(shipped)
         raise InputError(
-            f"{error.message}; {known} or an MJCF file wanted", where=str(choice)
+            f"{error.message}, or give {known} or an MJCF file", where=str(choice)
         ) from None
     check(data, str(choice))
     try:
         return module.MjModel.from_xml_string(data.decode("utf-8"))
     except (ValueError, module.FatalError) as error:
-        raise InputError(f"MuJoCo refuses it: {error}", where=str(choice)) from None
+        raise InputError(
+            f"MuJoCo refuses it: {error}. Correct the MJCF file", where=str(choice)
+        ) from None
 
 
 def check(data: bytes, where: str) -> None:
@@ -87,17 +89,22 @@ def check(data: bytes, where: str) -> None:
         node_count += 1
         depth += 1
         if node_count == 1 and name != "mujoco":
-            refuse(f"<{name}> is no MJCF; <mujoco> wanted")
+            refuse(f"<{name}> is no MJCF. Give a file whose root is <mujoco>")
         if name not in ELEMENTS:
-            refuse(f"<{name}> is not allowed; an arm without shapes wanted, in one file")
+            refuse(f"<{name}> is not allowed. Give an arm without shapes, in one file")
         for attribute in attributes:
             if attribute in FORBIDDEN:
-                refuse(f'{attribute}="..." is not allowed; no other file is read')
+                refuse(
+                    f'{attribute}="..." is not allowed. Put all into this file, as no other is read'
+                )
         for value in attributes.values():
             if "nan" in value.lower().split():
-                refuse("a number is nan; give finite numbers")
+                refuse("a number is nan. Give finite numbers")
         if node_count > MAX_NODES or depth > MAX_DEPTH:
-            refuse(f"more than {MAX_NODES} elements, or {MAX_DEPTH} within each other")
+            refuse(
+                f"it has more than {MAX_NODES} elements, or {MAX_DEPTH} within each other. "
+                "Give a smaller file"
+            )
 
     def end(name: str) -> None:
         nonlocal depth
@@ -105,14 +112,14 @@ def check(data: bytes, where: str) -> None:
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = lambda *_: refuse("a document type is not allowed")
-    parser.EntityDeclHandler = lambda *_: refuse("an entity is not allowed")
+    parser.StartDoctypeDeclHandler = lambda *_: refuse("a document type is not allowed. Remove it")
+    parser.EntityDeclHandler = lambda *_: refuse("an entity is not allowed. Remove it")
     try:
         data.decode("utf-8")
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise InputError(
-            f"no XML: {error}; give an MJCF file", where=where, code="not-xml"
+            f"is no XML: {error}. Give an MJCF file", where=where, code="not-xml"
         ) from None
     except UnicodeDecodeError:
-        raise InputError("is not text; give an MJCF file", where=where, code="not-xml") from None
+        raise InputError("is not text. Give an MJCF file", where=where, code="not-xml") from None

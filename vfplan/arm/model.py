@@ -85,7 +85,7 @@ class Arm:
         if robot is None:
             if str(choice) not in ARMS:
                 raise SettingError(
-                    f"arm {choice} has no limits of its own; a robot is wanted, with --robot",
+                    f"arm {choice} has no limits of its own. Name a robot with --robot",
                     code="arm-without-robot",
                 )
             robot = read_robot(ARMS[str(choice)])
@@ -201,14 +201,15 @@ def tip_site(model: Any, robot: Robot, name: str) -> int:
     others = int(np.count_nonzero(model.jnt_type != hinge))
     if others or not 1 <= model.njnt <= MAX_JOINTS:
         raise InputError(
-            f"{model.njnt} joints, {others} of them no hinges; 1 to {MAX_JOINTS} hinges wanted",
+            f"the arm has {model.njnt} joints, {others} of them no hinges. Give an arm of 1 "
+            f"to {MAX_JOINTS} hinges",
             where=name, code="not-an-arm",
             numbers={"joints": int(model.njnt), "no_hinges": others},
         )  # fmt: skip
     site = mujoco().mj_name2id(model, mujoco().mjtObj.mjOBJ_SITE, "tip")
     if site < 0:
         raise InputError(
-            'no <site name="tip"/>, where the tool is; add one to the last body',
+            "no <site name=\"tip\"/> says where the tool is. Add one to the last body",
             where=name, code="no-tip",
         )  # fmt: skip
     for limit_name in ("torque_limit_nm", "torque_step_limit_nm", "joint_speed_limit_rad_s"):
@@ -216,7 +217,7 @@ def tip_site(model: Any, robot: Robot, name: str) -> int:
         if limits is not None and len(limits) != model.njnt:
             raise SettingError(
                 f"robot {robot.name!r} has {limit_name} of {len(limits)} joints, the arm has "
-                f"{model.njnt}; give the robot of this arm",
+                f"{model.njnt}. Give the robot of this arm",
                 code="robot-of-another-arm",
             )
     return site
@@ -230,7 +231,7 @@ def move_base(model: Any, pose: Array) -> None:
     length = np.linalg.norm(quaternion)
     if not length > 1e-6:
         raise SettingError(
-            f"base {pose.tolist()}: its quaternion has no direction; give W,X,Y,Z of length 1",
+            f"the quaternion of base {pose.tolist()} has no direction. Give W,X,Y,Z of length 1",
             code="base-without-direction",
         )
     quaternion = quaternion / length
@@ -257,7 +258,7 @@ def numbers(name: str, values: Sequence[float], sizes: tuple[int, ...]) -> Array
     if len(row) not in sizes:
         allowed = " or ".join(map(str, sizes))
         raise SettingError(
-            f"{name} has {len(row)} numbers; give {allowed}", code="wrong-count",
+            f"{name} has {len(row)} numbers. Give {allowed}", code="wrong-count",
             numbers={"count": len(row)},
         )  # fmt: skip
     return row

@@ -162,23 +162,26 @@ def check_session(session: Session, fixture: Fixture, rate_hz: float) -> None:
     """Raise where the session cannot be rehearsed on this fixture at this rate."""
     if session.frame != fixture.frame:
         raise SessionError(
-            f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; they must "
-            "be the same",
+            f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
+            "Give both in one frame",
             where=session.name, code="other-frame",
         )  # fmt: skip
     if fixture.guidance is not None:
         raise SceneError(
-            "the fixture guides; a rehearsal renders forbidden regions only", code="guide"
+            "the fixture guides, and a rehearsal renders forbidden regions only. Give one "
+            "without a guide",
+            code="guide",
         )
     if not 1 < len(session.hip) <= MAX_TICKS:
         raise SessionError(
-            f"{len(session.hip)} samples; give 2 to {MAX_TICKS}", where=session.name,
-            code="session-length", numbers={"samples": len(session.hip)},
+            f"the session has {len(session.hip)} samples. Give 2 to {MAX_TICKS}",
+            where=session.name, code="session-length", numbers={"samples": len(session.hip)},
         )  # fmt: skip
     rate = 1 / float(np.median(np.diff(session.time)))
     if not abs(rate / rate_hz - 1) < SAME_RATE:
         raise SessionError(
-            f"sampled at {rate:.6g} Hz, the arm runs at {rate_hz:g} Hz; resample the session",
+            f"the session is sampled at {rate:.6g} Hz, the arm runs at {rate_hz:g} Hz. "
+            "Resample the session",
             where=session.name, code="other-rate",
             numbers={"rate_hz": rate, "arm_rate_hz": rate_hz},
         )  # fmt: skip

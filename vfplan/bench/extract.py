@@ -85,7 +85,7 @@ def thin_hue_mask(picture: Any) -> Array:
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV))
     mask = ((hue < 10) | (hue > 170)) & (saturation > 100) & (value > 80)
     if not mask.any():
-        raise CurveError("no pixel passes the gate on hue; draw in red", code="no-hue")
+        raise CurveError("no pixel passes the gate on hue. Draw in red", code="no-hue")
     v, u = np.nonzero(skeletonize(mask))
     return np.column_stack([u, v]).astype(float)
 

@@ -69,7 +69,7 @@ class Peer:
         """Raise `SettingError` when the program cannot be started at all."""
         if not self.command.strip() or which(self._words[0]) is None:
             raise SettingError(
-                f"peer {self.command!r}: no such program; give one that can be run",
+                f"peer {self.command!r} is no program. Give one that can be run",
                 code="no-such-peer",
             )
 
@@ -93,13 +93,13 @@ class Peer:
                 table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
             except (OSError, ValueError) as error:
                 raise SettingError(
-                    f"peer {self.name!r}: proxies.csv: {error}; it must write one row a tick",
+                    f"peer {self.name!r}: proxies.csv: {error}. Let it write one row a tick",
                     code="peer-answer",
                 ) from None
         if table.shape != (len(hips), 4) or not np.isfinite(table).all():
             raise SettingError(
-                f"peer {self.name!r}: proxies.csv holds {table.shape} numbers; "
-                f"({len(hips)}, 4) finite ones are wanted",
+                f"peer {self.name!r}: proxies.csv holds {table.shape} numbers. Let it write "
+                f"({len(hips)}, 4) finite ones",
                 code="peer-answer",
             )
         return table[:, :3] + hips @ (np.eye(3) - flat), table[:, 3]
@@ -117,18 +117,20 @@ class Peer:
             )
         except subprocess.TimeoutExpired:
             raise SettingError(
-                f"peer {self.name!r}: not done in {TIMEOUT_S:g} s; give a faster one",
+                f"peer {self.name!r} is not done in {TIMEOUT_S:g} s. Give a faster one",
                 code="peer-slow",
             ) from None
         except OSError as error:
             raise SettingError(
-                f"peer {self.command!r}: {error.strerror}; give a program that runs",
+                f"peer {self.command!r}: {error.strerror}. Give a program that runs",
                 code="no-such-peer",
             ) from None
         if done.returncode:
             message = " ".join(done.stderr.split())[-QUOTED_CHARACTERS:] or "no message"
             raise SettingError(
-                f"peer {self.name!r}: exit code {done.returncode}: {message}", code="peer-failed"
+                f"peer {self.name!r} ended with exit code {done.returncode}: {message}. "
+                "Correct that program",
+                code="peer-failed",
             )
 
 
@@ -167,7 +169,8 @@ def build_nanoflann(folder: Path) -> Peer:
     compiler = which(os.environ.get("CXX", "g++")) or which("clang++")
     if compiler is None:
         raise SettingError(
-            "the nanoflann peer did not run: no C++ compiler (apt install g++)", code="no-compiler"
+            "the nanoflann peer did not run, because there is no C++ compiler. Run apt install g++",
+            code="no-compiler",
         )
     program = folder / "nanoflann_peer"
     with as_file(files("vfplan.samples") / "peer" / "nanoflann_peer.cpp") as source:
@@ -178,7 +181,8 @@ def build_nanoflann(folder: Path) -> Peer:
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SettingError(
-                f"the nanoflann peer did not run: {error}", code="peer-not-built"
+                f"the nanoflann peer did not run: {error}. Run g++ by hand to see why",
+                code="peer-not-built",
             ) from None
     if done.returncode:
         reason = "no message"
@@ -187,7 +191,7 @@ def build_nanoflann(folder: Path) -> Peer:
                 reason = line.strip()
                 break
         raise SettingError(
-            f"the nanoflann peer did not compile: {reason} (apt install libnanoflann-dev)",
+            f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
             code="peer-not-built",
         )
     return Peer(shlex.quote(str(program)))

@@ -86,7 +86,8 @@ def bench(
     unknown = [stage for stage in wanted if stage not in STAGES]
     if unknown or not wanted:
         raise SettingError(
-            f"stages {unknown or wanted}: allowed are {', '.join(STAGES)}", code="unknown-stage"
+            f"stages are {unknown or wanted}. Give some of {', '.join(STAGES)}",
+            code="unknown-stage",
         )
     ordered = [stage for stage in STAGES if stage in wanted]
     choice = choose(tolerance_m, 5e-3)
@@ -172,30 +173,30 @@ def read_document(path: str | Path) -> dict[str, Any]:
         document = json.loads(read_whole(Path(path), MAX_BYTES).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"is not JSON: {error}; give a bench.json", where=where, code="not-json"
+            f"is not JSON: {error}. Give a bench.json", where=where, code="not-json"
         ) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(
-            f"is no document of format {FORMAT!r}; give a bench.json", where=where, code="no-bench"
+            f"is no document of format {FORMAT!r}. Give a bench.json", where=where, code="no-bench"
         )
     if str(document.get("version", "")).split(".")[0] != VERSION.split(".")[0]:
         raise InputError(
-            f"version {document.get('version')!r}: {VERSION} is read; measure again", where=where,
-            code="other-version",
+            f"is of version {document.get('version')!r}, and {VERSION} is read. Measure again",
+            where=where, code="other-version",
         )  # fmt: skip
     missing = [name for name in NEEDED_KEYS if name not in document]
     if missing:
         raise InputError(
-            f"lacks {', '.join(missing)}; measure again", where=where, code="damaged-bench"
+            f"lacks {', '.join(missing)}. Measure again", where=where, code="damaged-bench"
         )
     results = document["results"]
     if not isinstance(results, list) or not results:
-        raise InputError("holds no results; measure again", where=where, code="damaged-bench")
+        raise InputError("holds no results. Measure again", where=where, code="damaged-bench")
     for i, result in enumerate(results):
         fault = fault_of_result(result)
         if fault:
             raise InputError(
-                f"{fault}; measure again", where=f"{where}: results[{i}]", code="damaged-bench"
+                f"{fault}. Measure again", where=f"{where}: results[{i}]", code="damaged-bench"
             )
     return document
 

@@ -148,15 +148,15 @@ def burr(
     """
     if fixture.rendering is None or fixture.guidance is not None:
         raise SceneError(
-            "the fixture renders no forbidden region, so nothing is burred; give one without a "
-            "guide",
+            "the fixture renders no forbidden region, so nothing is burred. Give one "
+            "without a guide",
             code="nothing-to-burr",
         )
     contact_m = fixture.contact_radius + fixture.point_radius
     if not 0 < radius_m < contact_m:
         raise SettingError(
-            f"radius {1e3 * radius_m:g} mm: allowed is above 0 and below the contact radius, "
-            f"{1e3 * contact_m:g} mm; a larger ball removes before it is felt",
+            f"a ball of radius {1e3 * radius_m:g} mm would remove bone before it is felt. "
+            f"Give more than 0 and less than the contact radius, {1e3 * contact_m:g} mm",
             code="burr-radius", numbers={"radius_m": radius_m, "contact_radius_m": contact_m},
         )  # fmt: skip
     fixture = sampled(fixture)
@@ -202,9 +202,10 @@ def burr(
     force_n = replayed.metrics["force_max_n"]
     if events and force_n > 2 * margin_force_n:
         text = (
-            f"the force reached {force_n:.3g} N, and K times the margin is {margin_force_n:.3g} N: "
-            "the proxy did not follow the tool into what it removed (faster than 32 points a "
-            "tick, a pit narrower than the proxy, or a thin wall removed from both sides)"
+            f"The force reached {force_n:.3g} N, and K times the margin is "
+            f"{margin_force_n:.3g} N: the proxy did not follow the tool into what it "
+            "removed. Feed more slowly, and burr no pit narrower than the proxy and no thin "
+            "wall from both sides."
         )
         replayed.metrics["findings"].append(finding("burr-held", "warning", text))
     ticks = np.array([event.tick for event in events], int)

@@ -70,11 +70,11 @@ def command(
     reported margin goes into a plan by `vfplan plan --campaign DIR --margin p=0.01`.
     """
     if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers and --scheduler exclude each other; give one")
+        raise click.UsageError("--workers and --scheduler exclude each other. Give one")
     for probability in margin_for:
         if not 0 < probability < 1:
             raise SettingError(
-                f"{probability:g} is no probability; give --margin-for numbers between 0 and 1",
+                f"{probability:g} is no probability. Give --margin-for numbers between 0 and 1",
                 code="no-probability",
             )
     from vfplan.bundle import read_fixture

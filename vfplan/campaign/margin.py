@@ -23,8 +23,8 @@ def require_same_plan(folder: Path, fixture: Fixture) -> None:
     """
     if read_question(folder)["markers_sha256"] != markers_sha256(fixture):
         raise CheckFailed(
-            "is a campaign of another plan: its markers, model or stiffness differ; run vfplan "
-            "campaign on this plan",
+            "is a campaign of another plan: its markers, model or stiffness differ. Run "
+            "vfplan campaign on this plan",
             where=str(folder), code="campaign-of-another-plan",
         )  # fmt: skip
 
@@ -45,8 +45,8 @@ def margin_for(folder: Path, p: float) -> float:
     if high_mm is None:
         needed = round(TRIALS_TIMES_P / p)
         raise CheckFailed(
-            f"holds {trials} trials, which do not bound the margin for p = {p:g} from above; make "
-            f"about {needed}",
+            f"holds {trials} trials, which do not bound the margin for p = {p:g} from above. "
+            f"Make about {needed}",
             where=str(folder), code="too-few-trials", numbers={"trials": trials, "needed": needed},
         )  # fmt: skip
     return 1e-3 * high_mm

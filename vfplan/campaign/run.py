@@ -57,10 +57,11 @@ def run_campaign(
     parquet()
     if trials < 1 or workers < 1:
         raise SettingError(
-            f"trials {trials}, workers {workers}: give at least 1 of each", code="no-trials"
+            f"there are {trials} trials and {workers} workers. Give at least 1 of each",
+            code="no-trials",
         )
     if not sessions:
-        raise SettingError("no session; give at least one", code="no-session")
+        raise SettingError("there is no session. Give at least one", code="no-session")
     campaign = Trials(fixture, sessions, settings or CampaignSettings())
     store = Store(folder, campaign_question(fixture, sessions, campaign.settings))
     block_count = -(-trials // BLOCK)
@@ -129,7 +130,7 @@ def blocks_on_cluster(
         if str(error):
             reason = str(error).splitlines()[0]
         raise InputError(
-            f"no Dask scheduler answers: {reason}; check the address", where=scheduler,
+            f"no Dask scheduler answers: {reason}. Check the address", where=scheduler,
             code="no-scheduler",
         ) from None  # fmt: skip
     with client, client.as_current():

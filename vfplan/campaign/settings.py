@@ -60,23 +60,23 @@ class CampaignSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:
             raise SettingError(
-                f"seed is {self.seed}; give a whole number from 0 to 2^63 - 1", code="seed"
+                f"seed is {self.seed}. Give a whole number from 0 to 2^63 - 1", code="seed"
             )
         for name in ("fle_image_px", "fle_robot_m", "tremor_m"):
             value = getattr(self, name)
             if value is not None and not (isfinite(value) and value >= 0):
                 raise SettingError(
-                    f"{name} is {value}; give a finite number of at least 0", code="error-size"
+                    f"{name} is {value}. Give a finite number of at least 0", code="error-size"
                 )
         low, high = self.stiffness_range or (1.0, 1.0)
         if not (0 < low <= high <= 1e6):
             raise SettingError(
-                f"stiffness range is {low:g},{high:g}; give A,B with 0 < A <= B <= 1e6 N/m",
+                f"stiffness range is {low:g},{high:g}. Give A,B with 0 < A <= B <= 1e6 N/m",
                 code="stiffness-range",
             )
         if not (isfinite(self.hand_stiffness) and self.hand_stiffness > 0):
             raise SettingError(
-                f"hand stiffness is {self.hand_stiffness}; give more than 0 N/m",
+                f"hand stiffness is {self.hand_stiffness}. Give more than 0 N/m",
                 code="hand-stiffness",
             )
 
@@ -115,7 +115,7 @@ def fle_of(record: RegistrationRecord) -> float:
     degrees_of_freedom = record.source.shape[0] * 3 - parameters
     if degrees_of_freedom < 1:
         raise SettingError(
-            f"{len(record.source)} markers leave nothing to estimate their error from; give "
+            f"{len(record.source)} markers leave nothing to estimate their error from. Give "
             "--fle-robot MM",
             code="no-fle",
         )

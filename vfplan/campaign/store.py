@@ -115,17 +115,21 @@ class Store:
                 folder.mkdir()
             except OSError as error:
                 reason = error.strerror or str(error)
-                raise OutputError(reason, where=str(folder), code="folder-not-made") from None
+                raise OutputError(
+                    f"cannot be made: {reason}. Name another folder",
+                    where=str(folder),
+                    code="folder-not-made",
+                ) from None
         if not (folder / QUESTION_FILE).exists():
             if not folder.is_dir():
                 raise OutputError(
-                    "is a file; name a folder", where=str(folder), code="folder-is-a-file"
+                    "is a file. Name a folder", where=str(folder), code="folder-is-a-file"
                 )
             for path in folder.iterdir():
                 # Files that another process is just writing have this prefix.
                 if not path.name.startswith(".vfplan-"):
                     raise OutputError(
-                        "is no campaign's folder, and not empty; name another folder",
+                        "is no campaign's folder, and not empty. Name another folder",
                         where=str(folder), code="folder-not-empty",
                     )  # fmt: skip
             text = json.dumps(question, indent=2) + "\n"
@@ -138,7 +142,8 @@ class Store:
                 differing.append(name)
         if differing:
             raise OutputError(
-                f"holds a campaign that differs in {', '.join(differing)}; name another folder",
+                f"holds a campaign that differs in {', '.join(differing)}. Name another "
+                "folder",
                 where=str(folder), code="another-campaign",
             )  # fmt: skip
 
@@ -201,7 +206,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
         block += 1
     if not count or (trials is not None and count < trials):
         raise InputError(
-            f"holds {count} trials of {trials or 'any'}; make more with vfplan campaign",
+            f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
             where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
     joined = {}
@@ -226,7 +231,7 @@ def read_question(folder: Path) -> dict[str, Any]:
         is_sound = False
     if not is_sound:
         raise InputError(
-            f"is no {FORMAT} of version {VERSION}; name the folder of vfplan campaign",
+            f"is no {FORMAT} of version {VERSION}. Name the folder of vfplan campaign",
             where=str(path), code="no-campaign",
         )  # fmt: skip
     return question
@@ -248,13 +253,14 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
                 raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError(
-            "is a damaged block; remove it to have it made anew", where=str(path),
+            "is a damaged block. Remove it to have it made anew", where=str(path),
             code="damaged-block",
         ) from None  # fmt: skip
     first = block * BLOCK
     if not np.array_equal(trials, np.arange(first, first + BLOCK)):
         raise InputError(
-            f"does not hold trials {first} to {first + BLOCK - 1}; remove it to have it made anew",
+            f"does not hold trials {first} to {first + BLOCK - 1}. Remove it to have it made "
+            "anew",
             where=str(path), code="damaged-block",
         )  # fmt: skip
     return columns

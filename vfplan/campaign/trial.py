@@ -305,27 +305,30 @@ def checked_registration(fixture: Fixture) -> RegistrationRecord:
     """
     if fixture.frame != "robot_base" or fixture.rendering is None:
         raise SceneError(
-            f"a fixture in frame {fixture.frame!r} renders nothing; give one in robot_base",
+            f"a fixture in frame {fixture.frame!r} renders nothing. Give one in robot_base",
             code="not-rendered",
         )
     if fixture.guidance is not None:
         raise SceneError(
-            "the fixture guides; a campaign tries forbidden regions only", code="guide"
+            "the fixture guides, and a campaign tries forbidden regions only. Give one "
+            "without a guide",
+            code="guide",
         )
     if fixture.pieces is not None and fixture.pieces.error > MAX_DEPARTURE_M:
         raise SceneError(
-            f"the fixture's lines and arcs lie up to {fixture.pieces.error * 1e3:.3g} mm from the "
-            f"curve, and a campaign renders its points; plan with --arcs {MAX_DEPARTURE_M * 1e3:g}",
+            f"the fixture's lines and arcs lie up to {1e3 * fixture.pieces.error:.3g} mm "
+            "from the curve, and a campaign renders its points. Plan with --arcs "
+            f"{1e3 * MAX_DEPARTURE_M:g}",
             code="arcs-too-far", numbers={"error_m": fixture.pieces.error},
         )  # fmt: skip
     if fixture.registration is None:
         raise SceneError(
-            "the fixture has no registration, so there is nothing to vary; plan or register it",
+            "the fixture has no registration, so there is nothing to vary. Plan or register it",
             code="no-registration",
         )
     if fixture.provenance.settings.get("margin") is not None:
         raise SceneError(
-            "the fixture has a margin, so it does not lie where the curve is; plan it without",
+            "the fixture has a margin, so it does not lie where the curve is. Plan it without",
             code="has-margin",
         )
     return fixture.registration

@@ -58,20 +58,30 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise kind(
-            "cannot be read: there is no such file", where=str(path), code="file-missing"
+            "cannot be read: there is no such file. Check its name",
+            where=str(path),
+            code="file-missing",
         ) from None
     except (OSError, ValueError) as error:
         reason = str(error)
         if isinstance(error, OSError):
             reason = error.strerror
-        raise kind(f"cannot be read: {reason}", where=str(path), code="file-unreadable") from error
+        raise kind(
+            f"cannot be read: {reason}. Check the file and its permissions",
+            where=str(path),
+            code="file-unreadable",
+        ) from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         what = "a device or a pipe"
         if stat.S_ISDIR(mode):
             what = "a directory"
-        raise kind(f"cannot be read: it is {what}, not a file", where=str(path), code="not-a-file")
+        raise kind(
+            f"cannot be read: it is {what}, not a file. Name a file",
+            where=str(path),
+            code="not-a-file",
+        )
     return open(descriptor, "rb")
 
 
@@ -88,7 +98,7 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
             data = file.read(min(size, max_bytes) + 1)
     if max(size, len(data)) > max_bytes:
         raise kind(
-            f"is longer than {max_bytes} bytes, the most that is read",
+            f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
             where=str(path),
             code="file-too-long",
             numbers={"bytes": max(size, len(data)), "max_bytes": max_bytes},
@@ -203,17 +213,23 @@ def decompress(
         content = decompressor.decompress(data, max_bytes + 1)
     except (zlib.error, OSError, ValueError):
         raise InputError(
-            f"its {kind} data are damaged", where=where, code="compressed-data-damaged"
+            f"its {kind} data are damaged. Copy or save the file again",
+            where=where,
+            code="compressed-data-damaged",
         ) from None
     if len(content) > max_bytes:
         raise InputError(
-            f"unpacks to more than {max_bytes} bytes",
+            f"unpacks to more than {max_bytes} bytes. Give a shorter file",
             where=where,
             code="unpacks-too-large",
             numbers={"max_bytes": max_bytes},
         )
     if not decompressor.eof:
-        raise InputError(f"its {kind} data are cut short", where=where, code="compressed-data-cut")
+        raise InputError(
+            f"its {kind} data are cut short. Copy or save the file again",
+            where=where,
+            code="compressed-data-cut",
+        )
     return content
 
 
@@ -268,7 +284,7 @@ def now_utc() -> str:
         moment = datetime.fromtimestamp(int(epoch), UTC)
     else:
         raise InputError(
-            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}; give whole seconds since 1970",
+            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}. Give whole seconds since 1970",
             code="epoch-invalid",
         )
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -57,7 +57,7 @@ class Loopback:
             listening = socket.create_server(("127.0.0.1", port))
         except OSError as error:
             raise OutputError(
-                f"port {port} of 127.0.0.1: {error.strerror}",
+                f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
                 code="port-taken",
                 numbers={"port": port},
             ) from None

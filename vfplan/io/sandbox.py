@@ -102,8 +102,9 @@ def run_in_sandbox(
             else:
                 return
     raise kind(
-        f"cannot be read: its reader crashed, took more than {MEMORY_BYTES >> 20} MiB, or was busy "
-        f"for {STEP_S} s without a result",
+        f"cannot be read: its reader crashed, took more than {MEMORY_BYTES >> 20} MiB, or "
+        f"was busy for {STEP_S} s without a result. Save the file again, or give a smaller "
+        "one",
         where=where,
         code="reader-stopped",
         numbers={"memory_bytes": MEMORY_BYTES, "step_s": STEP_S},

@@ -18,7 +18,7 @@ from typing import BinaryIO
 
 from vfplan.errors import OutputError
 
-EXISTS = "exists already; give --overwrite to replace it"
+EXISTS = "exists already. Give --overwrite to replace it"
 
 NO_HARD_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
 """Error numbers by which a file system says that it has no hard links."""
@@ -141,7 +141,7 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
     try:
         if path.is_dir():
             raise OutputError(
-                "is a directory; a file is wanted", where=str(path), code="output-is-folder"
+                "is a directory. Name a file", where=str(path), code="output-is-folder"
             )
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=str(path), code="output-exists")
@@ -210,7 +210,7 @@ def move_into_place(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> P
 
 def _not_written(path: Path, error: OSError) -> OutputError:
     return OutputError(
-        f"cannot be written: {error.strerror}",
+        f"cannot be written: {error.strerror}. Check the folder and its free space",
         where=str(path),
         code="output-not-written",
         numbers={"errno": error.errno},
@@ -252,9 +252,9 @@ class PlacedFiles:
             try:
                 _put_back(target, old)
             except OSError as error:  # The other files are put back all the same.
-                text = f"cannot be removed again: {error.strerror}"
+                text = f"cannot be removed again: {error.strerror}. Remove it by hand"
                 if old is not None:
-                    text = f"cannot be put back: {error.strerror}; what it held is in {old}"
+                    text = f"cannot be put back: {error.strerror}. What it held is in {old}"
                     with suppress(OSError):
                         old.chmod(stat.S_IMODE(old.stat().st_mode) | LAST_COPY)
                 failures.append(OutputError(text, where=str(target), code="not-put-back"))

@@ -75,7 +75,7 @@ class Table:
         if "," in text and self.separator != ",":
             if "." in text or text.count(",") > 1:
                 raise self.kind(
-                    f"{what} is {text!r}, whose comma may mean two things; write a number as "
+                    f"{what} is {text!r}, whose comma may mean two things. Write a number as "
                     "1234.5 or as 1234,5",
                     where=place,
                     code="decimal-ambiguous",
@@ -117,7 +117,7 @@ def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple
         return data.decode(encoding), sha256
     except UnicodeDecodeError:
         raise kind(
-            "is not UTF-8 or UTF-16 text; save it as CSV UTF-8", where=str(path), code="not-text"
+            "is not UTF-8 or UTF-16 text. Save it as CSV UTF-8", where=str(path), code="not-text"
         ) from None
 
 
@@ -135,25 +135,26 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
         separator = _separator_of(header_line, place, kind)
     rows = split_rows(text, where, kind, separator)
     if not rows:
-        raise kind("is empty; a table with a header is wanted", where=where, code="table-empty")
+        raise kind("is empty. Give a table with a header", where=where, code="table-empty")
     first_line, names = rows[0]
     header = tuple(name.strip() for name in names)
     folded = [name.casefold() for name in header]
     for name, key in zip(header, folded, strict=True):
         if key and folded.count(key) > 1:
             raise kind(
-                f"column {name!r} occurs {folded.count(key)} times",
+                f"column {name!r} occurs {folded.count(key)} times. Leave one",
                 where=f"{where}, line {first_line}",
                 code="column-doubled",
             )
     table_rows = []
     for line, cells in rows[1:]:
         if len(cells) != len(header):
-            advice = ""
+            advice = "Give each row as many"
             if separator == "," and len(cells) > len(header):
-                advice = ". Numbers with a decimal comma need semicolons between the columns"
+                advice = "Put semicolons between the columns where numbers have a decimal comma"
             raise kind(
-                f"{len(cells)} cells; the header names {len(header)} columns{advice}",
+                f"the row has {len(cells)} cells, and the header names {len(header)} "
+                f"columns. {advice}",
                 where=f"{where}, line {line}",
                 code="row-length",
                 numbers={"cells": len(cells), "columns": len(header)},
@@ -168,7 +169,7 @@ def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
     if len(present) > 1:
         names = " and ".join(SEPARATORS[separator] for separator in present)
         raise kind(
-            f"the header holds {names}, {header_line[:80]!r}; separate the columns by one of them",
+            f"the header holds {names}: {header_line[:80]!r}. Separate the columns by one of them",
             where=place,
             code="separator-ambiguous",
         )
@@ -192,7 +193,9 @@ def split_rows(
                 rows.append((reader.line_num, row))
     except csv.Error as error:
         raise kind(
-            f"is no CSV: {error}", where=f"{where}, line {reader.line_num}", code="table-broken"
+            f"is no CSV: {error}. Save the table again as CSV",
+            where=f"{where}, line {reader.line_num}",
+            code="table-broken",
         ) from None
     return rows
 
@@ -216,12 +219,10 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
         wanted = "a number"
         if str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
             wanted = "a finite number"
-        raise kind(
-            f"{what} is {repr(value)[:60]}; {wanted} is wanted", where=where, code="no-number"
-        )
+        raise kind(f"{what} is {repr(value)[:60]}. Give {wanted}", where=where, code="no-number")
     if abs(number) > MAX_NUMBER:
         raise kind(
-            f"{what} is {value!r}; at most {MAX_NUMBER:g} is allowed",
+            f"{what} is {value!r}. Give at most {MAX_NUMBER:g}",
             where=where,
             code="number-too-large",
         )
@@ -266,7 +267,8 @@ class NumberTable:
                     line += complete.count(b"\n") + 1
                 if len(unfinished) > MAX_LINE_BYTES:
                     raise self.kind(
-                        f"the line is longer than {MAX_LINE_BYTES} bytes",
+                        f"the line is longer than {MAX_LINE_BYTES} bytes. Give a table of "
+                        "shorter rows",
                         where=f"{self.where}, line {line}",
                         code="line-too-long",
                     )
@@ -312,25 +314,27 @@ def open_number_table(
     place = f"{where}, line {line}"
     if not first:
         raise kind(
-            f"is empty; a table with a header {listed} is wanted".replace("  ", " "),
+            f"is empty. Give a table with a header {listed}".rstrip(),
             where=where,
             code="table-empty",
         )
     if len(first) > MAX_LINE_BYTES:
         raise kind(
-            f"the line is longer than {MAX_LINE_BYTES} bytes", where=place, code="line-too-long"
+            f"the line is longer than {MAX_LINE_BYTES} bytes. Give a table of shorter rows",
+            where=place,
+            code="line-too-long",
         )
     try:
         header = first.decode("utf-8-sig").strip("\r\n")
     except UnicodeDecodeError:
         raise kind(
-            "is not UTF-8 text; save it as CSV UTF-8", where=where, code="not-text"
+            "is not UTF-8 text. Save it as CSV UTF-8", where=where, code="not-text"
         ) from None
     separator = _separator_of(header, place, kind)
     columns = [name.strip().lower() for name in header.split(separator)]
     if len(columns) > MAX_COLUMNS:
         raise kind(
-            f"has {len(columns)} columns; at most {MAX_COLUMNS} are read",
+            f"has {len(columns)} columns. Leave at most {MAX_COLUMNS}",
             where=where,
             code="too-many-columns",
             numbers={"columns": len(columns)},
@@ -348,13 +352,13 @@ def open_number_table(
         count = columns.count(column)
         if count == 0:
             raise kind(
-                f"column {column!r} is missing from the header {header[:70]!r}; wanted: {listed}",
+                f"column {column!r} is missing from the header {header[:70]!r}. Give {listed}",
                 where=place,
                 code="column-missing",
             )
         if count > 1:
             raise kind(
-                f"column {column!r} occurs {count} times; it is wanted once",
+                f"column {column!r} occurs {count} times. Leave one",
                 where=place,
                 code="column-doubled",
             )
@@ -411,7 +415,8 @@ class _BlockParser:
         cells = text.split(table.separator)
         if len(cells) != len(table.columns):
             raise table.kind(
-                f"{len(cells)} cells; the header names {len(table.columns)} columns",
+                f"the row has {len(cells)} cells, and the header names {len(table.columns)} "
+                "columns. Give each row as many",
                 where=place,
                 code="row-length",
                 numbers={"cells": len(cells), "columns": len(table.columns)},
@@ -422,6 +427,8 @@ class _BlockParser:
                 row.append(parse_decimal(cell))
             except ValueError as error:
                 raise table.kind(
-                    f"column {column!r}: {error}", where=place, code="no-number"
+                    f"column {column!r} cannot be used: {error}. Correct the row",
+                    where=place,
+                    code="no-number",
                 ) from None
         return row

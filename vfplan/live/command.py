@@ -39,7 +39,7 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
     order: the MCAP file is finished and kept.
     """
     if openigtlink is None and web is None and mcap is None:
-        raise click.UsageError("nothing to do: give --openigtlink, --web or --mcap")
+        raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
     from vfplan.bundle import read_fixture
     from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
     from vfplan.session.mcapfile import McapWriter

@@ -59,7 +59,7 @@ class Server:
         except OSError as error:
             self._listener.close()
             raise OutputError(
-                f"port {port} of 127.0.0.1: {error.strerror}",
+                f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
                 code="port-taken",
                 numbers={"port": port},
             ) from None

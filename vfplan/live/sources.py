@@ -64,20 +64,23 @@ def decode(data: bytes) -> Datagram:
     """Read a datagram; raises `InputError` for bytes that are none, or not finite."""
     if len(data) < HEADER.itemsize:
         raise InputError(
-            f"a datagram of {len(data)} bytes; at least {HEADER.itemsize} are wanted",
+            f"a datagram has {len(data)} bytes, less than the {HEADER.itemsize} of a header. "
+            "Check which program sends to this port",
             code="datagram-short",
         )
     head = np.frombuffer(data, HEADER, 1)[0]
     count = int(head["count"])
     if head["magic"] != MAGIC or head["version"] != VERSION:
         raise InputError(
-            f"a datagram that begins {data[:6]!r}; VFPT of version 1 is wanted",
+            f"a datagram begins with {data[:6]!r}, not VFPT of version 1. Check which "
+            "program sends to this port",
             code="datagram-unknown",
         )
     size = HEADER.itemsize + count * TICK.itemsize
     if not 1 <= count <= MAX_TICKS or len(data) != size:
         raise InputError(
-            f"a datagram of {len(data)} bytes for {count} ticks; {size} are wanted",
+            f"a datagram has {len(data)} bytes for {count} ticks, not {size}. Check which "
+            "program sends to this port",
             code="datagram-size",
         )
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
@@ -85,7 +88,8 @@ def decode(data: bytes) -> Datagram:
         # NaN is not <= anything, so it is refused too.
         if not (np.abs(ticks[name]) <= MAX_NUMBER).all():
             raise InputError(
-                f"a datagram with a {name} that is not finite, or beyond {MAX_NUMBER:g}",
+                f"a datagram holds a {name} that is not finite or beyond {MAX_NUMBER:g}. "
+                "Check the controller that sends it",
                 code="datagram-number",
             )
     return Datagram(int(head["sequence"]), int(head["dropped"]), ticks)
@@ -130,7 +134,10 @@ def stream_udp(address: str) -> Iterator[Ticks]:
     except OSError as error:
         receiver.close()
         raise InputError(
-            f"cannot be received from: {error.strerror}", where=address, code="address-unusable"
+            f"cannot be received from: {error.strerror}. Check the address, and that no "
+            "other program listens there",
+            where=address,
+            code="address-unusable",
         ) from None
     receiver.settimeout(WAIT_S)
     return _received_ticks(receiver)
@@ -146,7 +153,7 @@ def host_and_port(address: str) -> tuple[str, int]:
         host = None
         port = None
     if not address.startswith("udp://") or host is None or port is None:
-        raise SettingError(f"{address!r}; udp://HOST:PORT is wanted", code="address-invalid")
+        raise SettingError(f"source is {address!r}. Give udp://HOST:PORT", code="address-invalid")
     return host, port
 
 

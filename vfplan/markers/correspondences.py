@@ -212,7 +212,10 @@ def join(
                 code="labels-differ",
                 numbers={"labels": lone},
             )
-        text = f"Only {Path(side.where or 'one side').name} has {names}: left out."
+        text = (
+            f"Only {Path(side.where or 'one side').name} has {names}, so it is left out. Nothing "
+            "is to be done if you mean it so."
+        )
         findings += (note("markers-not-common", "register", text),)
     sigma = target.sigma
     if sigma is not None:
@@ -396,7 +399,10 @@ def unit_of(
     radius = float(np.sqrt(((raw - raw.mean(axis=0)) ** 2).sum(axis=1).mean()))
     for unit in ("m", "mm"):
         if MIN_RADIUS_M <= radius / number_per_metre(unit) <= MAX_RADIUS_M:
-            text = f"Columns X, Y, Z name no unit: taken as {unit}, by the size of the layout."
+            text = (
+                f"Columns X, Y, Z name no unit: taken as {unit}, by the size of the layout. "
+                "Write x_m or x_mm to be sure."
+            )
             return unit, (note("unit-concluded", "register", text),)
     raise MarkerError(
         f"columns x,y,z name no unit, and a layout of {radius:.3g} (rms from its centre) fits "

@@ -152,9 +152,14 @@ def compare_with_marks(
                 numbers={"near": len(matched), "markers": n, "drawn": drawn},
             )
         if drawn:
-            finding = doubt("markers-meet-no-marks", "register", f"{text}.")
+            finding = doubt(
+                "markers-meet-no-marks", "register", f"{text}. Use this slice's own markers."
+            )
         else:
-            text = "No marks are drawn at the given positions."
+            text = (
+                "No marks are drawn at the given positions, so these were not checked. Nothing "
+                "is to be done if your markers are not visible."
+            )
             finding = note("no-marks-drawn", "register", text)
         return MarkComparison(len(matched), drawn, None, None, (finding,))
 
@@ -181,8 +186,8 @@ def offset_findings(
     findings = []
     for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
-            f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the others "
-            "have one."
+            f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the "
+            "others have one. Correct its position, or leave it out."
         )
         place = tuple(places[i].tolist())
         findings.append(doubt("marker-not-drawn", "register", text, place_px=place))
@@ -194,7 +199,8 @@ def offset_findings(
     is_single = from_median > SINGLE_OFFSET_PX + 5 * 1.4826 * np.median(from_median)
     for i, vector in zip(matched[is_single], offset[is_single], strict=True):
         text = (
-            f"Marker {labels[i]} is given {np.hypot(*vector):.1f} px from the mark drawn near it."
+            f"Marker {labels[i]} is given {np.hypot(*vector):.1f} px from the mark drawn "
+            "near it. Move it there, or give --find-markers."
         )
         place = tuple(places[i].tolist())
         findings.append(doubt("marker-off-mark", "register", text, place_px=place))

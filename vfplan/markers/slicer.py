@@ -118,7 +118,7 @@ def defined_points(
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
             raise MarkerError(
-                f"{what} is {position!r}; three numbers are wanted",
+                f"{what} is {position!r}. Give three numbers",
                 where=where,
                 code="no-position",
             )

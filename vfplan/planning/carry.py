@@ -243,9 +243,9 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         if allowed_mm >= 1e3 * MIN_ARCS_M:
             advice = f"{float(allowed_mm):g}, or less"
         raise SettingError(
-            f"the lines and arcs depart by {pieces.error * 1e3:.4g} mm from the curve, which the "
-            f"{name} of {length_m * 1e3:.4g} mm does not count; at most {ARCS_SHARE_OF_MARGIN:g} "
-            f"of it is allowed: --arcs {advice}",
+            f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
+            f"the {name} of {1e3 * length_m:.4g} mm allows {ARCS_SHARE_OF_MARGIN:g} of "
+            f"itself. Give --arcs {advice}",
             code="arcs-coarse",
             numbers={"error_m": pieces.error, "length_m": length_m},
         )

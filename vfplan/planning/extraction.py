@@ -89,7 +89,7 @@ def extract(
         _refuse_settings(settings, PEN_SETTINGS)
     elif settings.curve_origin is not None:
         raise SettingError(
-            "curve_origin has no effect without a vector curve; leave it out",
+            "curve_origin has no effect without a vector curve. Leave it out",
             code="setting-without-effect",
         )
     if is_vector_alone:
@@ -107,8 +107,7 @@ def extract(
     for spacing in image.pixel_spacing_mm or ():
         if not MIN_SPACING_MM <= spacing <= MAX_SPACING_MM:
             message = (
-                f"pixel spacing is {spacing:g} mm; {MIN_SPACING_MM:g} to {MAX_SPACING_MM:g} mm "
-                "are allowed"
+                f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {MAX_SPACING_MM:g} mm"
             )
             if settings.pixel_spacing_mm is not None:
                 raise SettingError(message, code="pixel-spacing-range")
@@ -141,7 +140,7 @@ def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
         value = getattr(settings, name)
         if (value or None) != getattr(ExtractSettings(), name):
             raise SettingError(
-                f"{name} {value!r} has no effect on a vector curve; leave it out",
+                f"{name} {value!r} has no effect on a vector curve. Leave it out",
                 code="setting-without-effect",
             )
 

@@ -41,8 +41,8 @@ def add_guidance(
         )
     if stroke is not None and not 0 <= stroke < stroke_count:
         raise SettingError(
-            f"guide stroke {stroke}: of {stroke_count} strokes one from 0 to {stroke_count - 1} "
-            "may guide while others are forbidden; without it all guide",
+            f"guide stroke {stroke} is not among the {stroke_count} strokes. Give 0 to "
+            f"{stroke_count - 1}, or leave it out and all guide",
             code="guide-stroke",
         )
     guiding = fixture.curve.closed
@@ -98,16 +98,18 @@ def clearance(fixture: Fixture, guide: Any) -> tuple[float, list[Finding]]:
     where = f"at arc {1e3 * arcs[worst]:.4g} mm, [{x:.4g}, {y:.4g}, {z:.4g}] mm"
     if smallest < 0:
         raise CheckFailed(
-            f"the guide leads into the forbidden region: {where}, it comes "
-            f"{1e3 * (smallest + radius):.4g} mm near; R = {1e3 * radius:g} mm is allowed",
+            f"the guide leads into the forbidden region: {where}, it comes within "
+            f"{1e3 * (smallest + radius):.4g} mm, and R = {1e3 * radius:g} mm is the least. "
+            "Draw it further away, or give a smaller --contact-radius",
             code="guide-forbidden",
             numbers={"distance_m": smallest + radius, "allowed_m": radius},
         )
     if smallest >= guide.radius:
         return smallest, []
     text = (
-        f"the guide's tube reaches into the forbidden region {where}: {1e3 * smallest:.4g} mm are "
-        f"left beside the curve, the tube has {1e3 * guide.radius:g} mm; both forces act there"
+        f"The guide's tube of {1e3 * guide.radius:g} mm reaches into the forbidden region "
+        f"{where}: {1e3 * smallest:.4g} mm are free there, and both forces act. Give a "
+        "narrower --guide."
     )
     place = tuple(places[worst].tolist())
     return smallest, [doubt("guide-in-forbidden", "plan", text, place_m=place)]

@@ -53,7 +53,7 @@ def add_margin(
         is_number = isinstance(margin, Real) and not isinstance(margin, bool)
         if not is_number or not 0 <= margin < np.inf:
             raise SettingError(
-                f"margin is {margin!r}; metres of at least 0, 'tre95' or none is allowed",
+                f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
                 code="margin-unknown",
             )
         kind, bound_m = "given", float(margin)

@@ -162,14 +162,14 @@ def match(
         findings += marks.findings
     if correspondences.target_frame != "robot_base":
         text = (
-            f"The target markers, and so the fixture, are in {correspondences.target_frame}. No "
-            "robot renders it before it is registered to its own frame."
+            f"The target markers, and so the fixture, are in {correspondences.target_frame}, "
+            "which no robot renders. Register it to the robot's own frame first."
         )
         findings.append(doubt("target-not-robot", "register", text))
     if image is not slice_image:
         text = (
-            "The image given is not the file that the curve was drawn on (SHA-256 differs). "
-            "Nothing was compared with it."
+            "The image given is not the file that the curve was drawn on (SHA-256 differs), "
+            "so nothing was compared with it. Give that file."
         )
         findings.append(doubt("image-other", "register", text))
     return MatchResult(
@@ -230,11 +230,16 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     if image is not None:
         place = image.T_patient_image
     if place is None:
-        reason = "the slice does not say soundly where it lies in the patient"
+        reason = (
+            "its slice does not say soundly where it lies in the patient. Give a slice that does"
+        )
         if image is None:
-            reason = "give the DICOM slice it was drawn on (--image)"
+            reason = (
+                "which no slice places in the patient. Give the DICOM slice it was drawn on "
+                "with --image"
+            )
         raise MarkerError(
-            f"markers are given in frame 'patient_lps', the curve in 'image': {reason}",
+            f"markers are given in frame 'patient_lps', the curve in 'image', and {reason}",
             code="slice-without-place",
         )
     axes = place[:3, :2]
@@ -243,8 +248,8 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
         given_mm = curve.image.pixel_spacing_mm
         if not np.allclose(given_mm, spacing_mm, rtol=SAME_SPACING, atol=0):
             raise SettingError(
-                f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of the "
-                f"slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm; leave "
+                f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of "
+                f"the slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm. Leave "
                 "--pixel-spacing out",
                 code="pixel-spacing-differs",
             )

@@ -126,8 +126,9 @@ def render(
         smallest_m = FINEST_BAND / BAND_SHARE * radius_m
         if settings.tolerance_m < smallest_m:
             raise SettingError(
-                f"tolerance {settings.tolerance_m * 1e3:g} mm: at least {smallest_m * 1e3:g} mm "
-                f"is wanted, {FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {radius_m * 1e3:g} mm",
+                f"tolerance is {1e3 * settings.tolerance_m:g} mm, less than "
+                f"{FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {1e3 * radius_m:g} mm. Give at "
+                f"least {1e3 * smallest_m:g} mm",
                 code="tolerance-fine",
                 numbers={"tolerance_m": settings.tolerance_m, "smallest_m": smallest_m},
             )
@@ -198,7 +199,7 @@ def ignored_axis(
     if not is_planar:
         if choice == "normal":
             raise SettingError(
-                "a curve in space has no slice normal; ignore x, y, z or none", code="no-normal"
+                "a curve in space has no slice normal. Ignore x, y, z or none", code="no-normal"
             )
         return check_axis(choice)
     columns = T[:3, :2]
@@ -212,8 +213,9 @@ def ignored_axis(
     tilt_deg = np.degrees(np.arccos(min(1.0, abs(axis @ normal))))
     if tilt_deg > MAX_IGNORED_TILT_DEG:
         raise SettingError(
-            f"ignoring {choice} would collapse the curve: it is {tilt_deg:.1f} degrees from the "
-            f"slice's normal; at most {MAX_IGNORED_TILT_DEG:g} are allowed",
+            f"ignoring {choice} would collapse the curve: it is {tilt_deg:.1f} degrees from "
+            f"the slice's normal, and at most {MAX_IGNORED_TILT_DEG:g} are allowed. Ignore "
+            "the normal",
             code="axis-collapses",
             numbers={"tilt_deg": float(tilt_deg)},
         )

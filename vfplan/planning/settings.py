@@ -99,8 +99,8 @@ class ExtractSettings:
         """Refuse a density of no points, before any work is done; raises `SettingError`."""
         if self.density_per_mm is not None and not 0 < self.density_per_mm < float("inf"):
             raise SettingError(
-                f"density is {self.density_per_mm:g} points a millimetre; a finite number above 0 "
-                "is wanted",
+                f"density is {self.density_per_mm:g} points a millimetre. Give a finite "
+                "number above 0",
                 code="density-range",
             )
 
@@ -130,8 +130,8 @@ class FixtureSettings:
     ignore_axis
         "normal" (of the slice), "x", "y", "z" or "none"; `None`: the normal where there is one.
     seen_from
-        (3,) direction in the robot's frame from which the slice is looked at; refuses mirrored
-        markers. `None`: not checked, but a slice seen from below is a finding.
+        "above", "below", or the (3,) direction in the robot's frame from which the slice is looked
+        at; refuses mirrored markers. `None`: not checked, but a slice seen from below is a finding.
     max_residual_m
         Gate: largest RMS residual of the markers used [m]; `None`: any.
     max_tre_m
@@ -176,7 +176,7 @@ class FixtureSettings:
     contact_radius: float = 5e-3
     point_radius: float = 0.0
     ignore_axis: str | None = None
-    seen_from: tuple[float, float, float] | None = None
+    seen_from: tuple[float, float, float] | str | None = None
     max_residual_m: float | None = 1e-3
     max_tre_m: float | Literal["contact radius"] | None = "contact radius"
     markers_as_given: bool = False
@@ -199,14 +199,14 @@ class FixtureSettings:
             _check_range("stiffness", stiffness, 0.0, MAX_STIFFNESS_N_PER_M, "N/m")
         if len(self.stiffness) not in (1, 3):
             raise SettingError(
-                f"stiffness is {len(self.stiffness)} numbers; 1 or 3 are allowed",
+                f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3",
                 code="stiffness-count",
             )
         if self.arcs_m is not None:
             _check_range("arcs", 1e3 * self.arcs_m, 1e3 * MIN_ARCS_M, 1e3 * MAX_ARCS_M, "mm")
         if self.ignore_axis not in AXES:
             raise SettingError(
-                f"ignored axis is {self.ignore_axis!r}; normal, x, y, z or none is allowed",
+                f"ignored axis is {self.ignore_axis!r}. Give normal, x, y, z or none",
                 code="axis-unknown",
             )
 
@@ -214,13 +214,12 @@ class FixtureSettings:
         for name, limit in (("max_residual_m", self.max_residual_m), ("max_tre_m", self.max_tre_m)):
             if isinstance(limit, (int, float)) and not 0 < limit < float("inf"):
                 raise SettingError(
-                    f"{name} is {limit:g} m; a finite length above 0, or None, is wanted",
+                    f"{name} is {limit:g} m. Give a finite length above 0, or None",
                     code="gate-range",
                 )
         if isinstance(self.max_tre_m, str) and self.max_tre_m != "contact radius":
             raise SettingError(
-                f"max_tre_m is {self.max_tre_m!r}; a length [m], None or 'contact radius' is "
-                "wanted",
+                f"max_tre_m is {self.max_tre_m!r}. Give a length [m], None or 'contact radius'",
                 code="gate-range",
             )
 
@@ -229,31 +228,36 @@ class FixtureSettings:
             more = self.guide_ends, self.guide_pull, self.guide_cut_bends
             if any(more) or self.guide_stroke is not None:
                 raise SettingError(
-                    "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect "
-                    "without --guide MM",
+                    "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no "
+                    "effect without a guide. Give --guide MM too",
                     code="no-guide",
                 )
             return
         _check_range("guide", 1e3 * self.guide_m, 1e3 * MIN_RADIUS_M, 1e3 * MAX_RADIUS_M, "mm")
         if min(self.stiffness) <= 0:
-            raise SettingError("a guide needs a stiffness above 0", code="guide-stiffness")
+            raise SettingError(
+                "a guide of stiffness 0 does not hold the tip. Give a stiffness above 0",
+                code="guide-stiffness",
+            )
         if self.margin is not None and self.guide_stroke is None:
             raise SettingError(
-                "a margin has no effect on a guide; it thickens what is forbidden beside a guide "
-                "stroke",
+                "a margin has no effect on a guide, only on what is forbidden beside one. "
+                "Leave --margin out, or name the --guide-stroke",
                 code="guide-margin",
             )
         if len(self.guide_pull) > 2:
             raise SettingError(
-                f"guide pull is {len(self.guide_pull)} numbers; a force and a speed are allowed",
+                f"guide pull is {len(self.guide_pull)} numbers. Give a force, and a speed if "
+                "you like",
                 code="guide-pull",
             )
         if self.guide_pull:
             force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
             if not (abs(force) <= MAX_PULL_N and 0 < speed <= MAX_PULL_SPEED_M_S):
                 raise SettingError(
-                    f"guide pull {force:g} N, {1e3 * speed:g} mm/s; {-MAX_PULL_N:g} to "
-                    f"{MAX_PULL_N:g} N and up to {1e3 * MAX_PULL_SPEED_M_S:g} mm/s are allowed",
+                    f"guide pull is {force:g} N at {1e3 * speed:g} mm/s. Give "
+                    f"{-MAX_PULL_N:g} to {MAX_PULL_N:g} N, and above 0 to "
+                    f"{1e3 * MAX_PULL_SPEED_M_S:g} mm/s",
                     code="guide-pull",
                 )
 
@@ -268,7 +272,7 @@ class FixtureSettings:
 def _check_range(name: str, value: float, smallest: float, largest: float, unit: str) -> None:
     if not smallest <= value <= largest:
         raise SettingError(
-            f"{name} is {value:g} {unit}; {smallest:g} to {largest:g} {unit} are allowed",
+            f"{name} is {value:g} {unit}. Give {smallest:g} to {largest:g} {unit}",
             code="setting-range",
             numbers={"value": value, "smallest": smallest, "largest": largest},
         )

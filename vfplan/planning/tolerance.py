@@ -123,7 +123,7 @@ def choose(
     depth_m = number("depth", depth_m, "m", above=0.0)
     if depth_m >= radius_m:
         raise SettingError(
-            f"depth {depth_m:g} m: below R = {radius_m:g} m is wanted", code="depth-range"
+            f"depth is {depth_m:g} m. Give less than R = {radius_m:g} m", code="depth-range"
         )
     used_m = min(tolerance_m, largest_tolerance(radius_m))
     dimple_m = DIMPLE_SHARE * used_m
@@ -220,7 +220,8 @@ def sample_curve(
     points = np.asarray(points_m, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise SettingError(
-            f"a curve is (M, 3) with M of 2 or more; got {points.shape}", code="points-shape"
+            f"the curve's points have shape {points.shape}. Give (M, 3) with M of 2 or more",
+            code="points-shape",
         )
     if not np.isfinite(points).all():
         raise SettingError(

@@ -47,13 +47,13 @@ def refine(
 
     if curve.mesh is None:
         raise SettingError(
-            "touched points refine the registration of a surface; this is none. Leave --touched "
-            "out",
+            "touched points refine the registration of a surface, which this is not. Leave "
+            "--touched out",
             code="touch-no-mesh",
         )
     if not 0 <= tip_radius < MAX_TIP_RADIUS_M:
         raise SettingError(
-            f"tip radius {1e3 * tip_radius:g} mm; 0 to {1e3 * MAX_TIP_RADIUS_M:g} mm are allowed",
+            f"tip radius is {1e3 * tip_radius:g} mm. Give 0 to {1e3 * MAX_TIP_RADIUS_M:g} mm",
             code="tip-radius-range",
         )
     points, sha256 = read_points(path)
@@ -82,15 +82,15 @@ def refine(
         if len(strays) > 8:
             rows += ", ..."
         text = (
-            f"{len(strays)} of {len(points)} touched points lie off the surface and are left out: "
-            f"{rows}"
+            f"{len(strays)} of {len(points)} touched points lie off the surface and are left "
+            f"out: {rows}. Check that the bone was touched there."
         )
         findings.append(doubt("touch-left-out", "register", text))
     if moved_over_bound > 1:
         text = (
-            f"touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
-            f"{moved_over_bound:.1f} times what the markers' 95 % bound allows: did a marker move, "
-            "or is something else touched?"
+            f"Touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
+            f"{moved_over_bound:.1f} times the markers' 95 % bound. Did a marker move, or is "
+            "something else touched?"
         )
         findings.append(doubt("touch-moves-far", "register", text))
     return RefineResult(refined.registration, report, tuple(findings), sha256)

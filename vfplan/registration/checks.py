@@ -185,7 +185,8 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
         findings.append(doubt("labels-doubtful", "register", text))
     elif mistakes:
         text = (
-            "The markers form a symmetric pattern: exchanged labels would go unnoticed. Move one."
+            "The markers form a symmetric pattern: exchanged labels would go unnoticed. Add one "
+            "off it."
         )
         findings.append(note("layout-symmetric", "register", text))
 
@@ -203,8 +204,9 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
         findings += outlier_findings(registration)
         if perspective is not None and perspective.is_possible:
             text = (
-                "Is the slice a photograph? A small angle may move the markers by "
-                f"{_mm(perspective.departure_m)}, which the error bound does not count."
+                "A photograph's small angle may move the markers by "
+                f"{_mm(perspective.departure_m)}, which the error bound does not count. Is "
+                "the slice one?"
             )
             findings.append(note("perspective", "register", text))
 
@@ -226,8 +228,8 @@ def outlier_findings(registration: Registration) -> list[Finding]:
         distance_m = float(registration.residuals_m[i])
         if not registration.used[i]:
             text = (
-                f"Marker {label} was left out: it lies {_mm(distance_m)} from where the others "
-                "put it."
+                f"Marker {label} was left out: it lies {_mm(distance_m)} from where the "
+                "others put it. Touch it again to have it count."
             )
             findings.append(note("marker-left-out", "register", text, place_px=place))
             continue
@@ -247,14 +249,17 @@ def layout_findings(registration: Registration) -> list[Finding]:
     labels = registration.labels
     if registration.condition > LONG_LAYOUT:
         text = (
-            f"The markers' layout is {registration.condition:.0f} times as long as wide: the error "
-            "grows fast across it."
+            f"The markers' layout is {registration.condition:.0f} times as long as wide, and "
+            "the error grows fast across it. Add a marker off the long axis."
         )
         findings.append(note("layout-long", "register", text))
     s = registration.fit.problem.s
     for i, j in combinations(range(len(s)), 2):
         if np.linalg.norm(s[i] - s[j]) < 1e-6:
-            text = f"Markers {labels[i]} and {labels[j]} stand at one place in the source."
+            text = (
+                f"Markers {labels[i]} and {labels[j]} stand at one place in the source. Correct "
+                "the file."
+            )
             place = _place_px(registration, i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
     radius_m = float(np.sqrt((registration.fit.problem.y**2).sum(axis=1).mean()))
@@ -299,6 +304,7 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
                 "rms. Add a marker."
             )
             return [doubt("markers-unchecked", "register", text, place_px=place)]
+    text += " Add a marker near it to be sure."
     return [note("markers-unchecked", "register", text, place_px=place)]
 
 
@@ -312,7 +318,10 @@ def sigma_findings(registration: Registration) -> list[Finding]:
     ratio = registration.sigma_m / unit_m
     if chdtrc(registration.dof, registration.dof * ratio**2) >= SIGMA_PROBABILITY:
         return []
-    text = f"The residuals are {ratio:.1f} times what the stated sigmas allow."
+    text = (
+        f"The residuals are {ratio:.1f} times what the stated sigmas allow. Touch the worst "
+        "marker again, or state larger sigmas."
+    )
     return [doubt("sigma-exceeded", "register", text)]
 
 
@@ -323,9 +332,10 @@ def error_findings(error: TargetError) -> tuple[Finding, ...]:
         return ()
     share = beyond / len(error.rms_m)
     text = f"{share:.0%} of the curve lies beyond the markers, where the error grows."
+    text += " Add a marker there."
     if share < EXTRAPOLATED_SHARE:
         return (note("curve-extrapolated", "register", text),)
-    return (doubt("curve-extrapolated", "register", f"{text} Add a marker there."),)
+    return (doubt("curve-extrapolated", "register", text),)
 
 
 def side_finding(registration: Registration) -> Finding | None:
@@ -340,7 +350,7 @@ def side_finding(registration: Registration) -> Finding | None:
     text = (
         f"By the markers the slice is seen from {describe_side(faces)}. If you look at it from "
         "above, the robot's positions are mirrored, as with x and y exchanged. Say which with "
-        "--seen-from X,Y,Z."
+        "--seen-from above or below."
     )
     return doubt("faces-down", "register", text)
 

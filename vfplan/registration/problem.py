@@ -86,9 +86,7 @@ def make_problem(
     Raises SettingError: an unknown model, a bad pixel spacing, `rigid` from pixels without one
     """
     if model not in MODELS:
-        raise SettingError(
-            f"model is {model!r}; allowed: {', '.join(MODELS)}", code="model-unknown"
-        )
+        raise SettingError(f"model is {model!r}. Give {', '.join(MODELS)}", code="model-unknown")
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
     if labels is None:

@@ -33,6 +33,8 @@ from vfplan.registration.robust import consistent_markers
 
 # A set of markers in space is called mirrored if its mirror image fits better by an F that good
 # markers reach once in this many sets.
+SIDES = {"above": (0.0, 0.0, 1.0), "below": (0.0, 0.0, -1.0)}
+"""Directions in the robot's frame that have a word."""
 MIRRORED_ONCE_IN = 1000
 
 
@@ -224,19 +226,20 @@ class Registration:
             array = np.atleast_2d(np.asarray(points, dtype=np.float64))
         except (TypeError, ValueError):
             raise SettingError(
-                "points are not numbers in rows of equal length", code="points-shape"
+                "points are not numbers in rows of equal length. Give an array of numbers",
+                code="points-shape",
             ) from None
         k = self.source.shape[1]
         if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
             array = array[:, :2]
         if array.ndim != 2 or array.shape[1] != k or not len(array):
             raise SettingError(
-                f"points have shape {array.shape}; (M, {k}) in the source is wanted",
+                f"points have shape {array.shape}. Give (M, {k}) in the source",
                 code="points-shape",
             )
         if not np.isfinite(array).all():
             raise SettingError(
-                "points hold NaN or infinity; finite numbers are wanted", code="points-not-finite"
+                "points hold NaN or infinity. Give finite numbers", code="points-not-finite"
             )
         return self.fit.problem.normaliser(array)
 
@@ -282,7 +285,7 @@ def fit_registration(
     labels: Sequence[str] | None = None,
     pixel_spacing: float | tuple[float, float] | None = None,
     sigma: ArrayLike | None = None,
-    seen_from: ArrayLike | None = None,
+    seen_from: ArrayLike | str | None = None,
 ) -> Registration:
     """Fit the transform source -> target that markers determine, with its error everywhere.
 
@@ -307,8 +310,9 @@ def fit_registration(
         the size of the error is estimated from the residuals.
     seen_from
         (3,) direction in the target frame from which a planar slice is looked at, u to the right
-        and v down. A mirrored set of markers is then refused. Without it a mirrored planar set
-        cannot be told from one that is turned over; a mirrored set in space is always refused.
+        and v down; "above" is (0, 0, 1) and "below" is (0, 0, -1). A mirrored set of markers is
+        then refused. Without it a mirrored planar set cannot be told from one that is turned over;
+        a mirrored set in space is always refused.
 
     Raises
     ------
@@ -320,13 +324,7 @@ def fit_registration(
         range, or more markers than a robust search allows.
     """
     if seen_from is not None:
-        direction = np.array(seen_from, dtype=np.float64)
-        is_direction = direction.shape == (3,) and np.isfinite(direction).all()
-        if not is_direction or not direction.any():
-            raise SettingError(
-                f"seen_from is {seen_from!r}; give three finite numbers, not all 0",
-                code="seen-from-range",
-            )
+        direction = direction_of(seen_from)
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
     used = None
     if robust:
@@ -455,6 +453,22 @@ def describe(
             "points_extrapolated": int(error.is_extrapolated.sum()),
         }
     return report
+
+
+def direction_of(seen_from: ArrayLike | str) -> Array:
+    """The direction that a side names; raises `SettingError` for what is no side."""
+    if isinstance(seen_from, str):
+        seen_from = SIDES.get(seen_from, seen_from)
+    try:
+        direction = np.array(seen_from, dtype=np.float64)
+    except ValueError:
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise SettingError(
+            f"seen_from is {seen_from!r}. Give above, below or three finite numbers, not all 0",
+            code="seen-from-range",
+        )
+    return direction
 
 
 def describe_side(faces: Array) -> str:

@@ -36,7 +36,9 @@ def approach_sessions(
         between its ends
     """
     if fixture.curve is None or fixture.rendering is None:
-        raise InputError("no drawn curve to follow; give a session", code="no-curve")
+        raise InputError(
+            "the fixture has no drawn curve to follow. Give a session", code="no-curve"
+        )
     stop = fixture.contact_radius + fixture.point_radius
     sessions = []
     for stroke in np.unique(fixture.curve.stroke).tolist():
@@ -48,8 +50,9 @@ def approach_sessions(
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
             if inner.sum() < 2:
                 raise InputError(
-                    f"a drawn stroke is {1e3 * arc[-1]:.3g} mm long, and a hand that presses on it "
-                    f"slips round an end within {1e3 * clear:.3g} mm of it; give a session",
+                    f"a drawn stroke is {1e3 * arc[-1]:.3g} mm long, and a hand that presses "
+                    f"on it slips round an end within {1e3 * clear:.3g} mm of it. Give a "
+                    "session",
                     code="stroke-too-short",
                     numbers={"length_m": float(arc[-1]), "clear_m": clear},
                 )

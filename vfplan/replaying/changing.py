@@ -46,7 +46,9 @@ class ChangingFixture:
     ) -> None:
         if fixture.guidance is not None:
             raise SettingError(
-                "poses and events are for forbidden regions, not for a guide", code="changes-guide"
+                "poses and events are for forbidden regions, and this fixture guides. Leave "
+                "them out",
+                code="changes-guide",
             )
         if isinstance(events, str | Path):
             events = read_events(events)
@@ -245,7 +247,8 @@ def _load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] |
         fixture = read_fixture(fixture, trust=trust)
     if fixture.guidance is not None:
         raise SceneError(
-            "an exchange for a fixture that guides; a forbidden region is wanted",
+            "an event exchanges the region for a fixture that guides. Name a fixture with a "
+            "forbidden region",
             code="exchange-guides",
         )
     check_renderable(fixture)

@@ -21,7 +21,7 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
     """
     if engine not in ENGINES:
         raise SettingError(
-            f"engine {engine!r}; {' or '.join(ENGINES)} is wanted", code="unknown-engine"
+            f"engine is {engine!r}. Give {' or '.join(ENGINES)}", code="unknown-engine"
         )
     if fixture.guidance is None:
         return _region_engine(fixture, rule, engine)
@@ -34,7 +34,8 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         return Guided(fixture, region.parameters, region)
     if (rule, engine) != ("robust", "native"):
         raise SettingError(
-            f"every stroke guides: there is no region for rule {rule!r} ({engine})",
+            f"every stroke guides, so there is no region for rule {rule!r} ({engine}). Leave "
+            "the rule out",
             code="rule-without-region",
         )
     return Guided(fixture, check_renderable(fixture), None)
@@ -48,7 +49,9 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
     check_renderable(fixture)
     if rule != "paper":
         raise SettingError(
-            f"the reference engine has rule 'paper' only, not {rule!r}", code="rule-not-paper"
+            f"the reference engine has rule 'paper' only, not {rule!r}. Choose that, or "
+            "engine 'native'",
+            code="rule-not-paper",
         )
     from vfplan.reference import PaperProxy
 

@@ -56,27 +56,35 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
 
     if session["gaps"]:
         text = (
-            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the "
-            f"longest interval is {session['dt_max_s']:.6g} s of {session['dt_nominal_s']:.6g} s"
+            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing: "
+            f"the longest interval is {session['dt_max_s']:.6g} s instead of "
+            f"{session['dt_nominal_s']:.6g} s. Record without gaps, or do not rely on the "
+            "ticks there."
         )
         findings.append(finding("session-gap", "warning", text))
     if "jumps" in session:
         text = (
-            f"{session['jumps']} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
-            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"
+            f"{session['jumps']} jumps are faster than {JUMP_M_S:g} m/s, the fastest "
+            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}. Check "
+            "--units and the tracker."
         )
         findings.append(finding("session-jump", "error", text))
     if unused_columns:
-        text = f"columns not used: {', '.join(unused_columns)}"
+        text = (
+            f"Some columns are not used: {', '.join(unused_columns)}. Only time and position count."
+        )
         findings.append(finding("session-columns", "info", text))
     if not SLOWEST_HZ <= rate <= FASTEST_HZ:
         text = (
-            f"{rate:.6g} samples a second; {SLOWEST_HZ:g} to {FASTEST_HZ:g} are usual: is the time "
-            "in seconds?"
+            f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
+            f"{FASTEST_HZ:g} are usual. Is the time in seconds?"
         )
         findings.append(finding("session-time", "warning", text))
     if not 0.9 < rate / robot_rate < 1.1:
-        text = f"recorded at {rate:.6g} Hz, the robot runs at {robot_rate:g} Hz; --rate resamples"
+        text = (
+            f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
+            "Hz. Resample it with --rate."
+        )
         findings.append(finding("session-rate", "warning", text))
     return findings
 
@@ -86,8 +94,9 @@ def link_findings(link: dict[str, Any]) -> list[Finding]:
     if not link.get("robot_stops"):
         return []
     text = (
-        f"{link['lost_longest']} packets lost in a row from tick {link['lost_longest_tick']}; the "
-        f"robot stops after {link['lost_limit']}"
+        f"{link['lost_longest']} packets in a row are lost from tick "
+        f"{link['lost_longest_tick']} on, and the robot stops after {link['lost_limit']}. "
+        "Mend the link, or raise its speed."
     )
     return [finding("robot-stops", "error", text)]
 
@@ -100,9 +109,9 @@ def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list
     if step <= limit or session["rate_hz"] < 0.9 * panda.rate_hz:
         return []
     text = (
-        f"the force changes by {step:.3g} N in one tick (tick {report['force_step_max_tick']}); a "
-        f"Franka arm stops above about {limit:g} N: --robot counts such ticks, --governor holds "
-        "them back"
+        f"The force changes by {step:.3g} N in one tick (tick "
+        f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
+        "Count such ticks with --robot, or hold them back with --governor."
     )
     return [finding("force-step", "warning", text)]
 
@@ -119,24 +128,30 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
         if inside_ticks:
             severity = "warning"
         text = (
-            f"the proxy came {-clearance_m:.3g} m inside the fixture; the band is "
-            f"{parameters.band:.3g} m"
+            f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
+            f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."
         )
         findings.append(finding("proxy-inside", severity, text))
     if clearance_m > NEVER_NEAR_M:
         text = (
-            f"the tool never came nearer to the cloud than {clearance_m:.3g} m: are units and "
-            "frame the fixture's?"
+            f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
+            "units and the frame the fixture's?"
         )
         findings.append(finding("never-near", "warning", text))
     if inside_ticks:
-        text = f"{inside_ticks} ticks in which the proxy was on its way out of the fixture"
+        text = (
+            f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
+            "hand outside."
+        )
         findings.append(finding("started-inside", "warning", text))
     findings += change_findings(report)
     if report["too_fast_ticks"]:
         findings.append(too_fast_finding(report["too_fast_ticks"], parameters))
     if report["bad_hip_ticks"]:
-        text = f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer"
+        text = (
+            f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
+            "held its answer. Check the tracker."
+        )
         findings.append(finding("hip-out-of-range", "error", text))
     findings += active_findings(report)
     return findings
@@ -147,24 +162,28 @@ def change_findings(report: dict[str, Any]) -> list[Finding]:
     findings = []
     if report.get("crossed_ticks"):
         text = (
-            f"in {report['crossed_ticks']} ticks after an exchange no way out was found on the "
-            "side where the proxy had been: it was led out another way"
+            f"In {report['crossed_ticks']} ticks after an exchange no way out was found on "
+            "the proxy's side, so it was led out another way. Exchange fixtures while the "
+            "tool is away."
         )
         findings.append(finding("crossed", "warning", text))
     if report.get("stale_ticks"):
         text = (
-            f"in {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or none "
-            "had come"
+            f"In {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or "
+            "none had come. Check the pose stream's rate."
         )
         findings.append(finding("stale", "warning", text))
     if report.get("poses_refused"):
         text = (
             f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
-            "earlier than one before"
+            "earlier than one before. Check the pose stream."
         )
         findings.append(finding("poses-refused", "warning", text))
     if report.get("events_left"):
-        text = f"{report['events_left']} events are of ticks after the session's last"
+        text = (
+            f"{report['events_left']} events are of ticks after the session's last. Correct "
+            "their ticks."
+        )
         findings.append(finding("events-left", "warning", text))
     return findings
 
@@ -173,11 +192,15 @@ def too_fast_finding(ticks: int, parameters: ProxyParameters) -> Finding:
     """That the hand was too fast for the rule in so many ticks."""
     if parameters.rule == "paper":
         reason = (
-            f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the proxy may"
+            f"the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
+            "proxy may in one. Move more slowly, or take rule 'robust'"
         )
-        return finding("too-fast", "warning", f"in {ticks} ticks {reason}")
-    reason = "the engine used up its iterations; the proxy is safe and follows later"
-    return finding("too-fast", "info", f"in {ticks} ticks {reason}")
+        return finding("too-fast", "warning", f"In {ticks} ticks {reason}.")
+    reason = (
+        "the engine used up its iterations. Nothing is to be done: the proxy is safe and "
+        "follows later"
+    )
+    return finding("too-fast", "info", f"In {ticks} ticks {reason}.")
 
 
 def active_findings(report: dict[str, Any]) -> list[Finding]:
@@ -192,7 +215,8 @@ def active_findings(report: dict[str, Any]) -> list[Finding]:
         if unlisted:
             first = f" (the first of those listed is {listed[0]})"
     text = (
-        f"in {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy than "
-        "holding each force for a tick explains"
+        f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
+        "than holding each force for a tick explains. Lower the stiffness, or move more "
+        "slowly."
     )
     return [finding("active", "warning", text)]

@@ -90,7 +90,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
             raise SettingError(
-                f"no number {name!r} in the report to hold against {limit:g}; there are "
+                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
                 f"{', '.join(numbers)}",
                 code="no-such-number",
             )

@@ -59,7 +59,7 @@ class Link:
 
 def _out_of_range(name: str, value: float, allowed: str) -> SettingError:
     return SettingError(
-        f"{name} is {value}; {allowed} is allowed", code="link-out-of-range", numbers={name: value}
+        f"{name} is {value}. Give {allowed}", code="link-out-of-range", numbers={name: value}
     )
 
 

@@ -162,8 +162,8 @@ def replay(
         session = open_session(session)
     if session.frame != fixture.frame:
         raise SessionError(
-            f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; they must be "
-            "the same",
+            f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
+            "Give both in one frame",
             where=session.name,
             code="frame-differs",
         )
@@ -176,7 +176,7 @@ def replay(
     elif rule in RULES:
         rules = [rule]
     else:
-        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} is wanted", code="unknown-rule")
+        raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
 
     # One run of each rule, and behind a lossy link one more over a perfect link. Of a mesh, rules
     # that render points render samples.
@@ -186,7 +186,8 @@ def replay(
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
                 raise SettingError(
-                    "poses and events go with one rule of the native engine, without a lossy link",
+                    "poses and events need one rule of the native engine, without a lossy "
+                    "link. Leave --compare, --engine or --link out",
                     code="changes-alone",
                 )
             settings["changing"] = ChangingFixture(

@@ -40,7 +40,7 @@ class Scene(ABC):
 
     def __post_init__(self) -> None:
         if not 0 < self.spacing < 1:
-            raise SettingError(f"spacing {self.spacing:g} m: allowed is above 0 and below 1")
+            raise SettingError(f"spacing is {self.spacing:g} m. Give more than 0 and less than 1 m")
 
     @cached_property
     @abstractmethod
@@ -65,7 +65,7 @@ class Scene(ABC):
     def path(self, route: str, speed: float = 0.05, rate: float = 1000.0) -> Vector:
         """(T, 3) HIP positions along a route, `speed` [m/s] sampled at `rate` [Hz]."""
         if route not in self.routes:
-            raise SettingError(f"route {route!r}: allowed are {', '.join(self.routes)}")
+            raise SettingError(f"route is {route!r}. Give one of {', '.join(self.routes)}")
         return travel(self.routes[route], speed, rate)
 
     def truth(self, hips: ArrayLike, radius: float = 5e-3, start: Vector | None = None) -> Vector:
@@ -152,7 +152,7 @@ class Drawn(Scene):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.extrude < 1:
-            raise SettingError(f"extrude {self.extrude:g} m: allowed is at least 0 and below 1")
+            raise SettingError(f"extrude is {self.extrude:g} m. Give at least 0 and less than 1 m")
 
     @cached_property
     @abstractmethod
@@ -200,7 +200,7 @@ def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
     Both ends belong to the path; the last step may be shorter.
     """
     if not (speed > 0 and rate > 0):
-        raise SettingError(f"speed {speed:g} m/s at {rate:g} Hz: both must be above 0")
+        raise SettingError(f"speed is {speed:g} m/s at {rate:g} Hz. Give both above 0")
     x, y, z = np.asarray(corners, float).T
     edges = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     s = np.append(np.arange(0.0, edges[-1], speed / rate), edges[-1])

@@ -78,8 +78,8 @@ def slide(
     if view.distance.min() < 1 - 1e-9:
         distance_m = float(view.distance.min() * radius)
         raise SceneError(
-            f"proxy at {distance_m:g} m from the fixture: allowed is R = {radius:g} m; start "
-            "further away",
+            f"the proxy is {distance_m:g} m from the fixture, nearer than R = {radius:g} m. "
+            "Start further away",
             code="starts-inside", numbers={"distance_m": distance_m, "radius_m": radius},
         )  # fmt: skip
     stride = STRIDE
@@ -115,8 +115,8 @@ def slide(
         else:
             stride /= 4
     raise SceneError(
-        f"the exact proxy for hip {hip.tolist()} did not settle in {MAX_STEPS} steps; move it in "
-        "smaller steps",
+        f"the exact proxy for hip {hip.tolist()} did not settle in {MAX_STEPS} steps. Move "
+        "it in smaller steps",
         code="not-settled",
     )
 

@@ -72,7 +72,7 @@ class Bend(Drawn):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.angle < np.pi:
-            raise SettingError(f"angle {self.angle:g} rad: allowed is between 0 and pi")
+            raise SettingError(f"angle is {self.angle:g} rad. Give more than 0 and less than pi")
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:

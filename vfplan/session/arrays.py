@@ -82,7 +82,9 @@ def opened_hdf5(
         with h5py.File(stream, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        raise kind(f"cannot be read as HDF5: {error}", where=name, code="hdf5-broken") from None
+        raise kind(
+            f"cannot be read as HDF5: {error}. Write the file again", where=name, code="hdf5-broken"
+        ) from None
 
 
 def plain_dataset(
@@ -96,19 +98,19 @@ def plain_dataset(
 
     Raises an error of the `kind` given: there is none, or its data are in another file
     """
-    wanted = f"{', '.join(names)} are wanted"
+    wanted = f"Give {', '.join(names)}"
     # A link to another file is never followed: a session is one file.
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         present = ", ".join(sorted(file)) or "nothing"
         raise kind(
-            f"has no dataset {name!r} (it holds {present[:80]}); {wanted}",
+            f"has no dataset {name!r} (it holds {present[:80]}). {wanted}",
             where=where,
             code="dataset-missing",
         )
     dataset = file[name]
     is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
     if not is_plain or dataset.external or dataset.is_virtual:
-        raise kind(f"{name!r} is not a plain dataset; {wanted}", where=where, code="dataset-odd")
+        raise kind(f"{name!r} is not a plain dataset. {wanted}", where=where, code="dataset-odd")
     return dataset
 
 
@@ -125,15 +127,14 @@ def _check_shapes(time: Any, hip: Any, where: str) -> int:
     """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
     if len(time.shape) != 1 or tuple(hip.shape) != (*time.shape, 3):
         raise SessionError(
-            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}; (T,) and (T, 3) are "
-            "wanted",
+            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)",
             where=where,
             code="shape-wrong",
         )
     for name, array in (("time", time), ("hip", hip)):
         if array.dtype.kind not in "fiu":
             raise SessionError(
-                f"{name} has type {array.dtype}; real numbers are wanted",
+                f"{name} has type {array.dtype}. Give real numbers",
                 where=where,
                 code="type-wrong",
             )
@@ -148,11 +149,13 @@ class _NpzMember:
             self.shape, by_columns, self.dtype = npy_header(stream)
         except ValueError as error:
             raise SessionError(
-                f"cannot be read as .npz: {name}: {error}", where=where, code="npz-broken"
+                f"cannot be read as .npz: {name}: {error}. Save the arrays again",
+                where=where,
+                code="npz-broken",
             ) from None
         if by_columns and len(self.shape) > 1:
             raise SessionError(
-                f"{name} is stored by columns; C order is wanted", where=where, code="order-wrong"
+                f"{name} is stored by columns. Save it in C order", where=where, code="order-wrong"
             )
         self._stream = stream
         self._where = where
@@ -162,7 +165,11 @@ class _NpzMember:
         size = count * self.dtype.itemsize
         data = self._stream.read(size)
         if len(data) != size:
-            raise SessionError("ends before its last sample", where=self._where, code="file-cut")
+            raise SessionError(
+                "ends before its last sample. Copy the file again",
+                where=self._where,
+                code="file-cut",
+            )
         return np.frombuffer(data, self.dtype).astype(np.float64)
 
 
@@ -174,8 +181,8 @@ def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _Np
             for name in NAMES:
                 if name not in present:
                     raise SessionError(
-                        f"has no array {name!r} (it holds {', '.join(present)[:80] or 'nothing'}); "
-                        "time and hip are wanted",
+                        f"has no array {name!r} (it holds "
+                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip",
                         where=where,
                         code="dataset-missing",
                     )
@@ -186,5 +193,7 @@ def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _Np
     except Exception as error:
         # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
         raise SessionError(
-            f"cannot be read as .npz: {error}", where=where, code="npz-broken"
+            f"cannot be read as .npz: {error}. Save the arrays again",
+            where=where,
+            code="npz-broken",
         ) from None

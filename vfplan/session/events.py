@@ -95,13 +95,15 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
 def _relative_path(folder: Path, bundle: Any) -> str:
     if not isinstance(bundle, str | Path):
         raise SessionError(
-            "an exchange's fixture is written by its bundle's path; got a Fixture",
+            "an exchange's fixture is a Fixture, and a table holds the path of a bundle. "
+            "Give the path",
             code="event-without-path",
         )
     path = os.path.relpath(Path(bundle).resolve(), folder)
     if any(sign in path for sign in ',"\r\n') or path != path.strip():
         raise SessionError(
-            f"{path!r} is a path with commas, quotes, line breaks or blanks at its ends",
+            f"{path!r} is a path with commas, quotes, line breaks or blanks at its ends. "
+            "Rename the bundle",
             code="event-path-unwritable",
         )
     return path
@@ -116,7 +118,9 @@ def read_events(path: str | Path) -> list[Event]:
     rows = split_rows(text, str(path), SessionError)
     if not rows or rows[0][1] != HEADER:
         raise SessionError(
-            f"a first line {','.join(HEADER)} is wanted", where=f"{path}, line 1", code="no-events"
+            f"the first line does not name the columns. Begin with {','.join(HEADER)}",
+            where=f"{path}, line 1",
+            code="no-events",
         )
     events: list[Event] = []
     for line, row in rows[1:]:
@@ -128,7 +132,9 @@ def read_events(path: str | Path) -> list[Event]:
             _add_row(cells, events, Path(path).parent, where)
         except ValueError as error:
             raise SessionError(
-                f"{','.join(row)[:60]!r}: {error}", where=where, code="event-invalid"
+                f"row {','.join(row)[:60]!r} cannot be used: {error}",
+                where=where,
+                code="event-invalid",
             ) from None
     return events
 
@@ -140,28 +146,35 @@ def _add_row(cells: list[str], events: list[Event], folder: Path, where: str) ->
     tick_text, what, *values = cells
     tick = _whole_number(tick_text, "tick", MAX_TICK)
     if events and tick < events[-1].tick:
-        raise ValueError(f"tick {tick} after tick {events[-1].tick}; they must be in order")
+        raise ValueError(f"tick {tick} comes after tick {events[-1].tick}. Put the rows in order")
     if what == "exchange" and len(values) == 1:
         events.append(Event(tick, fixture=folder / values[0], where=where))
     elif what in ("edit", "remake") and not values:
         events.append(Event(tick, remove=[], add=[], remake=what == "remake", where=where))
     elif what in ("remove", "add"):
         if not events or events[-1].kind != "edit" or events[-1].tick != tick:
-            raise ValueError(f"{what} without an edit of its tick above it")
+            raise ValueError(
+                f"{what} has no edit of its tick above it. Write a row TICK,edit first"
+            )
         edit = events[-1]
         if what == "remove" and len(values) == 1 and not len(edit.add):
             edit.remove.append(_whole_number(values[0], "number", MAX_POINT_NUMBER))
         elif what == "add" and len(values) == 3:
             edit.add.append([parse_decimal(value) for value in values])
         else:
-            raise ValueError("remove,NUMBER, and after all of these add,X,Y,Z are wanted")
+            raise ValueError(
+                "it does not fit the edit. Write remove,NUMBER, and after all of these add,X,Y,Z"
+            )
     else:
-        raise ValueError("exchange,BUNDLE.h5, edit, remake, remove,NUMBER or add,X,Y,Z is wanted")
+        raise ValueError(
+            "its kind is unknown. Write exchange,BUNDLE.h5, edit, remake, remove,NUMBER or "
+            "add,X,Y,Z"
+        )
 
 
 def _whole_number(text: str, what: str, limit: int) -> int:
     if not (text.isascii() and text.isdigit() and int(text) < limit):
-        raise ValueError(f"{what} {text!r}; a whole number below {limit} is wanted")
+        raise ValueError(f"{what} is {text!r}. Write a whole number below {limit}")
     return int(text)
 
 
@@ -220,7 +233,8 @@ def _check_counts(column: str, counts: NDArray[np.float64], largest: int, where:
     rises = (np.diff(counts, prepend=0) >= 0).all()
     if not rises or (len(counts) and counts[-1] > largest):
         raise SessionError(
-            f"column {column!r} ends with {counts[-1]:g} and has to rise, to at most {largest}",
+            f"column {column!r} ends with {counts[-1]:g} and has to rise, to at most "
+            f"{largest}. Write it again",
             where=where,
             code="loop-counts-invalid",
         )

@@ -162,7 +162,11 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
         reader = _mcap_module("reader").make_reader(stream, validate_crcs=True)
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
             if channel.message_encoding != ENCODING or len(message.data) != MESSAGE_BYTES + 4:
-                raise SessionError(f"{TOPIC} of another layout", where=name, code="layout-unknown")
+                raise SessionError(
+                    f"{TOPIC} is of another layout. Record it with this version of vfplan",
+                    where=name,
+                    code="layout-unknown",
+                )
             messages.append(message.data[4:] + PADDING)
             if len(messages) == BLOCK:
                 yield np.frombuffer(b"".join(messages), TICK)
@@ -171,7 +175,9 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
         raise SessionError(
-            f"cannot be read as MCAP: {error}", where=name, code="mcap-broken"
+            f"cannot be read as MCAP: {error}. Record or copy it again",
+            where=name,
+            code="mcap-broken",
         ) from None
     if messages:
         yield np.frombuffer(b"".join(messages), TICK)

@@ -45,7 +45,7 @@ def read_poses(path: str | Path) -> Poses:
         columns = (*POSE_COLUMNS, "arrived")
     blocks = list(table.blocks(columns))
     if not blocks:
-        raise SessionError("holds no pose", where=str(path), code="poses-empty")
+        raise SessionError("holds no pose. Give at least one", where=str(path), code="poses-empty")
     rows = np.concatenate(blocks)
     time = rows[:, 0].copy()
     pose = rows[:, 1:8].copy()

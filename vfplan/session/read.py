@@ -79,7 +79,9 @@ def open_session(
         return _open_bag(path, factor, units, frame, ros)
     if ros is not None:
         raise SettingError(
-            "topic, field and tool tip are for ROS bags", where=name, code="ros-options-unused"
+            "topic, field and tool tip are for ROS bags, and this is none. Leave them out",
+            where=name,
+            code="ros-options-unused",
         )
 
     notes: dict[str, object] = {"units": units}
@@ -131,7 +133,11 @@ def _open_bag(
 
     def require_unchanged() -> None:
         if bag_stamp(path) != stamp:
-            raise SessionError("was changed while it was read", where=name, code="file-changed")
+            raise SessionError(
+                "was changed while it was read. Try again when it is complete",
+                where=name,
+                code="file-changed",
+            )
 
     read = functools.partial(
         run_in_sandbox,
@@ -166,8 +172,8 @@ def _check_statements(
     for name, value, place in statements:
         if value != expected[name]:
             raise SessionError(
-                f"the file says {name} = {value!r} ({place}), the call {expected[name]!r}; they "
-                "must agree",
+                f"the file says {name} = {value!r} ({place}), the call {expected[name]!r}. "
+                "Correct one of them",
                 where=where,
                 code="units-or-frame-differ",
             )

@@ -130,7 +130,11 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         last_time = block.time[-1]
     file.require_unchanged()
     if not blocks:
-        raise InputError("a result without ticks", where=where, code="result-empty")
+        raise InputError(
+            "the result holds no ticks. Replay a session that has some",
+            where=where,
+            code="result-empty",
+        )
     return concatenate_ticks(blocks), attrs
 
 
@@ -143,21 +147,28 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
             raise InputError(
-                f"format is {attrs.get('format')!r}; {RESULT_FORMAT!r} is wanted",
+                f"format is {attrs.get('format')!r}, not {RESULT_FORMAT!r}. Give a result of "
+                "vfplan replay",
                 where=where,
                 code="not-a-result",
             )
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
             raise VersionError(
-                f"result version {version}; this program reads {RESULT_VERSION}", where=where
+                f"the result is of version {version}, and this program reads "
+                f"{RESULT_VERSION}. Replay the session again",
+                where=where,
             )
         yield attrs
 
         place: h5py.Group = file
         if group:
             if not isinstance(file.get(group, getlink=True), h5py.HardLink):
-                raise InputError(f"has no group {group!r}", where=where, code="group-missing")
+                raise InputError(
+                    f"has no group {group!r}. Replay the session again",
+                    where=where,
+                    code="group-missing",
+                )
             place = file[group]
         datasets = []
         for name, (columns, _, _) in TABLE.items():
@@ -166,13 +177,14 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
             if dataset.shape != (*datasets[0].shape[:1], *columns):
                 wanted = ", ".join(map(str, ("T", *columns)))
                 raise InputError(
-                    f"{name} has shape {dataset.shape}; ({wanted}) is wanted",
+                    f"{name} has shape {dataset.shape}, not ({wanted}). Replay the session again",
                     where=where,
                     code="shape-wrong",
                 )
             if dataset.dtype.kind not in "fiu":
                 raise InputError(
-                    f"{name} has type {dataset.dtype}; real numbers are wanted",
+                    f"{name} has type {dataset.dtype}, and no real numbers. Replay the "
+                    "session again",
                     where=where,
                     code="type-wrong",
                 )
@@ -190,16 +202,17 @@ def _check_values(block: TickBlock, first: int, last_time: float, where: str) ->
         rows = getattr(block, name).reshape(len(block), -1)
         if name == "state":
             good = np.isin(rows, STATES)
-            allowed = "-1, 0, 1 or 2 is"
+            allowed = "-1, 0, 1 or 2"
         else:
             # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
             good = np.abs(rows) <= MAX_TIME_S
-            allowed = f"finite numbers up to {MAX_TIME_S:g} are"
+            allowed = f"finite numbers up to {MAX_TIME_S:g}"
         good = good.all(axis=1)
         if not good.all():
             bad = int(np.argmin(good))
             raise InputError(
-                f"{name} of tick {first + bad} is {rows[bad].tolist()}; {allowed} wanted",
+                f"{name} of tick {first + bad} is {rows[bad].tolist()}, and only {allowed} "
+                "can be. Replay the session again",
                 where=where,
                 code="value-invalid",
                 numbers={"tick": first + bad},
@@ -208,7 +221,7 @@ def _check_values(block: TickBlock, first: int, last_time: float, where: str) ->
     if not increases.all():
         tick = first + int(np.argmin(increases))
         raise InputError(
-            f"time does not increase at tick {tick}",
+            f"time does not increase at tick {tick}. Replay the session again",
             where=where,
             code="time-not-increasing",
             numbers={"tick": tick},
@@ -236,12 +249,14 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
     except (ValueError, TypeError, AttributeError):
         raise InputError(
-            "attribute fixture is no record of a fixture", where=where, code="record-broken"
+            "attribute fixture is no record of a fixture. Replay the session again",
+            where=where,
+            code="record-broken",
         ) from None
     if made_with != sha256:
         raise InputError(
-            f"was replayed against the fixture with SHA-256 {made_with[:12]}..., this one has "
-            f"{sha256[:12]}...; the same fixture is wanted",
+            f"was replayed against the fixture with SHA-256 {made_with[:12]}..., and this "
+            f"one has {sha256[:12]}.... Give the same fixture",
             where=where,
             code="fixture-differs",
         )

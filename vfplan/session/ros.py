@@ -93,7 +93,9 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
         first = next(reader.messages(connections=[connection]), None)
         if first is None:
             raise SessionError(
-                f"topic {connection.topic!r} has no messages", where=path.name, code="topic-empty"
+                f"topic {connection.topic!r} has no messages. Choose another",
+                where=path.name,
+                code="topic-empty",
             )
         message = reader.deserialize(first[2], connection.msgtype)
     field = _choose_field(message, ros.field, path.name)
@@ -156,8 +158,8 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
         matrix = np.asarray(value, float).reshape(4, 4).T
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
             raise SessionError(
-                f"16 numbers whose last row, read column-major, is {matrix[3].tolist()}; that of a "
-                "transform is 0, 0, 0, 1",
+                f"16 numbers have the last row {matrix[3].tolist()}, read column-major, "
+                "where a transform has 0, 0, 0, 1. Choose another field",
                 where=where,
                 code="not-a-transform",
             )
@@ -175,7 +177,7 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
         return position * factor
     if rotation is None:
         raise SettingError(
-            "a tool tip needs a pose; the field holds a position only",
+            "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out",
             where=where,
             code="tip-without-orientation",
         )
@@ -187,7 +189,11 @@ def _coordinates(value: Any, where: str) -> Array:
         return np.asarray(value, float)
     if all(hasattr(value, axis) for axis in "xyz"):
         return np.array([value.x, value.y, value.z], float)
-    raise SessionError(f"{type(value).__name__} holds no position", where=where, code="no-position")
+    raise SessionError(
+        f"{type(value).__name__} holds no position. Choose another topic or field",
+        where=where,
+        code="no-position",
+    )
 
 
 def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
@@ -200,7 +206,7 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
     length = np.linalg.norm(xyzw)
     if not abs(length - 1) < MAX_QUATERNION_ERROR:
         raise SessionError(
-            f"a quaternion of length {length:.6g}; 1 is wanted",
+            f"a quaternion has length {length:.6g}. Record it with length 1",
             where=where,
             code="quaternion-not-unit",
         )
@@ -245,8 +251,8 @@ def _choose_field(message: Any, field: str | None, where: str) -> str:
         return name
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
     raise SessionError(
-        f"no field {field or ''!r} with a point, a pose, a transform or 16 numbers; there are "
-        f"{present}",
+        f"no field {field or ''!r} holds a point, a pose, a transform or 16 numbers. Choose "
+        f"one of {present}",
         where=where,
         code="field-missing",
     )
@@ -265,13 +271,13 @@ def _choose_connection(reader: Any, topic: str | None, field: str | None, where:
         return fitting[0]
     if topics:
         raise SessionError(
-            f"several topics hold positions: {', '.join(topics)}; choose one",
+            f"several topics hold positions: {', '.join(topics)}. Choose one",
             where=where,
             code="several-topics",
         )
     present = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
     raise SessionError(
-        f"no topic {topic or 'with a position'}; there are {present}",
+        f"there is no topic {topic or 'with a position'}. Choose one of {present}",
         where=where,
         code="topic-missing",
     )
@@ -307,5 +313,7 @@ def _opened_bag(path: Path) -> Iterator[Any]:
     except Exception as error:  # Each module of rosbags has its own class, and others come through.
         reason = str(error) or type(error).__name__
         raise SessionError(
-            f"cannot be read as a ROS bag: {reason}", where=path.name, code="bag-broken"
+            f"cannot be read as a ROS bag: {reason}. Record or copy it again",
+            where=path.name,
+            code="bag-broken",
         ) from None

@@ -71,7 +71,7 @@ class Session:
         hip = np.ascontiguousarray(self.hip, dtype=np.float64)
         if time.ndim != 1 or hip.shape != (*time.shape, 3):
             raise SessionError(
-                f"time has shape {time.shape} and hip {hip.shape}; (T,) and (T, 3) are wanted",
+                f"time has shape {time.shape} and hip {hip.shape}. Give (T,) and (T, 3)",
                 where=self.name,
                 code="shape-wrong",
             )
@@ -142,7 +142,7 @@ def unit_factor(units: str) -> float:
         return 1.0
     if units == "mm":
         return 1e-3
-    raise SettingError(f"unit {units!r} of positions; m or mm is wanted", code="unit-unknown")
+    raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
 
 
 def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
@@ -179,8 +179,8 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
                 fault = "is not finite"
                 code = "sample-not-finite"
             raise SessionError(
-                f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Positions "
-                f"are finite and within {MAX_COORDINATE_M:g} m",
+                f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Give "
+                f"finite positions within {MAX_COORDINATE_M:g} m",
                 where=where,
                 code=code,
                 numbers={"sample": count + k},
@@ -190,8 +190,9 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         if not increases.all():
             k = int(np.argmin(increases))
             raise SessionError(
-                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} follows "
-                f"{with_last[k]:.9g} s; every time stamp must be above the one before",
+                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} "
+                f"follows {with_last[k]:.9g} s. Give each sample a later time than the one "
+                "before",
                 where=where,
                 code="time-not-increasing",
                 numbers={"sample": count + k},
@@ -201,7 +202,7 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         yield time, hip
     if count < 2:
         raise SessionError(
-            f"its number of samples is {count}; at least 2 are wanted",
+            f"the session has too few samples: {count}. Give at least 2",
             where=where,
             code="too-few-samples",
             numbers={"samples": count},
@@ -225,7 +226,7 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
     """
     if not 0 < rate_hz <= MAX_RATE_HZ:
         raise SettingError(
-            f"rate {rate_hz:g} Hz; above 0 and at most {MAX_RATE_HZ:g} is wanted",
+            f"rate is {rate_hz:g} Hz. Give more than 0 and at most {MAX_RATE_HZ:g} Hz",
             code="rate-out-of-range",
             numbers={"rate_hz": rate_hz},
         )

@@ -68,7 +68,8 @@ class VectorCurve:
         steps = chords[-1] / step
         if not steps < MAX_POINTS:
             raise CurveError(
-                f"is a curve of {steps:.3g} points; at most {MAX_POINTS} fit into a bundle",
+                f"is a curve of {steps:.3g} points, and at most {MAX_POINTS} fit into a "
+                "bundle. Give a shorter one",
                 code="vector-too-long",
                 numbers={"points": float(steps), "points_max": MAX_POINTS},
             )
@@ -113,11 +114,15 @@ def without_repeated_end(points: NDArray) -> tuple[NDArray, bool]:
 def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
     """The points without repetitions; raises `CurveError` where too few or none real are left."""
     if not np.isfinite(points).all():
-        raise CurveError("holds a point that is not finite", where=where, code="point-not-finite")
+        raise CurveError(
+            "holds a point that is not finite. Correct the file",
+            where=where,
+            code="point-not-finite",
+        )
     largest = float(np.abs(points).max(initial=0.0))
     if largest > MAX_COORDINATE:
         raise CurveError(
-            f"holds a coordinate of {largest:g}; at most {MAX_COORDINATE:g} is allowed",
+            f"holds a coordinate of {largest:g}. Give at most {MAX_COORDINATE:g}",
             where=where,
             code="coordinate-too-large",
             numbers={"coordinate": largest, "coordinate_max": MAX_COORDINATE},
@@ -133,7 +138,7 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
         wanted = 3
     if len(points) < wanted:
         raise CurveError(
-            f"holds {len(points)} different points; {wanted} are wanted",
+            f"holds {len(points)} different points. Give at least {wanted}",
             where=where,
             code="too-few-points",
             numbers={"points": len(points), "points_min": wanted},

@@ -30,7 +30,7 @@ CORNER_FORMAT = 227
 """The last format of a `.roi` whose lines count from corners."""
 SPLINE_FIT = 1
 """The bit of the options of a `.roi` that asks for a fitted spline."""
-NAME_ORIGIN = "say where it counts a pixel from: --curve-origin centre or corner"
+NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
 def is_roi(data: bytes) -> bool:
@@ -57,7 +57,7 @@ def read_roi(
         import roifile
     except ModuleNotFoundError:
         raise MissingExtra(
-            "reading an ImageJ .roi needs the package roifile: pip install 'vfplan[imagej]'",
+            "reading an ImageJ .roi needs the package roifile. Run pip install 'vfplan[imagej]'",
             where=where,
         ) from None
     logging.getLogger("roifile").addHandler(logging.NullHandler())
@@ -67,7 +67,9 @@ def read_roi(
     except Exception as error:  # The file is foreign: numpy, struct and codecs raise all sorts.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise CurveError(
-            f"the ImageJ selection cannot be read: {reason}", where=where, code="roi-damaged"
+            f"the ImageJ selection cannot be read: {reason}. Save it again in ImageJ",
+            where=where,
+            code="roi-damaged",
         ) from None
 
     # What it is.
@@ -78,8 +80,8 @@ def read_roi(
         raise _wrong_selection(f"of type {selection}, subtype {roi.subtype.name}", where)
     if roi.options & SPLINE_FIT:
         raise CurveError(
-            "is fitted with a spline that the file does not hold; Edit > Selection > Interpolate "
-            "makes its points part of it",
+            "is fitted with a spline that the file does not hold. Apply Edit > Selection > "
+            "Interpolate in ImageJ, which adds its points",
             where=where,
             code="roi-spline",
         )
@@ -113,14 +115,14 @@ def read_xy_table(
     header = [name.strip() for name in rows[0]]
     if header not in (["X", "Y"], ["", "X", "Y"]):
         raise CurveError(
-            f"its columns are {','.join(header)[:60]!r}, as of every pixel of an area; "
-            "a curve's are X,Y",
+            f"its columns are {','.join(header)[:60]!r}, as of every pixel of an area. Give "
+            "a curve's X,Y",
             where=where,
             code="table-of-an-area",
         )
     if origin is None:
         raise CurveError(
-            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently; "
+            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently. "
             f"{NAME_ORIGIN} (a line's and an area's)",
             where=where,
             code="origin-unknown",
@@ -134,7 +136,8 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
     """Raise `SettingError` where an origin is given for a file that leaves none open."""
     if origin is not None:
         raise SettingError(
-            f"curve_origin {origin!r} has no effect on {what}", code="origin-without-effect"
+            f"curve_origin {origin!r} has no effect on {what}. Leave it out",
+            code="origin-without-effect",
         )
 
 
@@ -146,7 +149,9 @@ def parse_pixels(rows: list[list[str]], where: str) -> NDArray[np.float64]:
             points.append((parse_decimal(x), parse_decimal(y)))
     except ValueError as error:
         raise CurveError(
-            f"holds a row without two numbers: {error}", where=where, code="row-not-two-numbers"
+            f"holds a row without two numbers: {error}. Correct the row",
+            where=where,
+            code="row-not-two-numbers",
         ) from None
     return np.array(points, np.float64).reshape(-1, 2)
 
@@ -160,9 +165,7 @@ def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
 
 def _wrong_selection(description: str, where: str) -> CurveError:
     wanted = ", ".join((*AREAS, *LINES)).lower()
-    return CurveError(
-        f"is {description}; one of {wanted} is wanted", where=where, code="roi-selection"
-    )
+    return CurveError(f"is {description}. Give one of {wanted}", where=where, code="roi-selection")
 
 
 def _origin_of_line(
@@ -175,7 +178,7 @@ def _origin_of_line(
         return origin, ()
     if version <= CORNER_FORMAT:
         raise CurveError(
-            f"is of an ImageJ before 1.52i (format {version}); {NAME_ORIGIN}",
+            f"is of an ImageJ before 1.52i (format {version}). {NAME_ORIGIN}",
             where=where,
             code="origin-unknown",
             numbers={"format": version},
@@ -183,7 +186,7 @@ def _origin_of_line(
     if version >= CENTRE_FORMAT:
         return "centre", ()
     warning = (
-        f"{where}: is taken to count from pixels' centres; had an ImageJ before 1.52u (March 2020) "
-        f"written it, it would lie half a pixel off: {NAME_ORIGIN}"
+        f"{where}: is taken to count from the centres of pixels. Had an ImageJ before 1.52u "
+        f"(March 2020) written it, it would lie half a pixel off. {NAME_ORIGIN}"
     )
     return "centre", (warning,)

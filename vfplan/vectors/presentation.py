@@ -81,8 +81,9 @@ def check_drawn_on(
         return (f"{where}: is drawn on a DICOM image; whether it is this one cannot be told",)
     if image.instance not in drawn_on:
         raise CurveError(
-            f"is drawn on {len(drawn_on)} other image(s), the first {next(iter(drawn_on))[:64]}; "
-            f"this one is {image.instance[:64]}",
+            f"is drawn on {len(drawn_on)} other image(s), the first "
+            f"{next(iter(drawn_on))[:64]}, and this one is {image.instance[:64]}. Give the "
+            "image that it is drawn on",
             where=where,
             code="drawn-on-another-image",
             numbers={"images": len(drawn_on)},
@@ -90,7 +91,7 @@ def check_drawn_on(
     frames = drawn_on[image.instance]
     if frames and (frame or 1) not in frames:
         raise CurveError(
-            f"is drawn on frame {frames[0]}, not {frame or 1}",
+            f"is drawn on frame {frames[0]}, not {frame or 1}. Give --frame {frames[0]}",
             where=where,
             code="drawn-on-another-frame",
             numbers={"frame": frame or 1, "drawn_on_frame": frames[0]},

@@ -30,7 +30,7 @@ OUT_OF_PLANE_M = 1e-3
 """Metres from the slice's plane: a curve farther away was not drawn on it."""
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
 """How the names of files end that hold a curve alone."""
-WANTED = "a .mrk.json, .fcsv, .roi, CSV or DICOM is wanted"
+WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
 
 
 def read_vector_curve(
@@ -69,14 +69,16 @@ def read_vector_curve(
     # An option that has no effect is refused.
     if origin is not None and origin not in imagej.ORIGINS:
         raise SettingError(
-            f"curve_origin is {origin!r}; centre or corner is wanted", code="origin-unknown"
+            f"curve_origin is {origin!r}. Give centre or corner", code="origin-unknown"
         )
     is_number = isinstance(number, int)
     if dicom and is_number and (number is True or number < 1):
-        raise SettingError(f"stroke {number!r} is not a number from 1", code="stroke-unknown")
+        raise SettingError(
+            f"stroke is {number!r}. Give a whole number from 1", code="stroke-unknown"
+        )
     if number is not None and not (dicom and is_number):
         raise SettingError(
-            f"stroke {number!r} has no effect on a vector curve; leave it out",
+            f"stroke {number!r} has no effect on a vector curve. Leave it out",
             code="stroke-without-effect",
         )
 
@@ -103,8 +105,8 @@ def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) 
         return curve
     if T_patient_image is None:
         raise CurveError(
-            "is in the patient's frame, and the image does not say where it lies in the patient "
-            "(a DICOM slice with position, orientation and PixelSpacing does)",
+            "is in the patient's frame, and the image does not say where it lies in the "
+            "patient. Give a DICOM slice with position, orientation and PixelSpacing",
             where=where,
             code="slice-without-place",
         )
@@ -114,8 +116,9 @@ def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) 
     distance = float(np.linalg.norm(offset.T - axes @ pixels, axis=0).max())
     if distance > OUT_OF_PLANE_M:
         raise CurveError(
-            f"lies up to {distance * 1e3:.1f} mm off the slice's plane; at most "
-            f"{OUT_OF_PLANE_M * 1e3:.0f} mm is taken for drawn on it",
+            f"lies up to {1e3 * distance:.1f} mm off the slice's plane, and at most "
+            f"{1e3 * OUT_OF_PLANE_M:.0f} mm counts as drawn on it. Give the slice that it is "
+            "drawn on",
             where=where,
             code="vector-out-of-plane",
             numbers={"distance_mm": distance * 1e3, "distance_max_mm": OUT_OF_PLANE_M * 1e3},
@@ -133,7 +136,7 @@ def _read_file(
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise CurveError(f"is not text; {WANTED}", where=where, code="vector-not-text") from None
+        raise CurveError(f"is not text. {WANTED}", where=where, code="vector-not-text") from None
     if suffix == ".json":
         from vfplan.vectors.slicer import read_markups
 

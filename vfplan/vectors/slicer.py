@@ -28,7 +28,7 @@ def read_markups(text: str, where: str) -> VectorCurve:
     if len(curves) != 1:
         listed = ", ".join(types) or "nothing"
         raise CurveError(
-            f"holds {listed}; one Curve or ClosedCurve is wanted",
+            f"holds {listed}. Give one Curve or ClosedCurve",
             where=where,
             code="vector-several",
             numbers={"curves": len(curves)},

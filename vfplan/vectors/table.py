@@ -21,8 +21,8 @@ def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> Vect
         points = imagej.parse_pixels(rows[1:], where)
     else:
         raise CurveError(
-            f"is no image, and as a curve its header is {','.join(header)[:60]!r}; u_px,v_px or "
-            "ImageJ's X,Y is wanted",
+            f"is no image, and as a curve its header is {','.join(header)[:60]!r}. Give "
+            "u_px,v_px or ImageJ's X,Y",
             where=where,
             code="table-header",
         )
