@@ -8,18 +8,20 @@ from drawing import normal_errors
 
 import vfplan
 
-# file, closed, RMS error [px], pen lifts
+# File, RMS error [px], pen lifts, and how far both ends may lie off [px], none of a closed curve.
+# The ink of slice c goes on for 2.7 px beyond the last point of its truth, on a pen of 2.5 px.
 SLICES = [
-    ("pelvis_a.png", False, 0.06, 0),
-    ("pelvis_a_q80.jpg", False, 0.08, 0),
-    ("pelvis_b.png", True, 0.02, 0),
-    ("pelvis_b_q80.jpg", True, 0.05, 0),
-    ("pelvis_c.png", False, 0.1, 2),
+    ("pelvis_a.png", 0.06, 0, 1.4),
+    ("pelvis_a_q80.jpg", 0.08, 0, 1.6),
+    ("pelvis_b.png", 0.02, 0, None),
+    ("pelvis_b_q80.jpg", 0.05, 0, None),
+    ("pelvis_c.png", 0.1, 2, 2.2),
 ]
 
 
-@pytest.mark.parametrize(("name", "closed", "limit_px", "lifts"), SLICES)
-def test_a_real_slice_is_measured_right(shared_data, name, closed, limit_px, lifts):
+@pytest.mark.parametrize(("name", "limit_px", "lifts", "end_limit_px"), SLICES)
+def test_a_real_slice_is_measured_right(shared_data, name, limit_px, lifts, end_limit_px):
+    closed = end_limit_px is None
     folder = shared_data / "planned"
     truth = np.loadtxt(folder / f"{name[:8]}_truth_px.csv", delimiter=",", skiprows=1)[:, :2]
     extraction = vfplan.extract_curve(folder / name)
@@ -33,4 +35,4 @@ def test_a_real_slice_is_measured_right(shared_data, name, closed, limit_px, lif
     if not closed:
         distance = np.hypot(*(truth[[0, -1]] - stroke.points_px[[0, -1]]).T)
         backward = np.hypot(*(truth[[-1, 0]] - stroke.points_px[[0, -1]]).T)
-        assert min(distance.max(), backward.max()) < 2.1
+        assert min(distance.max(), backward.max()) < end_limit_px

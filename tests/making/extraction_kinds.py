@@ -440,6 +440,8 @@ def short_pieces(sheet, rng):
     end = runs[0][-1]
     while at < length - 30:
         at += rng.uniform(22, 34) + sheet.width
+        if at > length - 2:  # What is left of the curve is too short to be a piece.
+            break
         runs.append(part(curve, at, min(at + rng.uniform(6, 14), length)))
         at += 12
     sheet.draw(runs)

@@ -58,7 +58,10 @@ def test_sample_fixture_lies_on_the_true_curve_within_the_registration_error():
     curve = np.array(truth["curve_px"])
     line = np.c_[curve, np.ones(len(curve))] @ np.array(truth["T_robot_image"]).T
     off = distance_to_line(made.fixture.points, line, closed=False)
-    assert off.max() < 3 * made.fixture.registration.tre_rms_m
+    tre_rms_m = made.fixture.registration.tre_rms_m
+    assert off[1:-1].max() < 2 * tre_rms_m
+    # Along the line an end is known to a pixel, which is 0.5 mm.
+    assert off.max() < 2 * tre_rms_m + 0.5e-3
     assert made.report["extract"]["strokes"][0]["length_mm"] == pytest.approx(
         truth["length_px"] * truth["pixel_spacing_mm"], rel=0.01
     )
@@ -91,10 +94,10 @@ def test_real_slice_comes_out_within_a_millimetre(shared_data, image, closed):
         extraction=ExtractSettings(pixel_spacing_mm=(0.5954, 0.5954)),
     )
     line = mapped_truth(folder, name)
-    # The narrow pen of slice c has flat tips, at which a curve ends up to 1.9 px (1.1 mm) early.
-    limit_m = 1.2e-3 if name == "pelvis_c" else 1e-3
+    # The ink of slice c goes on for 2.7 px (1.6 mm) beyond the last point of its truth.
+    limit_m = 1.35e-3 if name == "pelvis_c" else 1e-3
     assert distance_to_line(made.fixture.points, line, closed).max() < limit_m
-    assert distance_to_line(line, made.fixture.points, closed).max() < limit_m
+    assert distance_to_line(line, made.fixture.points, closed).max() < 1e-3
     assert list(made.fixture.curve.closed) == [closed]
 
 

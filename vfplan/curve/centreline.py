@@ -96,6 +96,8 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         whole = valid
         if not line.closed:
             ends = find_ends(profiles, valid, noisy)
+            valid = valid | _drawn_out(valid, ends)
+            profiles = replace(profiles, valid=profiles.valid | valid)
             whole = _between(valid, ends)
         offset = profiles.offset(noisy)
         if noisy:
@@ -194,6 +196,14 @@ def _too_little_error(line: Line, measured_px: int) -> CurveError:
         code="too-little-ink",
         numbers={"measured_px": measured_px, "u_px": u, "v_px": v},
     )
+
+
+def _drawn_out(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
+    """(M,) bool, the last stretches of drawn out pens: little ink, but no other lies there."""
+    at = np.arange(len(valid))
+    seen = np.flatnonzero(valid)
+    before = (at < seen[0]) & (at >= ends[0].whole)
+    return before | ((at > seen[-1]) & (at <= ends[1].whole))
 
 
 def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:

@@ -21,6 +21,8 @@ FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 
 """Pixels: lengths of the falls that are held against the ink."""
 FOOT_STEP_PX = 0.5
 """Pixels between the places that are tried for the foot of a fall."""
+GAUSSIAN_WIDTH = 2.09
+"""Width of a Gaussian at half of its height, over the way on which it falls from 0.8 to 0.2."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Run:
     seen
         The last point at which the line was seen.
     width
-        Of the line [px].
+        Of the pen's tip [px]: the line's width without what blur adds to it.
     edge
         Pixels over which the line's edge falls from 0.8 to 0.2 of its height.
     noisy
@@ -85,13 +87,14 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
     """
     seen = np.flatnonzero(valid)
     last = len(valid) - 1
+    width, edge = _width_and_edge(profiles, valid)
     forwards = Run(
         mass=profiles.mass,
         coverage=profiles.coverage,
         x=profiles.x,
         seen=int(seen[-1]),
-        width=profiles.width,
-        edge=_edge(profiles, valid),
+        width=width,
+        edge=edge,
         noisy=noisy,
     )
     backwards = replace(
@@ -105,23 +108,33 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
     return first, _find_end(forwards)
 
 
-def _edge(profiles: Profiles, valid: NDArray[np.bool_]) -> float:
-    """Pixels over which the line's edge falls from 0.8 to 0.2 of its mean profile's height."""
-    mean = symmetric(profiles.coverage[valid].mean(0))[len(profiles.x) // 2 :]
-    mean = mean / max(float(mean.max()), 1e-6)
-    high = _crossing(mean, int(mean.argmax()), 0.8)
-    return (_crossing(mean, high, 0.2) - high) * tuned.STEP_PX
+def _width_and_edge(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    """The pen's width without blur, and over how much its edge falls from 0.8 to 0.2 [px].
+
+    Half of the usual profile's height is as wide as the pen only while the pen is broader than the
+    blur. A line that is all blur, a Gaussian, is 2.09 times as wide there as its edge. The fourth
+    powers are subtracted, as a pen that is narrower than the blur shows in the fourth order.
+    """
+    usual = symmetric(np.median(profiles.coverage[valid], axis=0))[len(profiles.x) // 2 :]
+    usual = usual / max(float(usual.max()), 1e-6)
+    high = _crossing(usual, int(usual.argmax()), 0.8)
+    edge = (_crossing(usual, high, 0.2) - high) * tuned.STEP_PX
+    width = 2 * _crossing(usual, high, 0.5) * tuned.STEP_PX
+    blurred = GAUSSIAN_WIDTH * edge
+    sharp = max(width**4 - blurred**4, 0.0) ** 0.25
+    return max(sharp, 1.0), edge  # No picture shows a line narrower than its pixels.
 
 
 def _find_end(run: Run) -> End:
     from scipy.ndimage import gaussian_filter1d
 
-    # A pressed pen has another width here than elsewhere, and may have rested at the end.
+    # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
+    # rested the ink is a disc, broader than the line.
     ink = gaussian_filter1d(run.mass, 0.7)
     before = ink[max(run.seen - tuned.TANGENT_PX, 0) : run.seen + 1]
     level = max(float(np.median(before)), 1e-6)
     highest = before[-tuned.TANGENT_PX // 2 :].max()
-    rested = highest > tuned.WIDE * level
+    rested = highest > tuned.WIDE * min(level, 1.0)
     if rested:
         level = highest
     ink = ink / level
@@ -144,19 +157,21 @@ def _find_end(run: Run) -> End:
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, FOOT_STEP_PX)[:, None]
     likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
     likely = likely / likely.sum()
-    flat = 0.0
+    flat, tip = 0.0, 1.0
     if not rested:
-        flat = _flat_share(run, width)
-    blunt_place = half - tuned.ROUND_SHARE * width * (1 - flat)
+        flat, tip = _tip_shape(run, width)
+    back = tuned.ROUND_SHARE * width * tip
+    blunt_half = np.clip(foot - FALLS_PX / 2, high, low)
+    blunt_place = blunt_half - back * (1 - flat)
     place = tapered * foot + (1 - tapered) * blunt_place
     mean = float((likely * place).sum())
     variance = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
     variance = float((likely * variance).sum())
-    variance += flat * (1 - flat) * (tuned.ROUND_SHARE * width) ** 2
+    variance += flat * (1 - flat) * back**2
     sigma = tuned.END_SIGMA_PX + tuned.END_SIGMA_SHARE * min(width, tuned.FLAT_WIDTH_PX)
     whole = half
     if (likely * tapered).sum() > tuned.HALF:
-        whole = low
+        whole = _crossing(ink, half, 3 * noise)
     fall = float((likely * tapered * FALLS_PX).sum())
     return End(mean, whole, float(np.sqrt(variance + sigma**2)), fall)
 
@@ -201,11 +216,13 @@ def _roughness(run: Run) -> float:
     return 1.5 * float(np.median(np.abs(inner - gaussian_filter1d(inner, tuned.TREND_PX / 2))))
 
 
-def _flat_share(run: Run, width: float) -> float:
-    """How flat the tip is: 0 for a round one, 1 for one that was cut off square.
+def _tip_shape(run: Run, width: float) -> tuple[float, float]:
+    """How flat the tip is, 0 to 1, and how far a round one reaches, over that of a half disc.
 
-    A round tip ends earlier at its sides than in its middle. Both sides are averaged, so that a
-    line that does not leave its tip at a right angle looks the same. Thin pens do not show it.
+    A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
+    not. A tip whose disc is smaller than the line is broad, as OpenCV draws it, falls back farther.
+    Both sides are averaged, so that a line that does not leave its tip at a right angle looks the
+    same. Thin pens do not show it.
     """
     middle = _end_of_band(run, np.abs(run.x) <= 0.15 * width + tuned.STEP_PX / 2)
     sides = []
@@ -213,13 +230,18 @@ def _flat_share(run: Run, width: float) -> float:
         at = side * run.x
         sides.append(_end_of_band(run, (at >= 0.3 * width) & (at <= 0.42 * width)))
     if middle is None or None in sides:
-        return 0.0
-    falls_back = (middle - np.mean(sides)) / width
+        return 0.0, 1.0
     from_width = tuned.FLAT_WIDTH_PX
     if run.noisy:
         from_width = tuned.FLAT_WIDTH_NOISY_PX
-    shows = np.clip((width - from_width) / tuned.FLANK_PX, 0, 1)
-    return float(np.clip(1 - falls_back / tuned.ROUND_BACK, 0, 1) * shows)
+    shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
+    falls_back = max((middle - np.mean(sides)) / width, 1e-6)
+    flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
+    # The disc through the middle of the tip and both sides, which lie 0.36 widths off it.
+    radius = np.clip((0.36**2 + falls_back**2) / (2 * falls_back), 0.25, 0.5)
+    # Half of the line's ink is left where the disc is half as broad as the line.
+    tip = np.sqrt((radius**2 - 0.25**2) / (0.5**2 - 0.25**2))
+    return flat * shows, float(1 - (1 - tip) * shows)
 
 
 def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:

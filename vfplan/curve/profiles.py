@@ -76,7 +76,8 @@ class Profiles:
             return centroid
         mean = symmetric(self.coverage[whole].mean(0))
         shift = fit_shift(self.x, self.coverage, self.own, mean)
-        usable = self.valid & ~self.hidden & (np.abs(shift) <= self.width / 2 + 1)
+        plain = self.valid & ~self.hidden & (self.mass > tuned.SEEN)
+        usable = plain & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
         if noisy or self._scatter(shift) < self._scatter(centroid):
             return shift

@@ -130,8 +130,9 @@ VALLEY = 0.12
 TAPER_REACH_PX = 30
 """Pixels beyond the skeleton's end in which the end of the ink is sought."""
 
-ROUND_SHARE = 0.39
-"""Of the width, from the place where half of the ink is left back to the centre of a tip."""
+ROUND_SHARE = 0.4
+"""Of the width, from the place where half of the ink is left back to the centre of a round tip. A
+disc has 0.43; its steep end is blurred inward."""
 
 BLUNT_PX = 2.0
 """Pixels: the longest fall of the ink that a blunt end of a crisp hair line shows."""
@@ -169,8 +170,9 @@ FLAT_WIDTH_PX = 2.5
 FLAT_WIDTH_NOISY_PX = 7.0
 """The same where colour is noisy and therefore blurred."""
 
-ROUND_BACK = 0.1
-"""Of the width, by which the sides of a round tip end before its middle. A disc has 0.14."""
+ROUND_BACK = 0.04
+"""Of the width, by which the sides of a tip end before its middle: a flat one has less, a round one
+twice as much. A disc has 0.14."""
 
 END_SIGMA_PX = 0.2
 """Pixels: standard deviation of an end on a thin line, along the line."""
