@@ -14,7 +14,7 @@ LAYERS = [
     ["io", "palette", "findings"],
     ["records", "robot"],
     ["fixture"],
-    ["geometry"],
+    ["dicom", "geometry"],
     ["engine"],
     ["images", "session"],
     ["markers"],

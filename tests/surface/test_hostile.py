@@ -77,11 +77,12 @@ def element(group, number, kind, value):
     return head + struct.pack("<H", len(value)) + value
 
 
-def refused(path, reason):
-    """Refused for that reason, with less than 100 MB taken on the way."""
+def refused(path, *codes):
+    """Refused with one of these codes, with less than 100 MB taken on the way."""
     tracemalloc.start()
-    with pytest.raises(VfplanError, match=reason):
+    with pytest.raises(VfplanError) as error:
         surface(path)
+    assert error.value.code in codes, error.value
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 100e6
@@ -91,26 +92,26 @@ def test_files_that_unpack_to_more_than_they_say(zoo, tmp_path):
     head, _, _ = zoo["l.seg.nrrd"].partition(b"\n\n")
     bomb = gzip.compress(bytes(300_000_000), 1)
     (tmp_path / "b.nrrd").write_bytes(head + b"\n\n" + bomb)
-    refused(tmp_path / "b.nrrd", "unpacks to more than 704 bytes")
+    refused(tmp_path / "b.nrrd", "unpacks-too-large")
     bomb = gzip.compress(gzip.decompress(zoo["l.nii.gz"]) + bytes(300_000_000), 1)
     (tmp_path / "b.nii.gz").write_bytes(bomb)
-    refused(tmp_path / "b.nii.gz", "unpacks to more than")
+    refused(tmp_path / "b.nii.gz", "unpacks-too-large")
 
 
 def test_headers_that_promise_what_no_memory_holds(zoo, tmp_path):
     huge = zoo["l.seg.nrrd"].replace(b"sizes: 16 11 4", b"sizes: 99999 99999 99999")
     (tmp_path / "h.nrrd").write_bytes(huge)
-    refused(tmp_path / "h.nrrd", "says that it holds")
+    refused(tmp_path / "h.nrrd", "volume-too-large")
     nifti = bytearray(zoo["l.nii"])
     nifti[42:48] = struct.pack("<3h", 32000, 32000, 32000)
     (tmp_path / "h.nii").write_bytes(nifti)
-    refused(tmp_path / "h.nii", "says that it holds|cannot be read as NIfTI")
+    refused(tmp_path / "h.nii", "volume-too-large", "volume-unreadable")
     from pydicom import dcmread
 
     data = dcmread(zoo_file(zoo, "seg.dcm", tmp_path))
     data.Rows = data.Columns = 60000
     data.save_as(tmp_path / "h.dcm")
-    refused(tmp_path / "h.dcm", "frames of 60000 x 60000")
+    refused(tmp_path / "h.dcm", "volume-too-large")
 
 
 def zoo_file(zoo, name, folder):
@@ -122,15 +123,15 @@ def test_dicom_of_endless_elements_is_refused_before_it_is_parsed(tmp_path):
     kind = element(8, 0x16, b"UI", b"1.2.840.10008.5.1.4.1.1.481.3\0")
     items = element(0x3006, 0x20, b"SQ", 200_001 * b"\xfe\xff\x00\xe0\0\0\0\0")
     (tmp_path / "i.dcm").write_bytes(kind + items)
-    refused(tmp_path / "i.dcm", "has 200001 items")
+    refused(tmp_path / "i.dcm", "dicom-costly")
     (tmp_path / "e.dcm").write_bytes(kind + bytes(34_000_000))
-    refused(tmp_path / "e.dcm", "bytes beside pixels")
+    refused(tmp_path / "e.dcm", "dicom-costly")
     deflated = b"1.2.840.10008.1.2.1.99"
     (tmp_path / "d.dcm").write_bytes(kind + element(2, 0x10, b"UI", deflated))
-    refused(tmp_path / "d.dcm", "deflated")
+    refused(tmp_path / "d.dcm", "dicom-costly")
 
 
 def test_json_of_another_shape_is_refused(tmp_path):
     for text in ("[" * 100_000, "{}", '{"@schema": 3}', json.dumps({"@schema": "x", "markups": 1})):
         (tmp_path / "a.mrk.json").write_text(text)
-        refused(tmp_path / "a.mrk.json", ".")
+        refused(tmp_path / "a.mrk.json", "not-json", "schema-unknown")

@@ -10,17 +10,16 @@ ways: elements without number, deflated zeros, runs, a JPEG larger than its own 
 
 from __future__ import annotations
 
-import logging
 import os
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import ImageError, MissingExtra, requires_extra
+from vfplan.dicom.dataset import group_value, memory_file, open_dataset, pixel_axes
+from vfplan.errors import ImageError
 from vfplan.images.headers import check_size, chosen_index
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
@@ -30,9 +29,6 @@ GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
 """Photometric interpretations in grey."""
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
 """Elements that hold pixels."""
-DIRECTION_TOLERANCE = 1e-3
-"""How far a direction's length may lie from 1, and two directions' product from 0, because they
-were written in decimals."""
 BYTES_PER_PIXEL = 48
 """Bytes of memory that a pixel may take while it is decoded, rescaled and windowed."""
 PIXELS_PER_SECOND = 2_000_000
@@ -96,14 +92,6 @@ def read_dicom(
     return rgb, pixel_spacing_mm, T_patient_image, head["instance"]
 
 
-def memory_file(data: bytes) -> BinaryIO:
-    """A file without a name that holds the data, so that no folder need be writable."""
-    file = os.fdopen(os.memfd_create("DICOM"), "w+b")
-    file.write(data)
-    file.flush()
-    return file
-
-
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
 
 
@@ -119,8 +107,7 @@ def decode(
     """What `read_dicom` returns: a head with all but the pixels, then rows of pixels."""
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
-    with pydicom_errors(where):
-        dataset = read_dataset(file, where)
+    with open_dataset(file, where, ImageError) as dataset:
         if not any(name in dataset for name in PIXEL_ELEMENTS):
             modality = dataset.get("Modality") or "no image"
             raise ImageError(
@@ -148,43 +135,6 @@ def decode(
         yield (rgb[first : first + rows],)
 
 
-@contextmanager
-def pydicom_errors(where: str) -> Iterator[None]:
-    """Silence pydicom and turn whatever it raises into an `ImageError`."""
-    try:
-        with silent():
-            yield
-    except (ImageError, MissingExtra, MemoryError):
-        raise
-    except Exception as error:
-        # Of a file from outside, pydicom raises errors of all classes.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ImageError(
-            f"the DICOM file cannot be read: {reason}. Export the slice again.", where=where
-        ) from None
-
-
-@contextmanager
-def silent() -> Iterator[None]:
-    """Let pydicom neither log nor warn."""
-    log = logging.getLogger("pydicom")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(level)
-
-
-def read_dataset(file: BinaryIO, where: str) -> Any:
-    """A DICOM file's data set, whatever it holds; raises `MissingExtra`."""
-    with requires_extra("reading DICOM needs pydicom", "dicom", where):
-        import pydicom
-    return pydicom.dcmread(file)
-
-
 def read_pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
     """(H, W, 3) uint8 or uint16 pixels of one frame, which fill the range of their type."""
     from pydicom.pixels import apply_color_lut, pixel_array
@@ -203,7 +153,14 @@ def read_pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArra
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and not is_grey:
         raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.", where=where)
-    pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
+    try:
+        pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
+    except RuntimeError:
+        compression = str(dataset.file_meta.TransferSyntaxUID.name)[:64]
+        raise ImageError(
+            f"its pixels cannot be unpacked ({compression}). Export it without compression.",
+            where=where,
+        ) from None
     if is_grey:
         return windowed_grey(dataset, pixels, kind == "MONOCHROME1")
     if kind == "PALETTE COLOR":
@@ -254,9 +211,7 @@ def read_spacing(dataset: Any, name: str, where: str) -> tuple[float, float] | N
     value = dataset.get(name)
     if not value:
         # An enhanced multi-frame object holds it in its shared functional groups.
-        shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
-        measures = shared[0].get("PixelMeasuresSequence") or [{}]
-        value = measures[0].get(name)
+        value = group_value(dataset, "PixelMeasuresSequence", name)
     if value is None:
         return None
     if not hasattr(value, "__len__"):
@@ -277,16 +232,11 @@ def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> ND
     axes = dataset.get("ImageOrientationPatient")
     if corner is None or axes is None or spacing_mm is None:
         return None
-    if len(corner) != 3 or len(axes) != 6:
-        return None
-    directions = np.reshape([float(number) for number in axes], (2, 3))
-    lengths = np.linalg.norm(directions, axis=1)
-    have_unit_length = (np.abs(lengths - 1) < DIRECTION_TOLERANCE).all()
-    are_square = abs(directions[0] @ directions[1]) < DIRECTION_TOLERANCE
-    if not have_unit_length or not are_square:
+    steps = pixel_axes(axes, spacing_mm)
+    if steps is None or len(corner) != 3:
         return None
     T_patient_image = np.zeros((4, 3))
-    T_patient_image[:3, :2] = (directions / lengths[:, None]).T * np.array(spacing_mm) * 1e-3
+    T_patient_image[:3, :2] = steps
     T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
     if not np.isfinite(T_patient_image).all():

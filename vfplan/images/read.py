@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.dicom.dataset import is_dicom
 from vfplan.errors import ImageError, SettingError
 from vfplan.images.headers import read_header
 from vfplan.images.raster import decode_raster
@@ -137,8 +138,3 @@ def read_image(
     header = read_header(data, where, max_pixels)
     rgb = decode_raster(data, header, where, frame)
     return PlannedImage(rgb, pixel_spacing_mm, sha256)
-
-
-def is_dicom(data: bytes) -> bool:
-    """Whether the bytes begin as a DICOM file does (PS3.10 §7.1)."""
-    return data[128:132] == b"DICM"

@@ -19,17 +19,27 @@ from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.surface.contours import Contours
-from vfplan.surface.mesh import Level, zero_level
+from vfplan.surface.mesh import Level, Triangles, zero_level
 from vfplan.surface.slicing import Sliced, slice_contours
 from vfplan.surface.sources import read_contours
 from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
-# A triangle of the grid's cells reaches so far from its corners at most, in grid steps: measured
-# 0.89 over the shapes of the tests; the report has each surface's own.
 COVER = 0.9
-DIMPLE_SHARE = 0.45  # of the tolerance; the band is as much, the rest is the chords'
+"""Grid steps that a triangle of the grid's cells reaches from its corners at most.
+
+Measured: 0.89 over the shapes of the tests. The report has each surface's own.
+"""
+DIMPLE_SHARE = 0.45
+"""Share of the tolerance for dimples between corners. The band takes as much, chords the rest."""
 FINEST_STEP_M = 5e-5
+"""The finest grid [m]. No scanner for patients has finer voxels."""
+MAX_CHECKED_POINTS = 10_000
+"""Points of the outlines that are held against the surface."""
+MAX_CHECKED_POINTS_OF_SLICE = 200
+"""Points of each slice that are held against the surface without it."""
+MIN_SLOPE = 0.1
+"""Least slope by which a value is divided to become a distance, near ridges of the function."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +72,18 @@ class SurfaceSettings:
         radius = self.contact_radius + self.point_radius
         if not 0 < self.tolerance_m < radius:
             raise SettingError(
-                f"tolerance {1e3 * self.tolerance_m:g} mm: above 0 and below R = "
-                f"{1e3 * radius:g} mm is wanted."
+                f"tolerance {1e3 * self.tolerance_m:g} mm is out of range. Give one above 0 and "
+                f"below R = {1e3 * radius:g} mm.",
+                code="out-of-range",
+                numbers={"tolerance_mm": 1e3 * self.tolerance_m, "tolerance_max_mm": 1e3 * radius},
             )
         step = math.sqrt(2 * radius * DIMPLE_SHARE * self.tolerance_m) / COVER
         if step < FINEST_STEP_M:
             raise SettingError(
-                f"tolerance {1e3 * self.tolerance_m:g} mm asks for triangles of "
-                f"{1e3 * step:.2g} mm. {1e3 * FINEST_STEP_M:g} mm are the finest."
+                f"tolerance {1e3 * self.tolerance_m:g} mm needs triangles of {1e3 * step:.2g} mm; "
+                f"{1e3 * FINEST_STEP_M:g} mm are the finest. Give a larger one.",
+                code="surface-too-fine",
+                numbers={"step_mm": 1e3 * step, "step_min_mm": 1e3 * FINEST_STEP_M},
             )
         return step
 
@@ -116,14 +130,24 @@ def surface(
     SettingError
         A tolerance out of range, or too fine for this structure.
     """
-    now_utc()  # what is no time is refused before NumPy stumbles on it
+    now_utc()  # A SOURCE_DATE_EPOCH that is no time is refused before the work begins.
     settings = settings or SurfaceSettings()
     started = time.perf_counter()
     step = settings.step_m
     contours = read_contours([Path(source) for source in sources], structure, colour)
     sliced = slice_contours(contours, settings.max_spacing_m)
     levels = [zero_level(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
-    points, triangles = _joined(levels, sliced.R_slice_patient)
+    # One mesh of all runs of slices, in the patient.
+    corners = []
+    faces = []
+    count = 0
+    for level in levels:
+        corners.append(level.points)
+        faces.append(level.triangles + count)
+        count += len(level.points)
+    points = np.concatenate(corners) @ sliced.R_slice_patient
+    triangles = np.concatenate(faces).astype(np.int32)
+
     radius = settings.contact_radius + settings.point_radius
     fixture = Fixture(
         frame="patient_lps",
@@ -137,135 +161,138 @@ def surface(
             point_radius=settings.point_radius,
         ),
     )
-    report = _report(contours, sliced, levels, fixture, settings)
+    report = report_of(contours, sliced, levels, fixture, settings)
     report["elapsed_s"] = time.perf_counter() - started
-    texts = (*contours.remarks, *sliced.remarks, *_ends(sliced, settings), *_errors(report))
+    texts = [*contours.remarks, *sliced.remarks, ends_remark(sliced, settings)]
+    worst = report["contour_error_mm"]
+    if worst["max"] > report["tolerance_mm"]:
+        place = ", ".join(f"{1e3 * x:.1f}" for x in worst["place_m"])
+        texts.append(
+            f"the surface cuts corners of the outlines by up to {worst['max']:.3f} mm, at ({place})"
+            f" mm; the tolerance is {report['tolerance_mm']:g} mm. Give a smaller --tolerance."
+        )
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
     return Surface(replace(fixture, findings=findings), sliced, report, findings)
 
 
-def _joined(levels: list[Level], R_slice_patient: Array) -> tuple[Array, NDArray[np.int32]]:
-    """Points [m] in the patient and triangles of all runs of slices together."""
-    first = np.cumsum([0, *(len(level.points) for level in levels[:-1])])
-    triangles = [level.triangles + k for level, k in zip(levels, first, strict=True)]
-    points = np.concatenate([level.points for level in levels]) @ R_slice_patient
-    return points, np.concatenate(triangles).astype(np.int32)
-
-
-def _report(
+def report_of(
     contours: Contours,
     sliced: Sliced,
     levels: list[Level],
     fixture: Fixture,
     settings: SurfaceSettings,
 ) -> dict[str, Any]:
-    gaps = 1e3 * sliced.gaps_m
+    """What `--json` says, but for the time it took."""
+    gaps_mm = 1e3 * sliced.gaps_m
+    structures = []
+    for structure in contours.structures:
+        is_chosen = structure.number == contours.chosen
+        structures.append({"number": structure.number, "name": structure.name, "chosen": is_chosen})
+    points = fixture.points
     edges = open_edges(fixture.mesh)
-    cover, _ = largest_cover(fixture.mesh, fixture.points)
+    largest_opening, _ = largest_cover(fixture.mesh, points)
+    a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
+    volume_mm3 = None
+    if not edges:
+        volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6)
+    a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    ends = "capped"
+    if settings.keep_open:
+        ends = "open"
     return {
         "slices": sum(len(stack.outlines) for stack in sliced.stacks),
-        "spacing_mm": float(np.median(gaps)),
-        "spacing_range_mm": [float(gaps.min()), float(gaps.max())],
+        "spacing_mm": float(np.median(gaps_mm)),
+        "spacing_range_mm": [float(gaps_mm.min()), float(gaps_mm.max())],
         "normal": sliced.R_slice_patient[2],
-        "structures": [
-            {"number": s.number, "name": s.name, "chosen": s.number == contours.chosen}
-            for s in contours.structures
-        ],
+        "structures": structures,
         "outlines": len(contours.rings),
-        "points": len(fixture.points),
+        "points": len(points),
         "triangles": len(fixture.mesh),
-        "ends": "open" if settings.keep_open else "capped",
+        "ends": ends,
         "open_edges": edges,
-        "volume_mm3": None if edges else 1e9 * _volume(fixture.points, fixture.mesh),
-        "area_mm2": 1e6 * _area(fixture.points, fixture.mesh),
-        "extent_m": [fixture.points.min(axis=0), fixture.points.max(axis=0)],
+        "volume_mm3": volume_mm3,
+        "area_mm2": 1e6 * area,
+        "extent_m": [points.min(axis=0), points.max(axis=0)],
         "tolerance_mm": 1e3 * settings.tolerance_m,
         "grid_mm": 1e3 * settings.step_m,
-        "largest_opening_mm": 1e3 * cover,
+        "largest_opening_mm": 1e3 * largest_opening,
         "band_mm": 1e3 * fixture.band,
-        "contour_error_mm": contour_error(sliced, fixture.points, fixture.mesh),
+        "contour_error_mm": contour_error(sliced, points, fixture.mesh),
         "left_out_slice_mm": left_out_error(sliced),
-        "level_error_mm": 1e3 * max(level.off_m for level in levels),
+        "level_error_mm": 1e3 * max(level.distance_max_m for level in levels),
     }
 
 
-def _volume(points: Array, triangles: NDArray[np.int32]) -> float:
-    a, b, c = np.moveaxis((points - points.mean(axis=0))[triangles], 1, 0)
-    return float((np.cross(a, b) * c).sum() / 6)
-
-
-def _area(points: Array, triangles: NDArray[np.int32]) -> float:
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-
-
-def _ends(sliced: Sliced, settings: SurfaceSettings) -> tuple[str, ...]:
+def ends_remark(sliced: Sliced, settings: SurfaceSettings) -> str:
     """What became of the ends, where nothing was outlined."""
-    places = [f"{1e3 * z:.2f}" for stack in sliced.stacks for z in (stack.z[0], stack.z[-1])]
+    places = []
+    for stack in sliced.stacks:
+        places.append(f"{1e3 * stack.z[0]:.2f}")
+        places.append(f"{1e3 * stack.z[-1]:.2f}")
     where = f"at {', '.join(places)} mm along the slices' normal"
     if settings.keep_open:
-        return (f"the ends {where} are left open: a proxy can enter there",)
+        return f"the ends {where} are left open. A proxy can enter there: keep the tool away."
     return (
-        f"the ends {where} are closed by flat caps half a slice beyond: a guess, for nothing is "
-        "outlined there (--keep-open leaves them open)",
+        f"the ends {where} are closed by flat caps half a slice beyond, a guess, for nothing is "
+        "outlined there. Leave them open with --keep-open."
     )
 
 
-def _errors(report: dict[str, Any]) -> tuple[str, ...]:
-    found = []
-    worst = report["contour_error_mm"]
-    if worst["max"] > report["tolerance_mm"]:
-        place = ", ".join(f"{1e3 * x:.1f}" for x in worst["place_m"])
-        found.append(
-            f"the surface cuts corners of the outlines by up to {worst['max']:.3f} mm, at ({place})"
-            f" mm; the tolerance is {report['tolerance_mm']:g} mm: give a smaller one"
-        )
-    return tuple(found)
-
-
-MAX_POINTS = 10_000  # of the outlines that are held against the surface
-A_SLICE = 200
-
-
-def contour_error(sliced: Sliced, points: Array, triangles: NDArray[np.int32]) -> dict[str, Any]:
+def contour_error(sliced: Sliced, points: Array, triangles: Triangles) -> dict[str, Any]:
     """Distance of the outlines to the mesh: RMS and largest [mm], and where."""
-    corners = [
-        np.c_[ring, np.full(len(ring), outline.z)]
-        for stack in sliced.stacks
-        for outline in stack.outlines
-        for ring in outline.cut_rings
-    ]
-    places = np.concatenate(corners)
-    places = places[:: max(1, len(places) // MAX_POINTS)] @ sliced.R_slice_patient
+    corners = []
+    for stack in sliced.stacks:
+        for outline in stack.outlines:
+            for ring in outline.cut_rings:
+                corners.append(at_height(ring, outline.z))
+    places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, triangles)(places)
-    away = np.linalg.norm(places - nearest, axis=1)
-    return _summary(away, places)
+    return summary_of(np.linalg.norm(places - nearest, axis=1), places)
 
 
 def left_out_error(sliced: Sliced) -> dict[str, Any] | None:
     """How far each inner slice's outlines are from the surface through all others [mm].
 
     With the slices twice as far apart this is more than what the surface is off between slices,
-    about 16 times where it is smooth, and finds a slice that lies or is drawn wrong. `None` where a
-    run has fewer than four slices.
+    about 16 times where it is smooth, and finds a slice that lies or is drawn wrong. `None` where
+    no run has more than three slices.
     """
-    away, places = [], []
+    distances = []
+    places = []
     for stack in sliced.stacks:
-        for k in range(1, len(stack.outlines) - 1) if len(stack.outlines) > 3 else ():
-            rest = Stack(stack.outlines[max(0, k - 2) : k] + stack.outlines[k + 1 : k + 3])
-            corners = np.concatenate(stack.outlines[k].cut_rings)
-            corners = corners[:: max(1, len(corners) // A_SLICE)]
-            at = np.c_[corners, np.full(len(corners), stack.outlines[k].z)]
-            value, gradient = rest.signed(at)
-            away.append(np.abs(value) / np.maximum(np.linalg.norm(gradient, axis=1), 0.1))
-            places.append(at @ sliced.R_slice_patient)
-    return _summary(np.concatenate(away), np.concatenate(places)) if away else None
+        outlines = stack.outlines
+        if len(outlines) <= 3:
+            continue
+        for k in range(1, len(outlines) - 1):
+            # The function between two slices depends on two slices to either side.
+            others = Stack(outlines[max(0, k - 2) : k] + outlines[k + 1 : k + 3])
+            corners = np.concatenate(outlines[k].cut_rings)
+            corners = at_height(every_nth(corners, MAX_CHECKED_POINTS_OF_SLICE), outlines[k].z)
+            value, gradient = others.signed(corners)
+            slope = np.maximum(np.linalg.norm(gradient, axis=1), MIN_SLOPE)
+            distances.append(np.abs(value) / slope)
+            places.append(corners @ sliced.R_slice_patient)
+    if not distances:
+        return None
+    return summary_of(np.concatenate(distances), np.concatenate(places))
 
 
-def _summary(away: Array, places: Array) -> dict[str, Any]:
-    worst = int(away.argmax())
+def at_height(xy: Array, z: float) -> Array:
+    """(M, 3) points of a slice's plane (M, 2) in the frame of the stack."""
+    return np.c_[xy, np.full(len(xy), z)]
+
+
+def every_nth(points: Array, count: int) -> Array:
+    """Points thinned evenly to about a count."""
+    return points[:: max(1, len(points) // count)]
+
+
+def summary_of(distances: Array, places: Array) -> dict[str, Any]:
+    """RMS and largest of distances [m] in millimetres, and the place of the largest."""
+    worst = int(distances.argmax())
     return {
-        "rms": 1e3 * float(np.sqrt((away**2).mean())),
-        "max": 1e3 * float(away[worst]),
+        "rms": 1e3 * float(np.sqrt((distances**2).mean())),
+        "max": 1e3 * float(distances[worst]),
         "place_m": places[worst],
     }

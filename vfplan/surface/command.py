@@ -39,7 +39,7 @@ from vfplan.cli.values import MM, MM_OR_ZERO, PNG
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write the surface with the outlines, and three slices of it."),
 )  # fmt: skip
-def command(sources, output, picture_out, **given) -> CommandResult:
+def command(sources, output, picture_out, **options) -> CommandResult:
     """Make a surface through the outlines of one structure in SOURCES.
 
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
@@ -48,9 +48,14 @@ def command(sources, output, picture_out, **given) -> CommandResult:
     from vfplan.bundle import write_fixture
     from vfplan.surface import SurfaceSettings, surface
 
-    how = settings_from_options(SurfaceSettings, given)
+    settings = settings_from_options(SurfaceSettings, options)
     with announce_if_slow("meshing"):
-        made = surface(*sources, structure=given["structure"], colour=given["colour"], settings=how)
+        made = surface(
+            *sources,
+            structure=options["structure"],
+            colour=options["colour"],
+            settings=settings,
+        )
     with outputs(output, picture_out) as (path, picture):
         write_fixture(made.fixture, path)
         if picture is not None:
@@ -62,30 +67,37 @@ def command(sources, output, picture_out, **given) -> CommandResult:
         verdict = f"meshed, with {made.report['open_edges']} open edges"
     return CommandResult(
         made.report,
-        f"{_text(made.report)}\nwrote {output}",
+        f"{surface_text(made.report)}\nwrote {output}",
         findings=made.findings,
         verdict=verdict,
         next_step=f"vfplan register {output} MARKERS --model rigid -o FIXTURE.h5",
     )
 
 
-def _text(report: dict[str, Any]) -> str:
+def surface_text(report: dict[str, Any]) -> str:
+    """The report in a few lines."""
     low, high = report["spacing_range_mm"]
-    apart = f"{low:.3g}" if high - low < 1e-3 else f"{low:.3g} to {high:.3g}"
-    size = ", ".join(f"{1e3 * (b - a):.1f}" for a, b in zip(*report["extent_m"], strict=True))
-    contour, missing = report["contour_error_mm"], report["left_out_slice_mm"]
-    volume = report["volume_mm3"]
+    spacing = f"{low:.3g}"
+    if high - low >= 1e-3:
+        spacing = f"{low:.3g} to {high:.3g}"
+    sizes_mm = []
+    for low, high in zip(*report["extent_m"], strict=True):
+        sizes_mm.append(f"{1e3 * (high - low):.1f}")
     closed = f"{report['open_edges']} open edges"
-    if volume is not None:
-        closed = f"closed, {volume / 1e3:.2f} cm3"
+    if report["volume_mm3"] is not None:
+        closed = f"closed, {report['volume_mm3'] / 1e3:.2f} cm3"
+    contour_error = report["contour_error_mm"]
     lines = [
-        f"{report['outlines']} outlines on {report['slices']} slices, {apart} mm apart",
-        f"{report['points']} points, {report['triangles']} triangles, {size} mm across; {closed}",
-        f"from the outlines {contour['rms']:.4f} mm rms, {contour['max']:.4f} mm at most",
+        f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
+        f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
+        f"across; {closed}",
+        f"from the outlines {contour_error['rms']:.4f} mm rms, {contour_error['max']:.4f} mm at "
+        "most",
     ]
-    if missing is not None:
+    left_out = report["left_out_slice_mm"]
+    if left_out is not None:
         lines.append(
-            f"a slice left out is missed by {missing['rms']:.3f} mm rms, {missing['max']:.3f} mm "
+            f"a slice left out is missed by {left_out['rms']:.3f} mm rms, {left_out['max']:.3f} mm "
             "at most: more than the surface is off between slices"
         )
     lines.append(

@@ -48,7 +48,9 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
     Raises `InputError` where there is none, or several and `wanted` is `None` or fits not one.
     """
     if not structures:
-        raise InputError("holds no structure.")
+        raise InputError(
+            "holds no structure. Give a file in which one is outlined.", code="structure-none"
+        )
     names = []
     for structure in structures:
         if structure.name:
@@ -59,16 +61,31 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
     if wanted is None:
         if len(structures) > 1:
             raise InputError(
-                f"holds {len(structures)} structures: {listed}. Choose one (--structure)."
+                f"holds {len(structures)} structures: {listed}. Choose one with --structure.",
+                code="structure-several",
+                numbers={"structures": len(structures)},
             )
         return structures[0]
 
     # A name counts before a number.
-    matches = [structure for structure in structures if structure.name == wanted]
+    matches = []
+    for structure in structures:
+        if structure.name == wanted:
+            matches.append(structure)
     if not matches:
-        matches = [structure for structure in structures if str(structure.number) == wanted]
-    if not matches:
-        raise InputError(f"no such structure. It holds {listed}.")
-    if len(matches) > 1:
-        raise InputError(f"several structures of that name. It holds {listed}.")
-    return matches[0]
+        for structure in structures:
+            if str(structure.number) == wanted:
+                matches.append(structure)
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise InputError(
+            f"holds several structures of that name. Choose one by its number: {listed}.",
+            code="structure-several",
+            numbers={"structures": len(matches)},
+        )
+    raise InputError(
+        f"holds no structure of that name or number. Choose one of {listed}.",
+        code="structure-unknown",
+        numbers={"structures": len(structures)},
+    )

@@ -27,32 +27,40 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     from vfplan.markers.slicer import lps_points, markups_of
     from vfplan.vectors.read import FINE_M, VectorCurve
 
-    rings, digest = [], hashlib.sha256()
+    rings = []
+    digest = hashlib.sha256()
     for path in paths:
         where = str(path)
         data = read_whole(path, MAX_MARKUPS_BYTES, InputError)
         digest.update(hashlib.sha256(data).digest())
         try:
             markups = markups_of(data.decode("utf-8-sig"), where)
-            kinds = [markup.get("type") for markup in markups]
-            if set(kinds) != {"ClosedCurve"}:
-                other = "nothing"
-                for kind in kinds:
-                    if kind != "ClosedCurve":
-                        other = kind
-                        break
-                raise InputError(f"holds {other!r}. Give closed curves.", where=where)
-            points = [lps_points(markup, where) for markup in markups]
+            kinds = {str(markup.get("type")) for markup in markups}
+            if kinds != {"ClosedCurve"}:
+                kinds.discard("ClosedCurve")
+                content = "nothing"
+                if kinds:
+                    content = repr(min(kinds)[:32])
+                raise InputError(
+                    f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
+                )
+            curves = [lps_points(markup, where) for markup in markups]
         except UnicodeDecodeError:
             raise InputError(
                 "is not UTF-8 text. Save the markups from Slicer as .mrk.json.", where=where
             ) from None
         except MarkerError as error:
-            raise InputError(error.message, where=error.where) from None
-        for ring in points:
-            if len(ring) < 3:
-                raise InputError(f"a curve has {len(ring)} points. Give at least 3.", where=where)
-            rings.append(VectorCurve(ring, True, True, "").fine(FINE_M))
+            raise InputError(
+                error.message, where=error.where, code=error.code, numbers=error.numbers
+            ) from None
+        for points in curves:
+            if len(points) < 3:
+                raise InputError(
+                    f"a curve has {len(points)} points. Give at least 3.",
+                    where=where,
+                    code="outline-empty",
+                )
+            rings.append(VectorCurve(points, True, True, "").fine(FINE_M))
     return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
 
 
@@ -62,8 +70,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     Slices without a drawing are passed over; they are named by their place in the folder's order,
     for exporters name files by identifiers.
 
-    Raises InputError: a file that is no DICOM slice, has no place in the patient, or a drawing that
-        is not closed
+    Raises `InputError` for a file that is no DICOM slice or has no place in the patient, and for a
+    drawing that is not closed.
     """
     from vfplan.curve import load_libraries
     from vfplan.images.read import read_image
@@ -76,9 +84,13 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
             files.append(path)
     if not 2 <= len(files) <= MAX_SLICES:
         raise InputError(
-            f"holds {len(files)} files; 2 to {MAX_SLICES} slices are wanted.", where=str(folder)
+            f"holds {len(files)} files. Give 2 to {MAX_SLICES} slices.",
+            where=str(folder),
+            code="slices-too-few",
+            numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_SLICES},
         )
-    rings, digest = [], hashlib.sha256()
+    rings = []
+    digest = hashlib.sha256()
     slices_without_drawing = 0
     for number, path in enumerate(files, start=1):
         where = f"{folder}, file {number} of {len(files)} by name"
@@ -90,11 +102,15 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                 continue
             extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
         except InputError as error:
-            raise type(error)(error.message, where=where) from None
+            raise type(error)(
+                error.message, where=where, code=error.code, numbers=error.numbers
+            ) from None
         place = extracted.image.T_patient_image
         if place is None:
             raise ImageError(
-                "does not say where it lies in the patient. Give DICOM slices.", where=where
+                "does not say where it lies in the patient. Give DICOM slices.",
+                where=where,
+                code="slice-without-place",
             )
         digest.update(bytes.fromhex(extracted.image.sha256))
         for stroke in extracted.extraction.strokes:
@@ -102,6 +118,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                 raise CurveError(
                     f"a drawing of {stroke.length_px:.0f} px is open. Close the outline.",
                     where=where,
+                    code="outline-open",
+                    numbers={"length_px": stroke.length_px},
                 )
             pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
             rings.append((pixels @ place.T)[:, :3])
@@ -109,9 +127,14 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
         raise CurveError(
             f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
             where=str(folder),
+            code="structure-empty",
+            numbers={"slices": len(files)},
         )
     remarks = ()
     if slices_without_drawing:
-        remarks = (f"{slices_without_drawing} of {len(files)} slices show no drawing",)
+        remarks = (
+            f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
+            "forgotten.",
+        )
     inputs = {"slices": digest.hexdigest()}
     return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)

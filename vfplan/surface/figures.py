@@ -13,6 +13,7 @@ from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
     from vfplan.surface import Surface
+    from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
 TURNED = np.radians(25)
@@ -25,9 +26,10 @@ VIEW = np.array(
         [-np.sin(RAISED) * np.sin(TURNED), np.sin(RAISED) * np.cos(TURNED), np.cos(RAISED)],
         [np.cos(RAISED) * np.sin(TURNED), -np.cos(RAISED) * np.cos(TURNED), np.sin(RAISED)],
     ]
-)  # rows: to the right, up, towards the eye
-CUTS = (0.2, 0.5, 0.8)  # of the stack's height: where it is cut
-MAX_RINGS = 60
+)
+"""The eye's axes as rows: to the right, up, towards the eye."""
+MAX_OUTLINES = 60
+"""Outlines that are drawn on the surface. More would hide it."""
 
 
 def draw_surface(made: Surface, path: Path) -> None:
@@ -40,87 +42,101 @@ def draw_surface(made: Surface, path: Path) -> None:
     with style():
         grid = figure.add_gridspec(3, 2, width_ratios=(1.5, 1))
         left = figure.add_subplot(grid[:, 0])
-        _draw_seen(left, made)
+        draw_from_side(left, made)
         left.set_title(
             f"{made.report['slices']} slices, {made.report['spacing_mm']:.3g} mm apart; "
             f"{made.report['triangles']} triangles"
         )
-        stack = max(made.sliced.stacks, key=lambda s: len(s.outlines))
-        for row, share in enumerate(reversed(CUTS)):
+        stack = max(made.sliced.stacks, key=lambda stack: len(stack.outlines))
+        count = len(stack.outlines)
+        for row, share in enumerate((0.8, 0.5, 0.2)):  # Of the stack's height, from the top.
             axes = figure.add_subplot(grid[row, 1])
-            k = min(int(share * len(stack.outlines)), len(stack.outlines) - 2)
-            _draw_cut(axes, made, stack, k)
+            draw_cut(axes, made, stack, min(int(share * count), count - 2))
             if row == 0:
                 figure.legend(*axes.get_legend_handles_labels(), loc="lower left", ncols=3)
         save_png(figure, path)
 
 
-def _draw_cut(axes: Any, made: Surface, stack: Any, k: int) -> None:
+def draw_cut(axes: Any, made: Surface, stack: Stack, k: int) -> None:
+    """The outline of slice k, and the surface's cuts there and half a gap beyond."""
+    outline = [1e3 * np.vstack([ring, ring[:1]]) for ring in stack.outlines[k].rings]
+    draw_lines(axes, outline, "outline", color=HIP, lw=2.2)
     z = stack.z
-    middle = (z[k] + z[k + 1]) / 2
-    for line, ring in enumerate(stack.outlines[k].rings):
-        closed = 1e3 * np.vstack([ring, ring[:1]])
-        axes.plot(*closed.T, color=HIP, lw=2.2, label=None if line else "outline")
-    for at, colour, name in ((z[k], FORCE, "surface there"), (middle, CONTACT, "half a gap on")):
-        for line, piece in enumerate(_cut(made, at)):
-            axes.plot(*1e3 * piece.T, color=colour, lw=0.9, label=None if line else name)
+    draw_lines(axes, cut_pieces(made, z[k]), "surface there", color=FORCE, lw=0.9)
+    halfway = (z[k] + z[k + 1]) / 2
+    draw_lines(axes, cut_pieces(made, halfway), "half a gap on", color=CONTACT, lw=0.9)
     axes.set_aspect("equal")
     axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize=9)
     axes.tick_params(labelsize=7)
 
 
-def _cut(made: Surface, z: float) -> list[Array]:
-    """(2, 2) pieces of the surface's cut at one height, in the slices' plane [m]."""
+def draw_lines(axes: Any, lines: list[Array], name: str, **look: Any) -> None:
+    """Lines [mm] that stand as one in the legend."""
+    for line in lines:
+        axes.plot(*line.T, label=name, **look)
+        name = ""
+
+
+def cut_pieces(made: Surface, z: float) -> list[Array]:
+    """(2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
     local = made.fixture.points @ made.sliced.R_slice_patient.T
     # The surface has corners on the slice itself; a nanometre beyond, it is cut between corners.
     height = local[:, 2] - (z + 1e-9)
-    corners = made.fixture.mesh[np.ptp((height > 0).astype(int)[made.fixture.mesh], axis=1) > 0]
+    is_above = height > 0
+    above_count = is_above[made.fixture.mesh].sum(axis=1)
     pieces = []
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        one, other = corners[:, a], corners[:, b]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = height[one] / (height[one] - height[other])
-        at = local[one, :2] + t[:, None] * (local[other, :2] - local[one, :2])
-        at[(height[one] > 0) == (height[other] > 0)] = np.nan
-        pieces.append(at)
-    found = np.stack(pieces, axis=1)
-    return [piece[~np.isnan(piece[:, 0])] for piece in found]
+    for triangle in made.fixture.mesh[(above_count > 0) & (above_count < 3)]:
+        ends = []
+        for start, end in zip(triangle, np.roll(triangle, -1), strict=True):
+            if is_above[start] != is_above[end]:
+                t = height[start] / (height[start] - height[end])
+                ends.append(local[start, :2] + t * (local[end, :2] - local[start, :2]))
+        pieces.append(1e3 * np.array(ends))
+    return pieces
 
 
-def _draw_seen(axes: Any, made: Surface) -> None:
+def draw_from_side(axes: Any, made: Surface) -> None:
     """The surface from the side and a little above, lit from the eye, with its outlines."""
     from matplotlib.collections import LineCollection, PolyCollection
 
+    mesh = made.fixture.mesh
     local = 1e3 * made.fixture.points @ made.sliced.R_slice_patient.T
-    corners = (local @ VIEW.T)[made.fixture.mesh]
-    facing = _facing(corners, made.fixture.mesh, len(local))
+    corners = (local @ VIEW.T)[mesh]
+    facing = facing_cosines(corners, mesh, len(local))
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     # Open ends show the inside, which is darker.
     shade = np.where(facing > 0, 0.35 + 0.6 * facing, 0.25 - 0.15 * facing)[order]
-    colours = shade[:, None] * np.array([[0.93, 0.88, 0.76]])
+    bone_colour = np.array([0.93, 0.88, 0.76])
+    colours = shade[:, None] * bone_colour
     axes.add_collection(
         PolyCollection(corners[order, :, :2], facecolors=colours, edgecolors=colours, lw=0.3)
     )
-    outlines = [o for stack in made.sliced.stacks for o in stack.outlines]
+    outlines = []
+    for stack in made.sliced.stacks:
+        outlines.extend(stack.outlines)
     lines = []
-    for outline in outlines[:: max(1, len(outlines) // MAX_RINGS)]:
+    for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
         for ring in outline.outer_rings:
             line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
             following = np.roll(line, -1, axis=0)
             # Only what faces the eye: a ring runs anticlockwise round what is inside.
-            out = np.cross(following - line, VIEW[:, 2])[:, 2] > 0
-            lines += list(np.stack([line, following], axis=1)[out, :, :2])
+            faces_eye = np.cross(following - line, VIEW[:, 2])[:, 2] > 0
+            lines += list(np.stack([line, following], axis=1)[faces_eye, :, :2])
     axes.add_collection(LineCollection(lines, colors=HIP, lw=0.8))
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
 
 
-def _facing(corners: Array, triangles: NDArray[np.int32], count: int) -> Array:
-    """(K,) cosine between the eye's direction and the surface's normal, smoothed over corners."""
+def facing_cosines(corners: Array, triangles: NDArray[np.int32], count: int) -> Array:
+    """(K,) cosine between the eye's direction and the surface's normal, smoothed over corners.
+
+    corners: (K, 3, 3) of the triangles, along the eye's axes
+    triangles, count: which points these are, and how many points there are
+    """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    around = np.zeros((count, 3))
+    normal_of_point = np.zeros((count, 3))
     for corner in range(3):
-        np.add.at(around, triangles[:, corner], normal)
-    smooth = around[triangles].sum(axis=1)
+        np.add.at(normal_of_point, triangles[:, corner], normal)
+    smooth = normal_of_point[triangles].sum(axis=1)
     return smooth[:, 2] / np.maximum(np.linalg.norm(smooth, axis=1), 1e-15)

@@ -16,24 +16,31 @@ from vfplan.surface.contours import Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
 SMOOTHING_PX = 1.0
-PAD = 4
+"""Standard deviation of the smoothing: the stairs of a mask are a pixel long."""
+PAD_PX = 4
+"""Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations)."""
 MIN_VOXEL_M = 1e-5
 """Shortest side of a voxel [m]; the finest scans of micro-CT have it."""
 MAX_VOXEL_M = 0.1
 """Longest side of a voxel [m]. A longer one is a slip of units."""
+MIN_VOXEL_VOLUME = 0.1
+"""Volume of a voxel over that of a box with its sides; 0.87 where a gantry leans by 30 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelVolume:
     """A label map as its file has it."""
 
-    layers: NDArray  # (L, I, J, K) integers
+    layers: NDArray
+    """(L, I, J, K) integers."""
     place_of: dict[int, tuple[int, int]]
     """Number of a structure -> its layer, and the label that its voxels have there."""
-    T_lps_voxel: Array  # (4, 4) maps [i j k 1] to patient LPS [m]
-    # As in `Contours`
+    T_lps_voxel: Array
+    """(4, 4) maps [i j k 1] to patient LPS [m]."""
     structures: tuple[Structure, ...]
+    """As in `Contours`."""
     inputs: dict[str, str]
+    """As in `Contours`."""
 
     @property
     def slice_axis(self) -> int:
@@ -46,18 +53,21 @@ def checked_place(T_lps_voxel: Array, where: str) -> Array:
     """The affine itself; raises `InputError` where it gives voxels no sound place."""
     columns = T_lps_voxel[:3, :3]
     sides = np.linalg.norm(columns, axis=0)
-    if not (
-        np.isfinite(T_lps_voxel).all() and ((sides >= MIN_VOXEL_M) & (sides <= MAX_VOXEL_M)).all()
-    ):
+    are_sound = ((sides >= MIN_VOXEL_M) & (sides <= MAX_VOXEL_M)).all()
+    if not (np.isfinite(T_lps_voxel).all() and are_sound):
         shown = ", ".join(f"{1e3 * side:.3g}" for side in sides)
         raise InputError(
-            f"its voxels have sides of {shown} mm. "
-            f"{1e3 * MIN_VOXEL_M:g} to {1e3 * MAX_VOXEL_M:g} mm are "
-            "allowed.",
+            f"its voxels have sides of {shown} mm; {1e3 * MIN_VOXEL_M:g} to "
+            f"{1e3 * MAX_VOXEL_M:g} mm are allowed. Check the unit of the file.",
             where=where,
+            code="voxel-size",
         )
-    if abs(np.linalg.det(columns / sides)) < 0.1:
-        raise InputError("its voxels' axes are nearly in one plane.", where=where)
+    if abs(np.linalg.det(columns / sides)) < MIN_VOXEL_VOLUME:
+        raise InputError(
+            "its voxels' axes are nearly in one plane. Export the label map again.",
+            where=where,
+            code="voxel-axes",
+        )
     return T_lps_voxel
 
 
@@ -69,20 +79,21 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    rows = np.flatnonzero(inside.any(axis=1))
+    columns = np.flatnonzero(inside.any(axis=0))
     if not len(rows):
         return [], True
-    first = np.array([rows[0], columns[0]])
-    part = np.pad(inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] != 0, PAD)
-    distance = distance_transform_edt(~part) - distance_transform_edt(part)
-    distance -= np.where(part, -0.5, 0.5)
-    plain = _zero(distance)
-    smooth = _zero(gaussian_filter(distance, SMOOTHING_PX))
-    keeps_parts = len(smooth) == len(plain)
-    borders = plain
+    cut_out = inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    mask = np.pad(cut_out != 0, PAD_PX)
+    distance = distance_transform_edt(~mask) - distance_transform_edt(mask)
+    distance -= np.where(mask, -0.5, 0.5)
+    borders = zero_rings(distance)
+    smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
+    keeps_parts = len(smooth_borders) == len(borders)
     if keeps_parts:
-        borders = smooth
-    return [ring + first - PAD for ring in borders], keeps_parts
+        borders = smooth_borders
+    first = np.array([rows[0], columns[0]])
+    return [ring + first - PAD_PX for ring in borders], keeps_parts
 
 
 def rings_of_share(share: NDArray) -> list[Array]:
@@ -90,14 +101,28 @@ def rings_of_share(share: NDArray) -> list[Array]:
     if not share.any():
         return []
     padded = np.pad(share.astype(np.float64), 1)
-    return [ring - 1 for ring in _zero(0.5 - padded)]
+    return [ring - 1 for ring in zero_rings(0.5 - padded)]
 
 
-def _zero(values: Array) -> list[Array]:
+def zero_rings(values: Array) -> list[Array]:
     """Closed rings of the level 0, joined across corners that touch, without the repeated end."""
     from skimage.measure import find_contours
 
-    return [ring[:-1] for ring in find_contours(values, 0.0) if len(ring) > 3]
+    rings = []
+    for ring in find_contours(values, 0.0):
+        if len(ring) > 3:
+            rings.append(ring[:-1])
+    return rings
+
+
+def stairs_remark(slice_count: int) -> tuple[str, ...]:
+    """What a person should know where slices could not be smoothed."""
+    if slice_count == 0:
+        return ()
+    return (
+        f"{slice_count} slices keep their stairs, because smoothing would lose or join parts of "
+        "the structure. Look at thin parts in the label map.",
+    )
 
 
 def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
@@ -106,41 +131,44 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     The slices are those of the axis along which the voxels are longest, the last where all are
     equal.
 
-    Raises InputError: no such structure, or several and none was named
-    Raises CurveError: the structure has no voxels
+    Raises
+    ------
+    InputError
+        There is no such structure, or there are several and none was named.
+    CurveError
+        The structure has no voxels.
     """
     chosen = choose_structure(volume.structures, structure)
     across = volume.slice_axis
-    columns = volume.T_lps_voxel[:3, :3]
-    one, other = (a for a in range(3) if a != across)
-    normal = np.cross(columns[:, one], columns[:, other])
+    steps = volume.T_lps_voxel[:3, :3]
+    first, second = (axis for axis in range(3) if axis != across)
+    normal = np.cross(steps[:, first], steps[:, second])
     layer, label = volume.place_of[chosen.number]
     slices = np.moveaxis(volume.layers[layer], across, 2)
     rings: list[Array] = []
-    empty, stairs = [], 0
+    empty = []
+    slices_with_stairs = 0
     for k in range(slices.shape[2]):
-        place = volume.T_lps_voxel[:3, 3] + k * columns[:, across]
+        corner = volume.T_lps_voxel[:3, 3] + k * steps[:, across]
         borders, is_smooth = rings_of_mask(slices[:, :, k] == label)
         if not is_smooth:
-            stairs += 1
+            slices_with_stairs += 1
         for border in borders:
-            rings.append(place + border @ columns[:, (one, other)].T)
+            rings.append(corner + border @ steps[:, (first, second)].T)
         if not borders:
-            empty.append(place)
+            empty.append(corner)
     if not rings:
         raise CurveError(
-            f"the structure {chosen.number} has no voxels. Choose another with --structure."
+            f"structure {chosen.number} has no voxels. Choose another with --structure.",
+            code="structure-empty",
+            numbers={"structure": chosen.number},
         )
-    remarks = ()
-    if stairs:
-        text = "smoothing would lose or join parts of the structure"
-        remarks = (f"{stairs} slices keep their stairs: {text}",)
     return Contours(
         tuple(rings),
         volume.structures,
         chosen.number,
         volume.inputs,
-        normal / np.linalg.norm(normal),
-        np.array(empty).reshape(-1, 3),
-        remarks,
+        normal=normal / np.linalg.norm(normal),
+        empty=np.array(empty).reshape(-1, 3),
+        remarks=stairs_remark(slices_with_stairs),
     )

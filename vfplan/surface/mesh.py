@@ -8,6 +8,7 @@ triangle is a needle, and edges opposite wide corners are flipped last.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,237 +18,323 @@ from vfplan.surface.outline import Outline
 from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 Triangles = NDArray[np.int32]
-BLOCK = 8  # nodes along a side that one look from the middle may settle
-MAX_NODES = 150_000_000  # 600 MB of single precision
-SNAP = 0.25  # of a grid step: corners nearer to a node become one
+BLOCK = 8
+"""Nodes along a side of a block that one look from its middle may settle."""
+MAX_NODES = 150_000_000
+"""Nodes of a grid: 600 MB of single precision."""
+SNAP = 0.25
+"""Grid steps: corners nearer to a node become one. With half of it angles fall below 4 degrees."""
 NEWTON_STEPS = 6
+"""Steps of Newton's method. Three suffice but at ridges of the function, twelve change nothing."""
+NEWTON_DONE_M = 1e-9
+"""A corner this near to the level stays [m]."""
+WIDE_CORNER_DEG = 150.0
+"""A corner that is wider is flipped away. With 165 degrees angles of 4.2 remain, with 130 of 6."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
     """The surface of one stack, in its own frame."""
 
-    points: Array  # (N, 3) corners [m]
-    triangles: Triangles  # (K, 3) rows of `points`, seen anticlockwise from outside
-    off_m: float  # how far the farthest corner that could be moved onto the level is from it [m]
+    points: Array
+    """(N, 3) corners [m]."""
+    triangles: Triangles
+    """(K, 3) rows of `points`, seen anticlockwise from outside."""
+    distance_max_m: float
+    """How far the farthest corner that could be moved onto the level is from it [m]."""
+
+
+class GridMesh(NamedTuple):
+    """Triangles whose corners lie on the edges of a grid."""
+
+    points: Array
+    """(N, 3) corners [m]."""
+    in_plane: Flags
+    """(N,) whether each lies in a plane of the grid across the slices' normal."""
+    triangles: Triangles
+    """(K, 3) rows of `points`."""
 
 
 def zero_level(stack: Stack, step: float, *, closed: bool) -> Level:
     """The surface on which a stack's function is 0.
 
-    stack: the slices
-    step: size of a grid cell [m]; across the slices as much or less, so that each is a grid plane
-    closed: whether flat caps close it, half a slice beyond its first and last slice
-    Raises SettingError: a step that takes more nodes than fit in memory
+    Parameters
+    ----------
+    stack
+        The slices.
+    step
+        Size of a grid cell [m]; across the slices as much or less, so that each is a grid plane.
+    closed
+        Whether flat caps close it, half a slice beyond its first and last slice.
+
+    Raises
+    ------
+    SettingError
+        The step takes more nodes than fit in memory.
     """
     from skimage.measure import marching_cubes
 
-    axes = _axes(stack, step, closed)
-    values = _grid(stack, axes, step)
+    axes = grid_axes(stack, step, closed)
+    values = grid_values(stack, axes, step)
     if closed:
-        values[:, :, 0] = values[:, :, -1] = step
-    corners, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
-    corners = corners.astype(np.float64)
-    places = np.column_stack(
-        [np.interp(corners[:, a], np.arange(len(axes[a])), axes[a]) for a in range(3)]
-    )
-    in_plane = corners[:, 2] == np.rint(corners[:, 2])
-    places, in_plane, triangles = _snapped(corners, places, in_plane, triangles)
-    low, high = axes[2][0], axes[2][-1]
-    on_end = (places[:, 2] == low) | (places[:, 2] == high)
-    cap = on_end & ~in_plane
-    points, off = _onto_level(stack, places, on_end, cap, step, (low, high))
-    return Level(points, without_caps(points, triangles), off)
+        values[:, :, 0] = step
+        values[:, :, -1] = step
+    nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
+    nodes = nodes.astype(np.float64)
+    mesh = snapped(nodes, triangles, axes)
+
+    ends = (axes[2][0], axes[2][-1])
+    height = mesh.points[:, 2]
+    on_end = (height == ends[0]) | (height == ends[1])
+    on_cap = on_end & ~mesh.in_plane
+    points, distance_max = moved_onto_level(stack, mesh.points, on_end, on_cap, step, ends)
+    return Level(points, without_wide_corners(points, mesh.triangles), distance_max)
 
 
-def _axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
+def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
     """Coordinates of the grid's planes; with caps the outermost two fall together."""
-    rings = np.concatenate([ring for outline in stack.outlines for ring in outline.rings])
-    low, high = rings.min(axis=0) - 2 * step, rings.max(axis=0) + 2 * step
-    x, y = (np.arange(low[a], high[a] + step, step) for a in range(2))
+    rings = []
+    for outline in stack.outlines:
+        rings.extend(outline.rings)
+    corners = np.concatenate(rings)
+    low = corners.min(axis=0) - 2 * step
+    high = corners.max(axis=0) + 2 * step
+    x = np.arange(low[0], high[0] + step, step)
+    y = np.arange(low[1], high[1] + step, step)
+
     places = stack.z
     if closed:
-        first, last = (places[1] - places[0]) / 2, (places[-1] - places[-2]) / 2
+        first = (places[1] - places[0]) / 2
+        last = (places[-1] - places[-2]) / 2
         places = np.r_[places[0] - first, places, places[-1] + last]
     pieces = np.maximum(1, np.ceil(np.diff(places) / step - 1e-9)).astype(int)
     nodes = len(x) * len(y) * (float(pieces.sum()) + 3)
     if nodes > MAX_NODES:
         raise SettingError(
-            f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure. At most "
-            f"{MAX_NODES:.3g} are taken: give a larger --tolerance."
+            f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure; at most "
+            f"{MAX_NODES:.3g} are taken. Give a larger --tolerance.",
+            code="surface-too-fine",
+            numbers={"nodes": nodes, "nodes_max": MAX_NODES},
         )
-    cuts = [
-        np.linspace(a, b, n, endpoint=False)
-        for a, b, n in zip(places[:-1], places[1:], pieces, strict=True)
-    ]
+    cuts = []
+    for k, count in enumerate(pieces):
+        cuts.append(np.linspace(places[k], places[k + 1], count, endpoint=False))
     z = np.concatenate([*cuts, places[-1:]])
-    return x, y, np.r_[z[0], z, z[-1]] if closed else z
+    if closed:
+        z = np.r_[z[0], z, z[-1]]
+    return x, y, z
 
 
-def _grid(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
+def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
     """The function at every node, exact where the surface may be near.
 
     Far from an outline its distance is carried on linearly from the middle of a block.
     """
     x, y, z = axes
-    which, w, _ = stack.weights(z)
-    slices: dict[int, Array] = {}
-    values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
+    which, weights, _ = stack.weights(z)
     places = stack.z
+    of_slice: dict[int, Array] = {}
+    values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
     for plane in range(len(z)):
         total = 0.0
-        for k, weight in zip(which[plane], w[plane], strict=True):
+        for k, weight in zip(which[plane], weights[plane], strict=True):
             if weight == 0:
                 continue
-            if k not in slices:
+            if k not in of_slice:
                 gap = np.diff(places)[max(0, k - 1) : k + 1].max()
-                slices[k] = _slice_values(stack.outlines[k], x, y, 2 * step + gap)
-            total = total + weight * slices[k]
+                of_slice[k] = slice_values(stack.outlines[k], x, y, 2 * step + gap)
+            total = total + weight * of_slice[k]
         values[:, :, plane] = total
-        for k in [k for k in slices if k < which[plane].min()]:
-            del slices[k]
+        for k in list(of_slice):
+            if k < which[plane].min():
+                del of_slice[k]
     return values
 
 
-def _slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
+def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
     """(X, Y) signed distances, exact within `reach` of the outline."""
-    i, j = (np.arange(0, len(axis), BLOCK) for axis in (x, y))
-    middles = [axis[np.minimum(k + BLOCK // 2, len(axis) - 1)] for axis, k in ((x, i), (y, j))]
-    centre = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 2)
-    f, g = outline.signed(centre)
-    block = np.add.outer(np.arange(len(x)) // BLOCK * len(j), np.arange(len(y)) // BLOCK)
-    dx = x[:, None] - centre[block, 0]
-    dy = y[None, :] - centre[block, 1]
-    values = f[block] + dx * g[block, 0] + dy * g[block, 1]
-    a, b = np.nonzero(np.abs(f)[block] < reach + np.hypot(dx, dy))
-    values[a, b] = outline.signed(np.column_stack([x[a], y[b]]))[0]
+    x_middles = _block_middles(x)
+    y_middles = _block_middles(y)
+    centres = np.stack(np.meshgrid(x_middles, y_middles, indexing="ij"), axis=-1).reshape(-1, 2)
+    distance, gradient = outline.signed(centres)
+    row = np.arange(len(x)) // BLOCK
+    column = np.arange(len(y)) // BLOCK
+    block = np.add.outer(row * len(y_middles), column)
+    dx = x[:, None] - centres[block, 0]
+    dy = y[None, :] - centres[block, 1]
+    values = distance[block] + dx * gradient[block, 0] + dy * gradient[block, 1]
+    i, j = np.nonzero(np.abs(distance)[block] < reach + np.hypot(dx, dy))
+    values[i, j] = outline.signed(np.column_stack([x[i], y[j]]))[0]
     return values
 
 
-def _snapped(
-    corners: Array, places: Array, in_plane: NDArray[np.bool_], triangles: Triangles
-) -> tuple[Array, NDArray[np.bool_], Triangles]:
-    """Corners near one node become one; triangles that this folds away go."""
-    node = np.rint(corners)
-    near = np.abs(corners - node).max(axis=1) < SNAP
-    size = node.max(axis=0) + 1
-    key = (node[:, 0] * size[1] + node[:, 1]) * size[2] + node[:, 2]
-    key[~near] = -1 - np.flatnonzero(~near)
-    _, to = np.unique(key, return_inverse=True)
-    count = np.bincount(to)
-    middle = np.column_stack([np.bincount(to, places[:, a]) / count for a in range(3)])
-    flat = np.bincount(to, in_plane) > 0
-    faces = to[triangles]
-    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    faces = faces[whole]
+def _block_middles(axis: Array) -> Array:
+    """Coordinates of the middle node of each block along an axis."""
+    first = np.arange(0, len(axis), BLOCK)
+    return axis[np.minimum(first + BLOCK // 2, len(axis) - 1)]
+
+
+def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]) -> GridMesh:
+    """Triangles of marching cubes with corners near one node as one.
+
+    nodes: (N, 3) corners in units of the grid
+
+    Triangles that this folds away go.
+    """
+    points = np.empty_like(nodes)
+    for k, axis in enumerate(axes):
+        points[:, k] = np.interp(nodes[:, k], np.arange(len(axis)), axis)
+    in_plane = nodes[:, 2] == np.rint(nodes[:, 2])
+
+    # Corners with one key become one, in their middle: the node's number, or a corner's own.
+    nearest = np.rint(nodes)
+    is_near = np.abs(nodes - nearest).max(axis=1) < SNAP
+    size = nearest.max(axis=0) + 1
+    key = (nearest[:, 0] * size[1] + nearest[:, 1]) * size[2] + nearest[:, 2]
+    key[~is_near] = -1 - np.flatnonzero(~is_near)
+    _, merged = np.unique(key, return_inverse=True)
+    count = np.bincount(merged)
+    middles = np.empty((len(count), 3))
+    for k in range(3):
+        middles[:, k] = np.bincount(merged, points[:, k]) / count
+    in_plane = np.bincount(merged, in_plane) > 0
+
+    faces = merged[triangles]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     # Two triangles on the same corners enclose nothing between them.
-    corners_of = np.sort(faces, axis=1)
-    order = np.lexsort(corners_of.T)
-    same = (corners_of[order[1:]] == corners_of[order[:-1]]).all(axis=1)
-    faces = np.delete(faces, order[np.r_[same, False] | np.r_[False, same]], axis=0)
+    sorted_faces = np.sort(faces, axis=1)
+    order = np.lexsort(sorted_faces.T)
+    is_same = (sorted_faces[order[1:]] == sorted_faces[order[:-1]]).all(axis=1)
+    faces = np.delete(faces, order[np.r_[is_same, False] | np.r_[False, is_same]], axis=0)
     used, faces = np.unique(faces, return_inverse=True)
-    return middle[used], flat[used], faces.reshape(-1, 3).astype(np.int32)
+    return GridMesh(middles[used], in_plane[used], faces.reshape(-1, 3).astype(np.int32))
 
 
-def _onto_level(
+def moved_onto_level(
     stack: Stack,
     places: Array,
-    on_end: NDArray[np.bool_],
-    cap: NDArray[np.bool_],
+    on_end: Flags,
+    on_cap: Flags,
     step: float,
     ends: tuple[float, float],
 ) -> tuple[Array, float]:
-    """Newton's method along the gradient; corners on the end planes stay in them, caps as a whole.
+    """Corners (N, 3) moved onto the level, and the largest distance that is left [m].
 
-    A corner keeps the nearest place that it came by.
+    Newton's method along the gradient. Corners on the end planes stay in them, caps as a whole. A
+    corner keeps the nearest place that it came by.
     """
+    best_points = places.copy()
+    best_distance = np.full(len(places), np.inf)
     points = places.copy()
-    moving = np.flatnonzero(~cap)
-    best = np.full(len(points), np.inf)
-    at = points.copy()
+    moving = np.flatnonzero(~on_cap)
     for _ in range(NEWTON_STEPS):
-        f, g = stack.signed(at[moving])
-        g[on_end[moving], 2] = 0.0
-        better = np.abs(f) < best[moving]
-        best[moving[better]] = np.abs(f[better])
-        points[moving[better]] = at[moving[better]]
-        going = better & (np.abs(f) > 1e-9)
-        moving, f, g = moving[going], f[going], g[going]
+        value, gradient = stack.signed(points[moving])
+        gradient[on_end[moving], 2] = 0.0
+        distance = np.abs(value)
+        is_better = distance < best_distance[moving]
+        better = moving[is_better]
+        best_distance[better] = distance[is_better]
+        best_points[better] = points[better]
+        goes_on = is_better & (distance > NEWTON_DONE_M)
+        moving = moving[goes_on]
+        value = value[goes_on]
+        gradient = gradient[goes_on]
         if not len(moving):
             break
-        square = np.maximum((g**2).sum(axis=1), 0.01)
-        move = -(f / square)[:, None] * g
+        # Near a ridge the gradient is small. The step is half a cell at most.
+        square = np.maximum((gradient**2).sum(axis=1), 0.01)
+        move = -(value / square)[:, None] * gradient
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, step / 2 / np.maximum(length, 1e-15))[:, None]
-        at[moving] = points[moving] + move
-        at[moving, 2] = np.clip(at[moving, 2], *ends)
-    reached = best[~cap]
-    return points, float(reached.max(initial=0.0))
+        points[moving] = best_points[moving] + move
+        points[moving, 2] = np.clip(points[moving, 2], *ends)
+    return best_points, float(best_distance[~on_cap].max(initial=0.0))
 
 
-FLAT = np.cos(np.radians(150.0))  # a corner that is wider
-PASSES = 12
+class Flip(NamedTuple):
+    """An edge b-c between two triangles that may become the edge a-d."""
+
+    row: int
+    other_row: int
+    a: int
+    b: int
+    c: int
+    d: int
 
 
-def without_caps(points: Array, triangles: Triangles) -> Triangles:
+def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
     """The same surface with the edges opposite wide corners flipped.
 
     points: (N, 3) corners
     triangles: (K, 3) rows of them, alike in orientation
     """
-    triangles, near = triangles.copy(), np.arange(len(triangles))
-    for _ in range(PASSES):
-        cosines = _cosines(points[triangles[near]])
-        flat = np.flatnonzero(cosines.min(axis=1) < FLAT)
-        flat = flat[np.argsort(cosines[flat].min(axis=1), kind="stable")]
-        rows, corner = near[flat], cosines[flat].argmin(axis=1)
-        touched = np.zeros(len(points), dtype=bool)
-        touched[triangles[rows]] = True
-        near = np.flatnonzero(touched[triangles].any(axis=1))
-        if not _flipped(points, triangles, _pairs(triangles, near, rows, corner)):
-            break
-    return triangles
+    triangles = triangles.copy()
+    near = np.arange(len(triangles))
+    while True:  # Each flip makes the widest corner of two triangles narrower, so this ends.
+        cosines = corner_cosines(points[triangles[near]])
+        smallest = cosines.min(axis=1)
+        wide = np.flatnonzero(smallest < np.cos(np.radians(WIDE_CORNER_DEG)))
+        wide = wide[np.argsort(smallest[wide], kind="stable")]
+        rows = near[wide]
+        at_wide_corner = np.zeros(len(points), dtype=bool)
+        at_wide_corner[triangles[rows]] = True
+        near = np.flatnonzero(at_wide_corner[triangles].any(axis=1))
+        flips = possible_flips(triangles, near, rows, cosines[wide].argmin(axis=1))
+        if not flip_where_better(points, triangles, flips):
+            return triangles
 
 
-def _pairs(
-    triangles: Triangles, near: NDArray[np.intp], rows: NDArray[np.intp], corner: NDArray[np.intp]
-) -> list[tuple[int, ...]]:
-    """Two triangles and the four corners (a, b, c, d) of each flip of b-c to a-d, a new edge.
+def possible_flips(
+    triangles: Triangles, near: Indices, rows: Indices, wide_corners: Indices
+) -> list[Flip]:
+    """The flips opposite wide corners that make a new edge.
 
-    No triangle is in two of them; `near` are all triangles at the corners of `rows`.
+    near: all triangles at the corners of `rows`
+    rows, wide_corners: triangles and which corner of each is wide
+
+    No triangle is in two of the flips.
     """
     owner = {}
     for row, (a, b, c) in zip(near.tolist(), triangles[near].tolist(), strict=True):
-        owner[a, b], owner[b, c], owner[c, a] = row, row, row
-    pairs, taken = [], set()
-    for row, k in zip(rows.tolist(), corner.tolist(), strict=True):
-        b, c, a = (triangles.item(row, (k + turn) % 3) for turn in (1, 2, 3))
-        other = owner.get((c, b))
-        if other is None or taken & {row, other}:
+        owner[a, b] = row
+        owner[b, c] = row
+        owner[c, a] = row
+    flips = []
+    used = set()
+    for row, corner in zip(rows.tolist(), wide_corners.tolist(), strict=True):
+        b = triangles.item(row, (corner + 1) % 3)
+        c = triangles.item(row, (corner + 2) % 3)
+        a = triangles.item(row, corner)
+        other_row = owner.get((c, b))
+        if other_row is None or row in used or other_row in used:
             continue
-        d = int(triangles[other].sum()) - b - c
+        d = int(triangles[other_row].sum()) - b - c
         if (a, d) not in owner and (d, a) not in owner:
-            taken |= {row, other}
-            owner[a, d] = row  # a second flip must not make the same edge
-            pairs.append((row, other, a, b, c, d))
-    return pairs
+            used.update((row, other_row))
+            owner[a, d] = row  # A second flip must not make the same edge.
+            flips.append(Flip(row, other_row, a, b, c, d))
+    return flips
 
 
-def _flipped(points: Array, triangles: Triangles, pairs: list[tuple[int, ...]]) -> bool:
+def flip_where_better(points: Array, triangles: Triangles, flips: list[Flip]) -> bool:
     """Flip where that makes the narrowest corner wider; whether any was."""
-    row, other, a, b, c, d = np.array(pairs, dtype=np.int64).reshape(-1, 6).T
-    new = np.stack([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
-    old = triangles[np.stack([row, other])]
-    narrow = [_cosines(points[two]).max(axis=2).max(axis=0) for two in (old, new)]
-    better = narrow[1] < narrow[0]
-    triangles[row[better]], triangles[other[better]] = new[0, better], new[1, better]
-    return bool(better.any())
+    row, other_row, a, b, c, d = np.array(flips, dtype=np.int64).reshape(-1, 6).T
+    before = triangles[np.stack([row, other_row])]
+    after = np.stack([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    narrowest_before = corner_cosines(points[before]).max(axis=2).max(axis=0)
+    narrowest_after = corner_cosines(points[after]).max(axis=2).max(axis=0)
+    is_better = narrowest_after < narrowest_before
+    triangles[row[is_better]] = after[0, is_better]
+    triangles[other_row[is_better]] = after[1, is_better]
+    return bool(is_better.any())
 
 
-def _cosines(corners: Array) -> Array:
-    """(..., 3) of the angles of triangles (..., 3, 3)."""
-    along = np.roll(corners, -1, axis=-2) - corners
+def corner_cosines(corners: Array) -> Array:
+    """(..., 3) cosines of the angles of triangles (..., 3, 3)."""
+    forward = np.roll(corners, -1, axis=-2) - corners
     back = np.roll(corners, 1, axis=-2) - corners
-    sizes = np.sqrt((along**2).sum(axis=-1) * (back**2).sum(axis=-1))
-    return np.asarray((along * back).sum(axis=-1) / np.maximum(sizes, np.finfo(float).tiny))
+    sizes = np.sqrt((forward**2).sum(axis=-1) * (back**2).sum(axis=-1))
+    return np.asarray((forward * back).sum(axis=-1) / np.maximum(sizes, np.finfo(float).tiny))

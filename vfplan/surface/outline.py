@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,50 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError
 
 if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
     from shapely import Polygon
 
 Array = NDArray[np.float64]
-CHANNEL_M = 1e-4  # a keyhole's channel is narrower; no tool draws bone as thin as this
-CHANNEL_TURNS = 20.0  # along the ring its two sides are at least so many widths apart
-STRAY_SHARE = 1e-3  # of a ring's area: what little loops at its ends may enclose
-MANY = 1 << 12  # points of one look that are worth a thread
-EDGE_M = 2.5e-4  # longer edges are cut, so that the nearest corner finds the nearest edge
+Indices = NDArray[np.intp]
+CHANNEL_M = 1e-4
+"""A keyhole's channel is narrower than this [m]; no tool draws bone as thin."""
+MIN_CHANNEL_LENGTH = 20.0
+"""Widths of a channel that lie between its two sides along the ring, at least."""
+STRAY_SHARE = 1e-3
+"""Share of a ring's area that little loops at its ends may enclose."""
+THREADED_POINTS = 1 << 12
+"""Points of one look-up that are worth a thread."""
+MAX_EDGE_M = 2.5e-4
+"""Longer edges are cut [m], so that the nearest corner finds the nearest edge."""
+
+
+class Edges(NamedTuple):
+    """The edges of all rings of an outline. Places and directions are complex numbers, x + iy."""
+
+    start: NDArray[np.complex128]
+    """(E,) the corner that each edge starts in [m]."""
+    along: NDArray[np.complex128]
+    """(E,) the way from there to its end [m]."""
+    normal: NDArray[np.complex128]
+    """(E,) the unit normal of each edge, outwards."""
+    corner_normal: NDArray[np.complex128]
+    """(E,) the sum of the normals of both edges that meet in its start."""
+    before: Indices
+    """(E,) the edge before each in its ring."""
+    after: Indices
+    """(E,) the edge after each in its ring."""
+    corners: cKDTree
+    """The starts, as a k-d tree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
     """What a slice shows of a structure."""
 
-    z: float  # place of the slice along the normal [m]
-    parts: tuple[Polygon, ...]  # polygons with holes, in the slice's plane [m], that do not overlap
+    z: float
+    """Place of the slice along the normal [m]."""
+    parts: tuple[Polygon, ...]
+    """Polygons with holes, in the slice's plane [m], that do not overlap."""
 
     def signed(self, xy: Array) -> tuple[Array, Array]:
         """Signed distance (M,) [m] of points (M, 2), below 0 inside, and its gradient (M, 2).
@@ -41,34 +69,44 @@ class Outline:
         H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG
         11, 2005).
         """
-        start, along, normal, corner, tree, before, after = self._edges
-        place = _complex(xy)
-        near = tree.query(xy, k=2, workers=-1 if len(xy) > MANY else 1)[1]
-        edges = np.concatenate([near, before[near]], axis=1)
-        away, way = place[:, None] - start[edges], along[edges]
-        t = np.clip((away * way.conj()).real / (way.real**2 + way.imag**2), 0.0, 1.0)
-        away -= t * way
-        square = away.real**2 + away.imag**2
-        best = np.arange(len(xy)), square.argmin(axis=1)
-        away, t, edge = away[best], t[best], edges[best]
-        side = np.where(
-            (t > 0) & (t < 1), normal[edge], corner[np.where(t <= 0, edge, after[edge])]
+        edges = self._edges
+        workers = 1
+        if len(xy) > THREADED_POINTS:
+            workers = -1
+        _, corners = edges.corners.query(xy, k=2, workers=workers)
+        candidates = np.concatenate([corners, edges.before[corners]], axis=1)
+
+        # The place on each candidate, as a share t of the edge, that is nearest to the point.
+        along = edges.along[candidates]
+        offset = _to_complex(xy)[:, None] - edges.start[candidates]
+        t = np.clip((offset * along.conj()).real / (along.real**2 + along.imag**2), 0.0, 1.0)
+        offset -= t * along
+        square = offset.real**2 + offset.imag**2
+        nearest = np.arange(len(xy)), square.argmin(axis=1)
+        offset = offset[nearest]
+        t = t[nearest]
+        edge = candidates[nearest]
+        distance = np.sqrt(square[nearest])
+
+        at_corner = edges.corner_normal[np.where(t <= 0, edge, edges.after[edge])]
+        side = np.where((t > 0) & (t < 1), edges.normal[edge], at_corner)
+        is_apart = distance > 1e-12
+        distance[(offset * side.conj()).real < 0] *= -1
+        gradient = np.where(
+            is_apart, offset / np.where(is_apart, distance, 1.0), edges.normal[edge]
         )
-        signed = np.sqrt(square[best])
-        far = signed > 1e-12
-        signed[(away * side.conj()).real < 0] *= -1
-        gradient = np.where(far, away / np.where(far, signed, 1.0), normal[edge])
-        return signed, gradient.view(np.float64).reshape(-1, 2)
+        return distance, gradient.view(np.float64).reshape(-1, 2)
 
     @cached_property
     def rings(self) -> tuple[Array, ...]:
         """(M, 2) corners of each ring: outer ones anticlockwise, holes clockwise."""
         from shapely import orient_polygons
 
-        found = []
+        rings = []
         for part in orient_polygons(list(self.parts)):
-            found += [np.array(r.coords)[:-1, :2] for r in (part.exterior, *part.interiors)]
-        return tuple(found)
+            for ring in (part.exterior, *part.interiors):
+                rings.append(np.array(ring.coords)[:-1, :2])
+        return tuple(rings)
 
     @property
     def outer_rings(self) -> tuple[Array, ...]:
@@ -77,91 +115,118 @@ class Outline:
 
     @cached_property
     def cut_rings(self) -> tuple[Array, ...]:
-        """The same with corners at most `EDGE_M` apart."""
-        return tuple(map(_cut, self.rings))
+        """The same with corners at most `MAX_EDGE_M` apart."""
+        return tuple(map(_with_short_edges, self.rings))
 
     @cached_property
-    def _edges(self) -> tuple[Any, ...]:
-        """Start, way and outward normal of each edge and the normal of the corner it starts in, as
-        complex numbers; a k-d tree of these corners; the edges before and after each."""
+    def _edges(self) -> Edges:
         from scipy.spatial import cKDTree
 
-        cut = self.cut_rings
-        start = np.concatenate(cut)
-        end = np.concatenate([np.roll(ring, -1, axis=0) for ring in cut])
-        first = np.cumsum([0] + [len(ring) for ring in cut[:-1]])
-        before = np.arange(len(start)) - 1
-        before[first] = first + [len(ring) - 1 for ring in cut]
-        along = _complex(end - start)
-        normal = -1j * along / np.abs(along)
+        ends = []
+        before = []
+        count = 0
+        for ring in self.cut_rings:
+            ends.append(np.roll(ring, -1, axis=0))
+            before.append(np.roll(np.arange(count, count + len(ring)), 1))
+            count += len(ring)
+        start = np.concatenate(self.cut_rings)
+        before = np.concatenate(before)
         after = np.empty_like(before)
-        after[before] = np.arange(len(before))
-        corner = normal + normal[before]
-        return _complex(start), along, normal, corner, cKDTree(start), before, after
+        after[before] = np.arange(count)
+        along = _to_complex(np.concatenate(ends) - start)
+        normal = -1j * along / np.abs(along)
+        corner_normal = normal + normal[before]
+        return Edges(
+            _to_complex(start), along, normal, corner_normal, before, after, cKDTree(start)
+        )
 
 
-def _complex(xy: Array) -> NDArray[np.complex128]:
-    """(M,) x + iy of points (M, 2)."""
-    return np.ascontiguousarray(xy).view(np.complex128)[:, 0]
+def _to_complex(xy: Array) -> NDArray[np.complex128]:
+    """(M,) points of the plane (M, 2) as complex numbers."""
+    return np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0]
 
 
-def _cut(ring: Array) -> Array:
-    """The ring with corners at most `EDGE_M` apart."""
+def _with_short_edges(ring: Array) -> Array:
+    """The ring with corners at most `MAX_EDGE_M` apart."""
     along = np.roll(ring, -1, axis=0) - ring
-    pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / EDGE_M)).astype(int)
-    index = np.repeat(np.arange(len(ring)), pieces)
-    part = (np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[index]
-    return ring[index] + part[:, None] * along[index]
+    pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / MAX_EDGE_M)).astype(int)
+    edge = np.repeat(np.arange(len(ring)), pieces)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    return ring[edge] + (number / pieces[edge])[:, None] * along[edge]
 
 
-def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, list[str]]:
-    """The polygons that closed rings (M, 2) [m] of one slice bound, and what a person should know.
+def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
+    """The polygons that closed rings (M, 2) [m] of one slice bound.
 
-    Raises CurveError: a ring without area, one that crosses itself or another, or one that is there
-        twice
+    Also how many rings lie inside another and are taken for holes. Raises `CurveError` for a ring
+    without area, one that crosses itself or another, or one that is there twice.
     """
     from shapely import Polygon
 
-    remarks: list[str] = []
-    pieces = []
-    for ring in rings:
-        pieces.append(_polygon(ring, where))
+    polygons = [polygon_of(ring, where) for ring in rings]
+    polygons.sort(key=lambda polygon: -polygon.area)
     parts: list[Any] = []
-    for piece in sorted(pieces, key=lambda p: -p.area):
-        outer = next((i for i, part in enumerate(parts) if _overlap(part, piece, where)), None)
+    holes = 0
+    for polygon in polygons:
+        outer = None
+        for index, part in enumerate(parts):
+            if is_inside(polygon, part, where):
+                outer = index
+                break
         if outer is None:
-            parts.append(piece)
+            parts.append(polygon)
             continue
-        hole = parts.pop(outer).difference(piece)
-        parts += [hole] if isinstance(hole, Polygon) else list(hole.geoms)
-        remarks.append(f"{where}: an outline inside another is taken for a hole")
-    return Outline(z, tuple(parts)), remarks
+        rest = parts.pop(outer).difference(polygon)
+        if isinstance(rest, Polygon):
+            parts.append(rest)
+        else:
+            parts.extend(rest.geoms)
+        holes += 1
+    return Outline(z, tuple(parts)), holes
 
 
-def _polygon(ring: Array, where: str) -> Any:
-    """One ring as a polygon; a keyhole's channel becomes a hole."""
-    from shapely import Polygon, is_valid_reason, make_valid
-    from shapely.geometry import MultiPolygon
+def polygon_of(ring: Array, where: str) -> Polygon:
+    """One ring as a polygon; a keyhole's channel becomes a hole.
 
-    ring = ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
+    Raises `CurveError` as `outline_of` does.
+    """
+    from shapely import Polygon, get_parts, is_valid_reason, make_valid
+
+    ring = _without_repeated_corners(ring)
     if len(ring) < 3:
-        raise CurveError(f"{where}: an outline has {len(ring)} corners. Draw at least 3.")
-    ring = _without_channel(ring)
+        raise CurveError(
+            f"an outline has {len(ring)} corners. Draw at least 3.",
+            where=where,
+            code="outline-empty",
+            numbers={"corners": len(ring)},
+        )
+    ring = _with_closed_channel(ring)
     polygon = Polygon(ring)
-    signed = abs(area(ring))
-    if not signed > 0:
-        raise CurveError(f"{where}: an outline encloses nothing. Remove or redraw it.")
+    ring_area = abs(area(ring))
+    if not ring_area > 0:
+        raise CurveError(
+            "an outline encloses nothing. Remove or redraw it.", where=where, code="outline-empty"
+        )
     if polygon.is_valid:
         return polygon
-    found = make_valid(polygon, method="linework")
-    parts = [p for p in getattr(found, "geoms", [found]) if p.geom_type.endswith("Polygon")]
-    parts = [q for p in parts for q in (p.geoms if isinstance(p, MultiPolygon) else [p])]
-    largest = max(parts, key=lambda p: p.area)
+
+    pieces = []
+    for part in get_parts(make_valid(polygon, method="linework")):
+        for piece in get_parts(part):
+            if piece.geom_type == "Polygon":
+                pieces.append(piece)
+    largest = max(pieces, key=lambda piece: piece.area)
     # Pieces that the outline runs round the wrong way, or apart from the rest, are crossings.
-    if abs(largest.area - signed) > STRAY_SHARE * signed:
+    if abs(largest.area - ring_area) > STRAY_SHARE * ring_area:
+        # The reason reads "Self-intersection[X Y]".
         place = is_valid_reason(polygon).partition("[")[2].rstrip("]").split()
-        at = ", ".join(f"{1e3 * float(x):.1f}" for x in place[:2])
-        raise CurveError(f"{where}: an outline crosses itself at ({at}) mm. Redraw it.")
+        x, y = (1e3 * float(text) for text in place[:2])
+        raise CurveError(
+            f"an outline crosses itself at ({x:.1f}, {y:.1f}) mm. Redraw it.",
+            where=where,
+            code="outline-crosses",
+            numbers={"x_mm": x, "y_mm": y},
+        )
     return largest
 
 
@@ -171,33 +236,42 @@ def area(ring: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
-def _without_channel(ring: Array) -> Array:
-    """The ring with both sides of a keyhole's channel laid on each other."""
-    from scipy.spatial import cKDTree
-
-    steps = np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1)
-    at, length = np.cumsum(steps), steps.sum()
-    pairs = cKDTree(ring).query_pairs(CHANNEL_M, output_type="ndarray")
-    apart = np.abs(at[pairs[:, 0]] - at[pairs[:, 1]])
-    pairs = pairs[np.minimum(apart, length - apart) > CHANNEL_TURNS * CHANNEL_M]
-    ring = ring.copy()
-    for i, j in pairs:
-        ring[max(i, j)] = ring[min(i, j)]
+def _without_repeated_corners(ring: Array) -> Array:
     return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
 
 
-def _overlap(part: Any, piece: Any, where: str) -> bool:
+def _with_closed_channel(ring: Array) -> Array:
+    """The ring with both sides of a keyhole's channel laid on each other."""
+    from scipy.spatial import cKDTree
+
+    edge_lengths = np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1)
+    position = np.cumsum(edge_lengths)
+    pairs = cKDTree(ring).query_pairs(CHANNEL_M, output_type="ndarray")
+    along = np.abs(position[pairs[:, 0]] - position[pairs[:, 1]])
+    along = np.minimum(along, edge_lengths.sum() - along)
+    ring = ring.copy()
+    for first, second in np.sort(pairs[along > MIN_CHANNEL_LENGTH * CHANNEL_M], axis=1):
+        ring[second] = ring[first]
+    return _without_repeated_corners(ring)
+
+
+def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:
     """Whether a piece lies inside a part; refuses what crosses its border or is there twice."""
     if not part.intersects(piece):
         return False
     common = part.intersection(piece).area
     if abs(part.area - common) + abs(piece.area - common) < 1e-9 * part.area:
-        raise CurveError(f"{where}: the same outline is there twice. Remove one.")
+        raise CurveError(
+            "the same outline is there twice. Remove one.", where=where, code="outline-doubled"
+        )
     if common > (1 - STRAY_SHARE) * piece.area:
         return True
     if common > STRAY_SHARE * piece.area:
         x, y = part.boundary.intersection(piece.boundary).centroid.coords[0]
         raise CurveError(
-            f"{where}: two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one."
+            f"two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one.",
+            where=where,
+            code="outlines-cross",
+            numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
         )
     return False

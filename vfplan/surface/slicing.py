@@ -1,4 +1,4 @@
-"""Rings in the patient -> stacks of outlines, with every doubt about their places told or refused.
+"""Rings in the patient -> stacks of outlines, with doubts about their places stated or refused.
 
 All that matters of a series is where its rings lie: flipped, oblique and tilted ones (whose slices
 slide along each other) need nothing more than the slices' common normal.
@@ -47,50 +47,66 @@ class Sliced:
         """Distances between neighbouring slices of a run [m]."""
         return np.concatenate([np.diff(stack.z) for stack in self.stacks])
 
-    def place(self, z: float) -> str:
-        """The name of a slice in messages."""
-        return _place(self.R_slice_patient[2], z)
-
 
 def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced:
     """Sort rings into slices and slices into runs.
 
-    contours: what a reader found
-    max_gap_m: the largest distance between slices that is interpolated across [m]; `None`: one and
-        a half times the usual one
-    Raises CurveError: rings that are not flat, not parallel, cross or repeat each other; slices
-        that are doubled, missing, or alone
+    Parameters
+    ----------
+    contours
+        What a reader found.
+    max_gap_m
+        The largest distance between slices that is interpolated across [m]; `None`: one and a
+        half times the usual one.
+
+    Raises
+    ------
+    CurveError
+        Rings are not flat, not parallel, cross or repeat each other; or slices are doubled,
+        missing, or alone.
     """
-    normal = _normal(contours)
-    axes = _axes(normal)
-    local = [ring @ axes.T for ring in contours.rings]
-    for number, ring in enumerate(local, start=1):
-        off = float(np.abs(ring[:, 2] - ring[:, 2].mean()).max())
-        if off > FLAT_M:
+    normal = common_normal(contours)
+    R_slice_patient = rotation_into_slices(normal)
+    rings = [ring @ R_slice_patient.T for ring in contours.rings]
+    for number, ring in enumerate(rings, start=1):
+        height = ring[:, 2]
+        distance = float(np.abs(height - height.mean()).max())
+        if distance > FLAT_M:
             raise CurveError(
-                f"outline {number} of {len(local)} lies up to {1e3 * off:.3g} mm off the slices' "
-                f"common plane. At most {1e3 * FLAT_M:g} mm is rounding: are all slices parallel?"
+                f"outline {number} of {len(rings)} lies up to {1e3 * distance:.3g} mm off the "
+                f"slices' common plane; {1e3 * FLAT_M:g} mm is rounding. Give parallel slices.",
+                code="outline-not-flat",
+                numbers={"distance_mm": 1e3 * distance, "distance_max_mm": 1e3 * FLAT_M},
             )
-    groups = _grouped(local)
-    remarks: list[str] = []
     outlines = []
-    for z, rings in groups:
-        outline, more = outline_of([ring[:, :2] for ring in rings], z, _place(normal, z))
+    with_holes = []
+    for z, rings_of_slice in grouped_by_height(rings):
+        place = slice_name(normal, z)
+        flat_rings = [ring[:, :2] for ring in rings_of_slice]
+        outline, holes = outline_of(flat_rings, z, place)
         outlines.append(outline)
-        remarks += more
-    stacks = _runs(outlines, contours.empty @ normal, normal, max_gap_m)
-    sliced = Sliced(axes, stacks, ())
-    remarks = _counted(remarks) + _partings(sliced)
-    gaps_mm = 1e3 * sliced.gaps_m
+        if holes:
+            with_holes.append(place)
+    stacks = runs_of_slices(outlines, contours.empty @ normal, normal, max_gap_m)
+
+    remarks = []
+    if with_holes:
+        remarks.append(
+            f"{first_of(with_holes)}: an outline inside another is taken for a hole. Remove it if "
+            "there is none."
+        )
+    remarks += branching_remarks(stacks, normal)
+    gaps_mm = 1e3 * Sliced(R_slice_patient, stacks, ()).gaps_m
     if np.ptp(gaps_mm) > EVEN * np.median(gaps_mm):
         remarks.append(
-            f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart: the surface is "
-            "interpolated by their true places"
+            f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart. The surface is "
+            "interpolated by their true places: check that no slice is missing."
         )
-    return Sliced(axes, stacks, tuple(remarks))
+    return Sliced(R_slice_patient, stacks, tuple(remarks))
 
 
-def _place(normal: Array, z: float) -> str:
+def slice_name(normal: Array, z: float) -> str:
+    """The name of a slice in messages."""
     axis = int(np.abs(normal).argmax())
     if normal[axis] == 1:
         return f"slice at {'xyz'[axis]} = {1e3 * z:.2f} mm"
@@ -98,19 +114,29 @@ def _place(normal: Array, z: float) -> str:
     return f"slice {1e3 * z:.2f} mm along ({along})"
 
 
-def _normal(contours: Contours) -> Array:
+def first_of(places: list[str]) -> str:
+    """The first of some places, and how many more there are."""
+    if len(places) == 1:
+        return places[0]
+    return f"{places[0]} and {len(places) - 1} more"
+
+
+def common_normal(contours: Contours) -> Array:
     """(3,) the slices' common normal; an axis of the patient to the last bit where it is one."""
-    if contours.normal is not None:
-        normal = contours.normal
-    else:
+    normal = contours.normal
+    if normal is None:
         centred = [ring - ring.mean(axis=0) for ring in contours.rings]
-        spread = max(float(np.ptp(ring, axis=0).max()) for ring in centred)
-        for axis in range(3):
-            if all(np.ptp(ring[:, axis]) <= 1e-9 * max(spread, 1e-3) for ring in centred):
-                return np.eye(3)[axis]
-        extent, vectors = np.linalg.eigh(sum(ring.T @ ring for ring in centred))
+        spreads = np.array([np.ptp(ring, axis=0) for ring in centred])
+        flat = spreads.max(axis=0) <= 1e-9 * max(spreads.max(), 1e-3)
+        if flat.any():
+            return np.eye(3)[int(flat.argmax())]
+        scatter = sum(ring.T @ ring for ring in centred)
+        extent, vectors = np.linalg.eigh(scatter)
         if not extent[1] > 1e-6 * extent[2]:
-            raise CurveError("the outlines lie on one line. No plane can be told from them.")
+            raise CurveError(
+                "the outlines lie on one line, so their plane is not known. Redraw them.",
+                code="outline-empty",
+            )
         normal = vectors[:, 0]
     axis = int(np.abs(normal).argmax())
     if abs(abs(normal[axis]) - 1) < 1e-15:
@@ -118,15 +144,15 @@ def _normal(contours: Contours) -> Array:
     return normal * np.sign(normal[axis])
 
 
-def _axes(normal: Array) -> Array:
-    """(3, 3) two axes of the plane and the normal, right-handed; rows."""
+def rotation_into_slices(normal: Array) -> Array:
+    """(3, 3) rows: two axes of the plane and the normal, right-handed."""
     first = np.eye(3)[int(np.abs(normal).argmin())]
     first = first - first @ normal * normal
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first), normal])
 
 
-def _grouped(rings: list[Array]) -> list[tuple[float, list[Array]]]:
+def grouped_by_height(rings: list[Array]) -> list[tuple[float, list[Array]]]:
     """(z, rings) of each slice, in the order of their places."""
     groups: list[tuple[float, list[Array]]] = []
     for ring in sorted(rings, key=lambda ring: float(ring[:, 2].mean())):
@@ -138,87 +164,99 @@ def _grouped(rings: list[Array]) -> list[tuple[float, list[Array]]]:
     return groups
 
 
-def _runs(
-    outlines: list[Outline], empty: Array, normal: Array, max_gap: float | None
+def runs_of_slices(
+    outlines: list[Outline], empty: Array, normal: Array, max_gap_m: float | None
 ) -> tuple[Stack, ...]:
-    places = np.array([outline.z for outline in outlines])
+    """Stacks of slices that follow each other without an empty one between.
+
+    empty: (E,) places along the normal of slices that show nothing of the structure [m]
+    """
     if len(outlines) < 2:
-        raise CurveError(f"{len(outlines)} slice shows the structure. Give two at least.")
-    gaps = np.diff(places)
-    usual = float(np.median(gaps))
-    for one, other in pairwise(places):
-        if other - one < DOUBLED * usual:
+        raise CurveError(
+            f"{len(outlines)} slice shows the structure. Give two at least.",
+            code="slices-too-few",
+            numbers={"slices": len(outlines), "slices_min": 2},
+        )
+    usual = float(np.median(np.diff([outline.z for outline in outlines])))
+    for before, after in pairwise(outlines):
+        gap = after.z - before.z
+        if gap < DOUBLED * usual:
             raise CurveError(
-                f"two slices are {1e3 * (other - one):.3g} mm apart, the others "
-                f"{1e3 * usual:.3g} mm: {_place(normal, one)} seems doubled."
+                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
+                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
+                code="slices-doubled",
+                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
             )
-    widest = max_gap or WIDEST * usual
+    widest = max_gap_m or WIDEST * usual
     runs = [[outlines[0]]]
     for before, after in pairwise(outlines):
+        gap = after.z - before.z
         if ((empty > before.z + SAME_M) & (empty < after.z - SAME_M)).any():
             runs.append([after])
             continue
-        if after.z - before.z > widest + SAME_M:
+        if gap > widest + SAME_M:
             raise CurveError(
-                f"slices are missing: {_place(normal, before.z)} and the next, at "
-                f"{1e3 * after.z:.2f} mm, are {1e3 * (after.z - before.z):.3g} mm apart, most "
-                f"{1e3 * usual:.3g} mm. --max-spacing says what is interpolated across."
+                f"slices are missing: {slice_name(normal, before.z)} and the next, at "
+                f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
+                "Add them, or give a larger --max-spacing to interpolate across.",
+                code="slices-missing",
+                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
             )
         runs[-1].append(after)
+    stacks = []
     for run in runs:
         if len(run) < 2:
             raise CurveError(
-                f"{_place(normal, run[0].z)} shows the structure alone, without a neighbour. Two "
-                "at least make a surface."
+                f"{slice_name(normal, run[0].z)} shows the structure alone, without a neighbour. "
+                "Outline it on the next slice too, or remove it.",
+                code="slice-alone",
             )
-    return tuple(Stack(tuple(run)) for run in runs)
+        stacks.append(Stack(tuple(run)))
+    return tuple(stacks)
 
 
-def _counted(remarks: list[str]) -> list[str]:
-    """The first of equal remarks, and how many there are."""
-    places_of: dict[str, list[str]] = {}
-    for remark in remarks:
-        place, _, text = remark.partition(": ")
-        places_of.setdefault(text, []).append(place)
-    counted = []
-    for text, places in places_of.items():
-        more = ""
-        if len(places) > 1:
-            more = f" and {len(places) - 1} more"
-        counted.append(f"{places[0]}{more}: {text}")
-    return counted
-
-
-def _partings(sliced: Sliced) -> list[str]:
+def branching_remarks(stacks: tuple[Stack, ...], normal: Array) -> list[str]:
     """Where parts or holes of the structure fork, join, begin or end between two slices."""
+    places_of: dict[str, list[str]] = {}
+    for stack in stacks:
+        for before, after in pairwise(stack.outlines):
+            place = f"{slice_name(normal, before.z)} to {1e3 * after.z:.2f} mm"
+            for name, pieces, next_pieces in (
+                ("part", list(before.parts), list(after.parts)),
+                ("hole", holes_of(before), holes_of(after)),
+            ):
+                remark = branching(name, pieces, next_pieces)
+                if remark:
+                    places_of.setdefault(remark, []).append(place)
+    return [f"{first_of(places)}: {remark}" for remark, places in places_of.items()]
+
+
+def holes_of(outline: Outline) -> list[Any]:
+    """The holes of an outline's parts, as polygons."""
     from shapely import Polygon
 
-    def holes_of(outline: Outline) -> list[Any]:
-        holes = []
-        for part in outline.parts:
-            for interior in part.interiors:
-                holes.append(Polygon(interior))
-        return holes
-
-    remarks: list[str] = []
-    for stack in sliced.stacks:
-        for a, b in pairwise(stack.outlines):
-            place = f"{sliced.place(a.z)} to {1e3 * b.z:.2f} mm"
-            change = _change(list(a.parts), list(b.parts))
-            if change:
-                remarks.append(f"{place}: a part {change}")
-            change = _change(holes_of(a), holes_of(b))
-            if change:
-                remarks.append(f"{place}: a hole {change}")
-    return _counted(remarks)
+    holes = []
+    for part in outline.parts:
+        for interior in part.interiors:
+            holes.append(Polygon(interior))
+    return holes
 
 
-def _change(one: list[Any], other: list[Any]) -> str:
+def branching(name: str, pieces: list[Any], next_pieces: list[Any]) -> str:
     """How the pieces of one slice go on in the next: "" where each has its one continuation."""
-    meets = np.array([[p.intersects(q) for q in other] for p in one]).reshape(len(one), len(other))
+    meets = np.zeros((len(pieces), len(next_pieces)), dtype=int)
+    for row, piece in enumerate(pieces):
+        for column, next_piece in enumerate(next_pieces):
+            meets[row, column] = piece.intersects(next_piece)
     counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
     if (counts > 1).any():
-        return "forks: the saddle may be off by a fifth of the slices' distance"
+        return (
+            f"a {name} forks, and the saddle may be off by a fifth of the slices' distance. Add a "
+            "slice there if it matters."
+        )
     if (counts == 0).any():
-        return "begins or ends: the surface is closed there by interpolation"
+        return (
+            f"a {name} begins or ends, and the surface is closed there by interpolation. Check the "
+            "outlines of both slices."
+        )
     return ""

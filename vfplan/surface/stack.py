@@ -30,73 +30,77 @@ class Stack:
     def weights(self, z: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Which four slices (M, 4) make up the value at z (M,), with weights and their slopes."""
         places = self.z
-        n = len(places)
+        count = len(places)
         inside = np.clip(z, places[0], places[-1])
-        k = np.clip(np.searchsorted(places, inside, "right") - 1, 0, n - 2)
-        gap = places[k + 1] - places[k]
-        t = (inside - places[k]) / gap
-        four = k[:, None] + np.arange(-1, 3)
-        slopes = _slopes(places)
+        first = np.clip(np.searchsorted(places, inside, "right") - 1, 0, count - 2)
+        gap = places[first + 1] - places[first]
+        t = (inside - places[first]) / gap
+        four = first[:, None] + np.arange(-1, 3)
+        slopes = slope_weights(places)
 
-        def weigh(basis: tuple[Array, ...]) -> Array:
-            at_first, slope_first, at_last, slope_last = basis
-            w = np.zeros((len(z), 4))
-            w[:, 1], w[:, 2] = at_first, at_last
+        def combine(basis: tuple[Array, Array, Array, Array]) -> Array:
+            """Weights of the four slices, from those of both values and both slopes."""
+            value_first, slope_first, value_last, slope_last = basis
+            weights = np.zeros((len(z), 4))
+            weights[:, 1] = value_first
+            weights[:, 2] = value_last
             for column in range(4):
-                for share, at in ((slope_first, k), (slope_last, k + 1)):
+                for share, at in ((slope_first, first), (slope_last, first + 1)):
                     step = four[:, column] - at
                     near = np.abs(step) <= 2
-                    w[near, column] += (share * gap)[near] * slopes[at[near], step[near] + 2]
-            return w
+                    weights[near, column] += (share * gap)[near] * slopes[at[near], step[near] + 2]
+            return weights
 
-        w, dw = weigh(_hermite(t)), weigh(_hermite_slope(t)) / gap[:, None]
-        dw[(z < places[0]) | (z > places[-1])] = 0.0
-        return np.clip(four, 0, n - 1), w, dw
+        # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
+        cubics = (
+            (1 + 2 * t) * (1 - t) ** 2,
+            t * (1 - t) ** 2,
+            t**2 * (3 - 2 * t),
+            t**2 * (t - 1),
+        )
+        derivatives = (6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t)
+        weights = combine(cubics)
+        weight_slopes = combine(derivatives) / gap[:, None]
+        weight_slopes[(z < places[0]) | (z > places[-1])] = 0.0
+        return np.clip(four, 0, count - 1), weights, weight_slopes
 
     def signed(self, points: Array) -> tuple[Array, Array]:
         """The function (M,) [m] at points (M, 3), below 0 inside, and its gradient (M, 3)."""
-        which, w, dw = self.weights(points[:, 2])
-        value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
-        rows, columns = np.nonzero((w != 0) | (dw != 0))
+        which, weights, weight_slopes = self.weights(points[:, 2])
+        value = np.zeros(len(points))
+        gradient = np.zeros((len(points), 3))
+        rows, columns = np.nonzero((weights != 0) | (weight_slopes != 0))
         slices = which[rows, columns]
         order = np.argsort(slices, kind="stable")
         first = np.searchsorted(slices[order], np.arange(len(self.outlines) + 1))
         for k in np.flatnonzero(np.diff(first)):
-            some = order[first[k] : first[k + 1]]
-            at, column = rows[some], columns[some]
-            f, g = self.outlines[k].signed(points[at, :2])
+            of_slice = order[first[k] : first[k + 1]]
+            row = rows[of_slice]
+            column = columns[of_slice]
+            distance, direction = self.outlines[k].signed(points[row, :2])
             # A slice stands once in a row: beyond the ends all weights are 0.
-            value[at] += w[at, column] * f
-            gradient[at, :2] += w[at, column, None] * g
-            gradient[at, 2] += dw[at, column] * f
+            value[row] += weights[row, column] * distance
+            gradient[row, :2] += weights[row, column, None] * direction
+            gradient[row, 2] += weight_slopes[row, column] * distance
         return value, gradient
 
 
-def _slopes(z: Array) -> Array:
+def slope_weights(z: Array) -> Array:
     """(S, 5) weights of the values two slices before to two after in the slope at each [1/m].
 
     Of the parabola through a slice and its neighbours; at the ends of the one through the last
     three slices; of two slices the straight line.
     """
-    n = len(z)
-    weights = np.zeros((n, 5))
-    for at in range(n):
-        three = np.arange(3) + np.clip(at - 1, 0, max(n - 3, 0)) if n > 2 else np.arange(2)
+    count = len(z)
+    weights = np.zeros((count, 5))
+    if count == 2:
+        slope = 1.0 / (z[1] - z[0])
+        weights[0, 2:4] = -slope, slope
+        weights[1, 1:3] = -slope, slope
+        return weights
+    for at in range(count):
+        three = np.clip(at - 1, 0, count - 3) + np.arange(3)
         for one in three:
             others = z[three[three != one]]
-            slope = (2 * z[at] - others.sum()) if n > 2 else 1.0
-            weights[at, one - at + 2] = slope / np.prod(z[one] - others)
+            weights[at, one - at + 2] = (2 * z[at] - others.sum()) / np.prod(z[one] - others)
     return weights
-
-
-def _hermite(t: Array) -> tuple[Array, ...]:
-    return (
-        (1 + 2 * t) * (1 - t) ** 2,
-        t * (1 - t) ** 2,
-        t**2 * (3 - 2 * t),
-        t**2 * (t - 1),
-    )
-
-
-def _hermite_slope(t: Array) -> tuple[Array, ...]:
-    return (6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t)

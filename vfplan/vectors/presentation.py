@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from vfplan.dicom.graphics import Annotation, read_annotations
 from vfplan.errors import CurveError
-from vfplan.images.annotations import Annotation, read_annotations
 from vfplan.images.read import PlannedImage
 from vfplan.vectors.curve import VectorCurve, distinct_points, without_repeated_end
 

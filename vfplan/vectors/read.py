@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.dicom.dataset import is_dicom
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
-from vfplan.images.read import is_dicom
 from vfplan.io.files import read_whole
 from vfplan.vectors import imagej
 from vfplan.vectors.curve import (

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.dicom.dataset import memory_file, open_dataset
 from vfplan.errors import CurveError, ImageError
-from vfplan.images.dicom import memory_file, pydicom_errors, read_dataset
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
 CORNER_PX = 0.5
@@ -48,7 +48,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
     annotations = []
     with memory_file(data) as file:
         answers = run_in_sandbox(
-            "vfplan.images.annotations:read_graphics",
+            "vfplan.dicom.graphics:read_graphics",
             where,
             file=file,
             where=where,
@@ -68,8 +68,7 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
     file.seek(0)
     lines = []
     others = []
-    with pydicom_errors(where):
-        dataset = read_dataset(file, where)
+    with open_dataset(file, where, ImageError) as dataset:
         # Where an annotation names no images, those of the whole presentation state are meant.
         images_of_series: dict[str, list[int]] = {}
         for series in dataset.get("ReferencedSeriesSequence") or ():
@@ -87,10 +86,11 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                     continue
                 coordinates = np.array(graphic.GraphicData, np.float64)
                 if len(coordinates) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
-                    raise ImageError(
+                    raise CurveError(
                         f"{name} has {len(coordinates)} coordinates, and two a point are wanted. "
                         "Export the presentation state again.",
                         where=where,
+                        code="vector-unreadable",
                     )
                 head = {
                     "is_line": True,
@@ -99,8 +99,8 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                     "smooth": IS_SMOOTH[kind],
                 }
                 lines.append((head, coordinates.reshape(-1, 2)))
-    if not lines:
         modality = str(dataset.get("Modality", ""))[:16]
+    if not lines:
         content = "; ".join(others[:6]) or f"no drawing ({modality})"
         raise CurveError(
             f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units.",
