@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from layouts import grid, planar, solid
@@ -11,6 +13,7 @@ from vfplan import PlannedImage
 from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
+from vfplan.fixture import Curve, Fixture, Provenance
 from vfplan.registration import fit_registration
 
 
@@ -77,7 +80,84 @@ def test_left_out_markers_and_an_exact_fit(figure):
     assert texts(figure(exact, LINE))
 
 
-def test_no_picture_in_space(tmp_path):
-    registration = fit_registration(*solid(8), model="rigid")
-    with pytest.raises(SettingError, match="no slice"):
-        picture.draw_registration(registration, LINE, tmp_path / "p.png")
+def in_space(scale=(1.0, 1.0, 1.0)):
+    """A registration of eight markers in the patient's frame, and a curve between them."""
+    source, target = solid(8)
+    source = source * scale
+    registration = fit_registration(source, target, model="affine")
+    t = np.linspace(0, 1, 50)[:, None]
+    points = source.min(axis=0) * (1 - t) + source.max(axis=0) * t
+    curve = Curve(np.zeros(50, np.int32), np.array([False]))
+    provenance = Provenance("2026-01-01T00:00:00Z", "vfplan test")
+    return registration, Fixture("patient_lps", points, provenance, curve=curve)
+
+
+def tips_of(made):
+    return [
+        np.array(text.xy) - text.xyann
+        for text in made.axes[0].texts
+        if getattr(text, "arrow_patch", None) is not None
+    ]
+
+
+def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
+    registration, line = in_space()
+    place = np.zeros((4, 3))
+    place[:3, 0] = [0, 0.3e-3, 0.4e-3]
+    place[:3, 1] = [0.6e-3, 0, 0]
+    place[:, 2] = [-0.2, -0.1, -0.1, 1]
+    image = PlannedImage(np.full((780, 800, 3), 120, np.uint8), T_patient_image=place)
+    made = figure(registration, line, image=image)
+    stated = next(text for text in texts(made) if text.startswith("residual, drawn"))
+    factor = float(stated.split()[-1].rstrip("x"))
+    # The residual in the patient's frame, without its part across the slice: least squares.
+    A = registration.T_target_source[:3, :3] @ place[:3, :2]
+    solved = np.linalg.lstsq(A, registration.residual_vectors_m.T, rcond=None)[0].T
+    np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
+    offset = registration.source - place[:3, 2]
+    expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])
+    markers = next(line for line in made.axes[0].lines if line.get_label() == "marker")
+    np.testing.assert_allclose(markers.get_xydata(), expected, atol=1e-9)
+    assert any("mm in the slice" in text for text in texts(made))
+
+
+@pytest.mark.parametrize(
+    ("scale", "title", "letters"),
+    [
+        ((1, 1, 0.2), "axial view", "RLAP"),
+        ((1, 0.2, 1), "coronal view", "RLSI"),
+        ((0.2, 1, 1), "sagittal view", "APSI"),
+    ],
+)
+def test_without_a_slice_the_plane_of_the_patient_is_shown_that_holds_most(
+    figure, scale, title, letters
+):
+    registration, line = in_space(scale)
+    made = figure(registration, line)
+    shown = texts(made)
+    assert title in shown
+    assert [text for text in shown if text and text in letters] == list(letters)
+    width = made.axes[0].get_xlim()[1]
+    height = made.axes[0].get_ylim()[0]
+    markers = next(line for line in made.axes[0].lines if line.get_label() == "marker")
+    assert (markers.get_xydata() > 0).all()
+    assert (markers.get_xydata() < [width, height]).all()
+    assert any(text.startswith("95 % band, drawn") for text in shown)
+
+
+def test_a_surface_is_shown_by_its_points(figure):
+    registration, line = in_space()
+    made = figure(registration, replace(line, curve=None))
+    points = made.axes[0].collections[0]
+    assert len(points.get_offsets()) == 50
+    np.testing.assert_allclose(points.get_array(), 1e3 * registration.tre_m(line.points))
+    assert not any(text.startswith("95 % band") for text in texts(made))
+
+
+def test_pixels_of_a_slice_whose_place_is_unknown_are_refused(tmp_path):
+    registration, _ = in_space()
+    image = PlannedImage(np.zeros((780, 800, 3), np.uint8))
+    for known in (None, image):
+        with pytest.raises(SettingError) as error:
+            picture.draw_registration(registration, LINE, tmp_path / "p.png", image=known)
+        assert error.value.code == "no-slice"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,16 +22,68 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WIDTH_PX = 900.0
-"""Width of the slice [px of the picture]."""
+"""Width of the view [px of the picture]."""
 
 STRIP_IN = 0.9
-"""Height [in] of the strip under the slice, with scale bars and legend."""
+"""Height [in] of the strip under the view, with scale bars and legend."""
 
 BAR_IN = 1.1
-"""Width [in] of the strip on the right of the slice, with the bar of colours."""
+"""Width [in] of the strip on the right of the view, with the bar of colours."""
 
 MAX_DRAWN = 2000
-"""Points of the band that are drawn at most."""
+"""Points of the curve or the surface that are drawn at most."""
+
+BORDER = 0.15
+"""Space around markers and curve where no slice is shown, as a share of their extent."""
+
+MIN_HEIGHT = 0.4
+"""Height of a view that shows no slice, as a share of its width, at least."""
+
+
+@dataclass(frozen=True)
+class PatientPlane:
+    """A plane of the patient, as radiologists look at it.
+
+    right, down: what points right and what points down, in the patient's frame (LPS)
+    letters: the directions at the left, right, upper and lower border
+    """
+
+    name: str
+    right: tuple[float, float, float]
+    down: tuple[float, float, float]
+    letters: str
+
+
+PATIENT_PLANES = [
+    PatientPlane("axial", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "RLAP"),
+    PatientPlane("coronal", (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), "RLSI"),
+    PatientPlane("sagittal", (0.0, 1.0, 0.0), (0.0, 0.0, -1.0), "APSI"),
+]
+
+
+@dataclass(frozen=True)
+class View:
+    """The plane of a registration's source that a picture shows, with pixels u and v in it.
+
+    width, height: its size [px]
+    axes: (k, 2) a step of one pixel along u and along v, in the source
+    origin: (k,) the place of the pixel (0, 0), in the source
+    name: what the plane is called in the legend
+    title: which plane of the patient it is; empty for a slice
+    letters: what to write at the left, right, upper and lower border; empty for a slice
+    """
+
+    width: float
+    height: float
+    axes: Array
+    origin: Array
+    name: str = "slice"
+    title: str = ""
+    letters: str = ""
+
+    def pixels(self, places: Array) -> Array:
+        """(M, 2) pixels of places (M, k) in the source, projected onto the plane."""
+        return (places - self.origin) @ np.linalg.pinv(self.axes).T
 
 
 def draw_registration(
@@ -47,46 +100,109 @@ def draw_registration(
     the marker (seen in the image) to where it was measured; beside each marker stands the
     whole residual, and its part across the slice's plane, which cannot be drawn there.
 
-    Raises `SettingError` for a registration in 3-D, which has no slice to draw on.
+    Markers in the patient's frame are projected onto the slice if it says where it lies in the
+    patient, and otherwise onto an axial, coronal or sagittal plane, whichever shows most of them.
+
+    Raises `SettingError` for markers in the patient's frame with a curve in the pixels of a slice
+    that does not say where it lies.
     """
-    if registration.source.shape[1] != 2:
-        raise SettingError(
-            "A registration of the patient's frame has no slice to draw on. Leave the picture out.",
-            code="no-slice",
-        )
-    width, height = _size(registration, curve, image)
-    arrows = _exaggeration(_in_plane_px(registration), 0.07 * width)
-    inch = WIDTH_PX / width / DPI
+    if registration.source.shape[1] == 2:
+        places = curve.points[:, :2]
+        view = view_of_pixels(registration, curve, image)
+    else:
+        places = places_in_patient(curve, image)
+        view = view_of_patient(registration, places, image)
+
+    # A step of one pixel of the view, in the robot's frame.
+    linear = registration.T_target_source[:3, : len(view.axes)] @ view.axes
+    m_per_px = float(np.exp(np.log(np.linalg.svd(linear, compute_uv=False)).mean()))
+    residuals_px = registration.residual_vectors_m @ np.linalg.pinv(linear).T
+    factor = exaggeration(residuals_px, 0.07 * view.width)
+
+    inch = WIDTH_PX / view.width / DPI
     legend = {"loc": "lower left", "columnspacing": 1.2}
-    with on_slice(path, (width, height), inch, STRIP_IN, BAR_IN, **legend) as (figure, axes):
-        if image is not None:
+    size = (view.width, view.height)
+    with on_slice(path, size, inch, STRIP_IN, BAR_IN, **legend) as (figure, axes):
+        if image is not None and view.name == "slice":
             grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
             axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
-        _draw_band(axes, figure, registration, curve, width)
-        _draw_markers(axes, registration, arrows)
-        _draw_scale(axes, registration, width, height, arrows)
+        if view.letters:
+            draw_letters(axes, view)
+        if curve.curve is None and registration.source.shape[1] == 3:
+            coloured = draw_points(axes, registration, places, view)
+        else:
+            coloured = draw_band(axes, registration, curve, places, view, m_per_px)
+        width_in = figure.get_size_inches()[0]
+        bar = figure.add_axes((1 - 0.92 / width_in, 0.3, 0.18 / width_in, 0.5))
+        figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
+        bar.grid(False)
+        draw_markers(axes, registration, view, linear, residuals_px * factor, factor)
+        draw_scale(axes, view, 1e3 * m_per_px, factor)
 
 
-def _size(
-    registration: Registration, curve: Fixture, image: PlannedImage | None
-) -> tuple[float, float]:
-    """Width and height of the picture [px of the slice]."""
+def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedImage | None) -> View:
+    """The slice on which the markers were given in pixels."""
     size = image
     if size is None:
         size = curve.image
     if size is not None:
-        return float(size.width_px), float(size.height_px)
-    reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
-    return float(reach[0] * 1.1), float(reach[1] * 1.1)
+        width = float(size.width_px)
+        height = float(size.height_px)
+    else:
+        reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
+        width = float(reach[0] * 1.1)
+        height = float(reach[1] * 1.1)
+    return View(width, height, np.eye(2), np.zeros(2))
 
 
-def _in_plane_px(registration: Registration) -> Array:
-    """(N, 2) residuals carried back into the image [px]."""
-    linear = registration.T_target_source[:3, :2]
-    return registration.residual_vectors_m @ np.linalg.pinv(linear).T
+def places_in_patient(curve: Fixture, image: PlannedImage | None) -> Array:
+    """(M, 3) the curve's points in the patient's frame [m]."""
+    if curve.frame != "image":
+        return curve.points
+    if image is None or image.T_patient_image is None:
+        raise SettingError(
+            "The curve is given in the pixels of a slice, and nothing says where that lies in the "
+            "patient. Give the DICOM slice that the curve was drawn on.",
+            code="no-slice",
+        )
+    pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
+    return (pixels @ image.T_patient_image.T)[:, :3]
 
 
-def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
+def view_of_patient(registration: Registration, places: Array, image: PlannedImage | None) -> View:
+    """The slice, or the plane of the patient in which markers and curve reach farthest."""
+    if image is not None and image.T_patient_image is not None:
+        axes = image.T_patient_image[:3, :2]
+        origin = image.T_patient_image[:3, 2]
+        return View(float(image.width_px), float(image.height_px), axes, origin)
+    shown = np.vstack([registration.source, places])
+    largest_area = -1.0
+    for candidate in PATIENT_PLANES:
+        directions = np.column_stack([candidate.right, candidate.down])
+        area = float(np.ptp(shown @ directions, axis=0).prod())
+        if area > largest_area:
+            largest_area = area
+            plane = candidate
+    directions = np.column_stack([plane.right, plane.down])
+    across = shown @ directions
+    extent = np.ptp(across, axis=0)
+    size = extent + 2 * BORDER * extent.max()
+    size[1] = max(size[1], MIN_HEIGHT * size[0])
+    corner = (across.min(axis=0) + across.max(axis=0) - size) / 2
+    m_per_px = size[0] / WIDTH_PX
+    height = float(size[1] / m_per_px)
+    return View(
+        WIDTH_PX,
+        height,
+        directions * m_per_px,
+        directions @ corner,
+        "view",
+        f"{plane.name} view",
+        plane.letters,
+    )
+
+
+def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
     longest = 0.0
     if lengths_px.size:
@@ -96,75 +212,117 @@ def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
     return nice_below(max(wanted_px / longest, 1.0))
 
 
-def _draw_band(
-    axes: Any, figure: Any, registration: Registration, curve: Fixture, width: float
-) -> None:
-    """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width."""
+def draw_letters(axes: Any, view: View) -> None:
+    """Which plane of the patient is shown, and the patient's directions at its borders."""
+    look = {"va": "center", "fontsize": 11, "color": FORCE, "transform": axes.transAxes}
+    axes.text(0.02, 0.97, view.title, **look)
+    middles = [(0.02, 0.5), (0.98, 0.5), (0.5, 0.97), (0.5, 0.03)]
+    for letter, (u, v) in zip(view.letters, middles, strict=True):
+        axes.text(u, v, letter, ha="center", **look)
+
+
+def draw_points(axes: Any, registration: Registration, places: Array, view: View) -> Any:
+    """The points of a surface or a cloud, coloured by the predicted RMS TRE."""
+    drawn = places[:: max(1, len(places) // MAX_DRAWN)]
+    tre_mm = registration.tre_m(drawn) * 1e3
+    return axes.scatter(*view.pixels(drawn).T, c=tre_mm, cmap="viridis", s=3, lw=0)
+
+
+def draw_band(
+    axes: Any,
+    registration: Registration,
+    curve: Fixture,
+    places: Array,
+    view: View,
+    m_per_px: float,
+) -> Any:
+    """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width.
+
+    places: (M, k) the curve's points in the registration's source
+    """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    start, end = _segments(curve)
-    points = curve.points[:, :2]
-    tre_mm = registration.tre_m(points) * 1e3
-    half_px = registration.tre95_curve_m(points) / registration.geometry.scale
-    factor = _exaggeration(half_px[:, None], 0.02 * width)
-    a, b = points[start], points[end]
+    points = view.pixels(places)
+    start, end = drawn_segments(curve, points)
+    tre_mm = registration.tre_m(places) * 1e3
+    half_px = registration.tre95_curve_m(places) / m_per_px
+    factor = exaggeration(half_px[:, None], 0.02 * view.width)
+    a = points[start]
+    b = points[end]
     across = np.column_stack([-(b - a)[:, 1], (b - a)[:, 0]])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     out_a = across * half_px[start, None] * factor
     out_b = across * half_px[end, None] * factor
     quads = np.stack([a - out_a, a + out_a, b + out_b, b - out_b], axis=1)
-    low, high = tre_mm.min(), max(tre_mm.max(), tre_mm.min() + 1e-9)
+    low = tre_mm.min()
+    high = max(tre_mm.max(), low + 1e-9)
     look = {"cmap": "viridis", "clim": (low, high)}
     middle = (tre_mm[start] + tre_mm[end]) / 2
     axes.add_collection(PolyCollection(quads, array=middle, alpha=0.45, lw=0, **look))
     line = LineCollection(np.stack([a, b], axis=1), array=middle, lw=2.0, **look)
     axes.add_collection(line)
-    across_in = figure.get_size_inches()[0]
-    bar = figure.add_axes((1 - 0.92 / across_in, 0.3, 0.18 / across_in, 0.5))
-    figure.colorbar(line, cax=bar).set_label("predicted TRE [mm rms]")
-    bar.grid(False)
     axes.plot([], [], lw=6, alpha=0.45, color="#21918c", label=f"95 % band, drawn {factor:g}x")
+    return line
 
 
-def _segments(curve: Fixture) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of both ends of the straight pieces to draw; closed strokes are closed."""
-    count = len(curve.points)
-    stroke, closed = np.zeros(count, int), [False]
+def drawn_segments(curve: Fixture, points: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of both ends of the straight pieces to draw; closed strokes are closed.
+
+    points: (M, 2) the curve's points in the view [px]
+    """
+    count = len(points)
+    stroke = np.zeros(count, int)
+    closed = [False]
     if curve.curve is not None:
-        stroke, closed = curve.curve.stroke, curve.curve.closed
+        stroke = curve.curve.stroke
+        closed = curve.curve.closed
     every = max(1, count // MAX_DRAWN)
     ends: list[tuple[int, int]] = []
-    for number, is_ring in enumerate(closed):
+    for number, is_closed in enumerate(closed):
         members = np.flatnonzero(stroke == number)
-        kept = np.unique(np.append(members[::every], members[-1:]))
-        ends += itertools.pairwise(kept)
-        if is_ring and len(kept) > 1:
-            ends.append((kept[-1], kept[0]))
+        drawn = np.unique(np.append(members[::every], members[-1:]))
+        ends += itertools.pairwise(drawn)
+        if is_closed and len(drawn) > 1:
+            ends.append((drawn[-1], drawn[0]))
     pairs = np.array(ends, dtype=np.intp).reshape(-1, 2)
-    lengths = np.linalg.norm(curve.points[pairs[:, 0]] - curve.points[pairs[:, 1]], axis=1)
+    lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     return pairs[lengths > 0, 0], pairs[lengths > 0, 1]
 
 
-def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
-    """A cross for each marker, its residual as an arrow, and both as numbers."""
-    predicted = registration.source
-    arrows = _in_plane_px(registration) * factor
+def draw_markers(
+    axes: Any,
+    registration: Registration,
+    view: View,
+    linear: Array,
+    arrows: Array,
+    factor: float,
+) -> None:
+    """A cross for each marker, its residual as an arrow, and both as numbers.
+
+    linear: (3, 2) a step of one pixel along u and along v, in the robot's frame
+    arrows: (N, 2) the residuals [px], `factor` times larger than life
+    """
+    markers = view.pixels(registration.source)
     used = registration.used
-    axes.plot(*predicted[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
+    axes.plot(*markers[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
     if not used.all():
-        axes.plot(*predicted[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
+        axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
-    residuals = registration.residual_vectors_m * 1e3
-    across = residuals @ registration.geometry.normal
-    whole = np.linalg.norm(residuals, axis=1)
+    normal = np.cross(linear[:, 0], linear[:, 1])
+    normal /= np.linalg.norm(normal)
+    residuals_mm = registration.residual_vectors_m * 1e3
+    across_mm = residuals_mm @ normal
+    whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]
     for k, label in enumerate(registration.labels):
-        place = predicted[k]
-        text = f"{label}  {whole[k]:.2f} mm ({across[k]:+.2f})"
-        width, colour = 1.4, FORCE
+        place = markers[k]
+        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+.2f})"
+        width = 1.4
+        colour = FORCE
         if label in registration.outliers:
             text += "  outlier"
-            width, colour = 2.4, CONTACT
+            width = 2.4
+            colour = CONTACT
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
         # On the right the label would leave the slice.
@@ -176,18 +334,21 @@ def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
         axes.annotate(text, place, color=colour, **where)
 
 
-def _draw_scale(
-    axes: Any, registration: Registration, width: float, height: float, arrows: float
-) -> None:
-    """Two bars under the slice: a length in the slice, and a length of the residuals."""
-    scale_mm = registration.geometry.scale * 1e3
-    for share, drawn, what in ((0.02, 1.0, "in the slice"), (0.36, arrows, "of a residual")):
-        length = nice_below(0.15 * width * scale_mm / drawn)
-        x, px = share * width, length * drawn / scale_mm
-        y = height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * width / height)
+def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
+    """Two bars under the view: a length in its plane, and a length of the residuals.
+
+    factor: how much larger than life the residuals are drawn
+    """
+    words = {"va": "center", "clip_on": False}
+    y = view.height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width / view.height)
+    bars = ((0.02, 1.0, f"in the {view.name}"), (0.36, factor, "of a residual"))
+    for share, drawn_factor, what in bars:
+        length_mm = nice_below(0.15 * view.width * mm_per_px / drawn_factor)
+        first = share * view.width
+        last = first + length_mm * drawn_factor / mm_per_px
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
-        axes.plot([x, x + px], [y, y], **bar)
-        words = {"va": "center", "clip_on": False}
-        axes.text(x + px + 0.01 * width, y, f"{length:g} mm {what}", fontsize=8, **words)
-    note = "beside each marker: its residual\n(its part across the slice)"
-    axes.text(0.70 * width, y, note, fontsize=7, **words)
+        axes.plot([first, last], [y, y], **bar)
+        text = f"{length_mm:g} mm {what}"
+        axes.text(last + 0.01 * view.width, y, text, fontsize=8, **words)
+    note = f"beside each marker: its residual\n(its part across the {view.name})"
+    axes.text(0.70 * view.width, y, note, fontsize=7, **words)
