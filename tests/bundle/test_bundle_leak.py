@@ -54,7 +54,7 @@ def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
         more = draw.integers(0, strokes, len(points) - strokes)
         stroke = np.sort(np.append(np.arange(strokes), more)).astype(np.int32)
         ends = np.column_stack(leak.stroke_ends(stroke)).ravel()
-        found = leak._to_other_strokes(across(points), stroke, ends)
+        found = leak.distance_to_other_strokes(across(points), stroke, ends)
         apart = distances(points)[ends]
         apart[stroke[ends][:, None] == stroke[None]] = np.inf
         assert found == pytest.approx(apart.min(axis=1), rel=1e-14)

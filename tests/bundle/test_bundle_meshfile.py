@@ -82,7 +82,7 @@ WRONG_PLY = {
     "a vertex that is not there": (ply().replace(b"3 0 3 2", b"3 0 4 2"), "0 to 4 of 4"),
     "a negative vertex": (ply().replace(b"3 0 3 2", b"3 0 -1 2"), "-1"),
     "half a vertex": (ply().replace(b"3 0 3 2", b"3 0 1.5 2"), "vertices"),
-    "a line too few": (ply().rpartition(b"3 0 3 2")[0], "7 lines of data; 8 wanted"),
+    "a line too few": (ply().rpartition(b"3 0 3 2")[0], "7 lines of data, and 8"),
     "a line too many": (ply() + b"3 0 1 2\n", "9 lines"),
     "a byte too few": (ply("binary_little_endian")[:-1], "left"),
     "a byte too many": (ply("binary_little_endian") + b"\1", "follow"),

@@ -65,6 +65,6 @@ def test_what_is_no_drawing_is_said(fixture, tmp_path):
     assert "rendering" in left_out(fixture, "c.dxf")
     assert "curve/pieces" not in left_out(fixture, "c.dxf")
     assert "curve/pieces" in left_out(fixture, "c.csv")
-    with pytest.raises(InputError, match="without lines and arcs"):
+    with pytest.raises(InputError, match="no lines and arcs"):
         export(bundles.whole(), tmp_path / "c.dxf")
     assert not (tmp_path / "c.dxf").exists()

@@ -62,7 +62,7 @@ def test_verify_names_the_key(desk, vfplan_cli):
         ("s.h5", ["--case", "C2"], "C1"),
         ("s.h5", ["--robot-serial", "R8"], "R7"),
         ("s.h5", ["--max-age", "30min"], "s ago"),
-        ("unknown key", [], "not a trusted one"),
+        ("unknown key", [], "not trusted"),
     ],
 )
 def test_what_was_not_approved_is_code_4_with_the_reason(file, words, reason, desk, vfplan_cli):

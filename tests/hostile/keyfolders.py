@@ -8,8 +8,8 @@ from pathlib import Path
 BESIDE = {
     "blank_lines": (b"\n \t\r\n%s\r\n\n", None),
     "comments": (b"# alice, until 2027\n%s  # no more\n# end", None),
-    "text_after": (b"%sand bob's, which is elsewhere\n", "line 4"),
-    "text_before": (b"alice\n%s", "line 1"),
+    "text_after": (b"%sand bob's, which is elsewhere\n", "Line 4"),
+    "text_before": (b"alice\n%s", "Line 1"),
     "half_a_key_after": (b"%s-----BEGIN PUBLIC KEY-----\nMCow\n", "ends within"),
     "a_damaged_key_first": (
         b"-----BEGIN PUBLIC KEY-----\nMCow!\n-----END PUBLIC KEY-----\n%s",
@@ -17,9 +17,9 @@ BESIDE = {
     ),
     "a_private_key": (
         b"%s-----BEGIN PRIVATE KEY-----\nMC4CAQ==\n-----END PRIVATE KEY-----",
-        "line 4",
+        "Line 4",
     ),
-    "text_on_the_last_line": (b"%s\0", "line 4"),
+    "text_on_the_last_line": (b"%s\0", "Line 4"),
 }  # fmt: skip
 
 

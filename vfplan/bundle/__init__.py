@@ -13,7 +13,6 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-# module -> the public names that it defines
 _DEFINED = {
     "clouds": ("import_cloud", "mesh_band", "sample_band"),
     "describe": ("describe", "diff"),
@@ -26,7 +25,10 @@ _DEFINED = {
     "validation": ("Issue", "mesh_doubts", "validate"),
     "write": ("write_fixture",),
 }
-_HOME = {name: module for module, names in _DEFINED.items() for name in names}
+"""Module -> the public names that it defines."""
+_HOME = {}
+for _module, _names in _DEFINED.items():
+    _HOME.update(dict.fromkeys(_names, _module))
 
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",

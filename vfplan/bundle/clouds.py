@@ -20,9 +20,14 @@ from vfplan.io.files import MAX_TEXT_BYTES, naming_place, read_bytes
 from vfplan.io.npy import npy_header
 from vfplan.io.table import NumberTable, open_number_table
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+METRES = {"m": 1.0}
+"""Unit of a file's numbers -> metres."""
+METRES["cm"] = 1e-2
+METRES["mm"] = 1e-3
+METRES["um"] = 1e-6
+METRES["in"] = 0.0254
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
-MOST_BYTES = 1 << 31
+MAX_BYTES = 1 << 31
 Points = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 
@@ -66,49 +71,58 @@ def import_cloud(
         A parameter outside its range.
     """
     if units not in METRES:
-        raise SettingError(f"unit {units!r}; one of {', '.join(METRES)} wanted")
-    found, digest = _read(Path(path), units)
-    points, triangles = found.points * METRES[units], found.triangles
+        raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
+    if curve not in (None, "open", "closed"):
+        raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
     radius = contact_radius + point_radius
     if not 0 < radius < np.inf:
-        raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
-    with naming_place(path):
-        if not 1 <= len(points) <= max_size("N"):
-            raise InputError(f"{len(points)} points; 1 to {max_size('N')} are allowed")
-        if not (finite := np.isfinite(points).all(axis=1)).all():
-            raise InputError(f"point {finite.argmin()} is not finite")
-        points = check_points(points)
-    mesh, sample_radius = None, None
-    axis, left_out = check_axis(ignore_axis), list(found.left_out)
-    if triangles is not None:
+        raise SettingError(
+            f"R = contact radius + point radius is {radius} m. Give radii whose sum is above 0."
+        )
+    axis = check_axis(ignore_axis)
+    cloud, digest = read_cloud(Path(path), units)
+    points = check_cloud(METRES[units] * cloud.points, str(path))
+    ignored = list(cloud.left_out)
+    mesh = None
+    sample_radius = None
+    strokes = None
+    if cloud.triangles is None:
+        band = default_band(points, contact_radius, point_radius, axis)
+        if curve is not None:
+            stroke = np.zeros(len(points), dtype=np.int32)
+            strokes = Curve(stroke, np.array([curve == "closed"]))
+    else:
         if curve is not None:
             raise SettingError(
-                f"curve {curve!r}: triangles have corners in no order", where=str(path)
+                f"The file holds triangles, whose corners have no order, so it is no {curve} "
+                "curve. Leave --curve out.",
+                where=str(path),
             )
-        if unused := len(points) - len(np.unique(triangles)):
-            left_out.append(f"{unused} points of no triangle")
+        unused = len(points) - len(np.unique(cloud.triangles))
+        if unused > 0:
+            ignored.append(f"{unused} points of no triangle")
         if spacing is None:
             spacing = radius / 10
-        _check_spacing(points[triangles], spacing)
-        points, mesh = drawn(points, triangles)
+        check_spacing(points[cloud.triangles], spacing)
+        points, mesh = drawn(points, cloud.triangles)
         # No place of a triangle is farther from its corners than its longest side over sqrt(3).
         sample_radius = float(spacing / np.sqrt(3))
-        _check_samples(points, mesh, spacing, sample_radius)
+        # A mesh that no rule could sample when the bundle is loaded is refused now.
+        try:
+            _core.sampled(points, mesh, sample_radius)
+        except ValueError as error:
+            raise too_many_samples(spacing) from error
         band = sample_band(sample_radius, radius)
-    else:
-        band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
-    if left_out:  # as one short text without control characters
-        text = ", ".join(left_out)
-        clean = "".join(c if c.isprintable() and c not in "/\\" else "?" for c in text)
-        settings["left_out"] = clean if len(clean) <= 200 else clean[:200] + "..."
+    if ignored:
+        settings["left_out"] = short_text(", ".join(ignored))
     return Fixture(
         frame=frame,
         points=points,
         provenance=Provenance.now({"cloud": digest}, settings),
         mesh=mesh,
         sample_radius=sample_radius,
-        curve=_as_curve(len(points), curve),
+        curve=strokes,
         rendering=Rendering(
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), 3).copy(),
             contact_radius=contact_radius,
@@ -117,6 +131,35 @@ def import_cloud(
             ignore_axis=axis,
         ),
     )
+
+
+def check_cloud(points: Points, where: str) -> Points:
+    """The points in one piece of memory; refuses a cloud that no bundle can hold."""
+    with naming_place(where):
+        if not 1 <= len(points) <= max_size("N"):
+            raise InputError(
+                f"It holds {len(points)} points, and a bundle 1 to {max_size('N')}. Give a file "
+                "with fewer of them, or with some."
+            )
+        is_finite = np.isfinite(points).all(axis=1)
+        if not is_finite.all():
+            raise InputError(
+                f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
+            )
+        return check_points(points)
+
+
+def short_text(text: str) -> str:
+    """A text as one of at most 203 characters, without control characters and slashes."""
+    clean = ""
+    for character in text:
+        if character.isprintable() and character not in "/\\":
+            clean += character
+        else:
+            clean += "?"
+    if len(clean) > 200:
+        clean = clean[:200] + "..."
+    return clean
 
 
 def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> float:
@@ -130,77 +173,85 @@ def sample_band(cover: float, radius: float) -> float:
     return max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
 
 
-def _as_curve(count: int, curve: str | None) -> Curve | None:
-    if curve is None:
-        return None
-    if curve not in ("open", "closed"):
-        raise SettingError(f"curve {curve!r}; 'open' or 'closed' wanted")
-    return Curve(np.zeros(count, dtype=np.int32), np.array([curve == "closed"]))
-
-
-def _read(path: Path, units: str) -> tuple[Mesh, str]:
+def read_cloud(path: Path, units: str) -> tuple[Mesh, str]:
     """What a file holds, and the SHA-256 of the very bytes it was read from."""
-    suffix, where = path.suffix.lower(), str(path)
+    suffix = path.suffix.lower()
+    where = str(path)
     if suffix not in SUFFIXES:
-        raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=where)
-    most = MAX_TEXT_BYTES if suffix == ".csv" else MOST_BYTES
-    data, digest = read_bytes(path, most)
+        raise InputError(
+            f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind.",
+            where=where,
+        )
+    max_bytes = MAX_BYTES
+    if suffix == ".csv":
+        max_bytes = MAX_TEXT_BYTES
+    data, digest = read_bytes(path, max_bytes)
     if suffix == ".npy":
-        found = _npy(data, where)
-    elif suffix == ".csv":
-        found = _csv(data, units, where)
-    else:
-        found = read_mesh(data, suffix, where)
-    return found, digest
+        return read_npy(data, where), digest
+    if suffix == ".csv":
+        return read_csv(data, units, where), digest
+    return read_mesh(data, suffix, where), digest
 
 
-def _npy(data: bytes, where: str) -> Mesh:
+def read_npy(data: bytes, where: str) -> Mesh:
+    """The points of a NumPy file."""
     stream = io.BytesIO(data)
     try:
         npy_header(stream)
         stream.seek(0)
         points = np.lib.format.read_array(stream, allow_pickle=False)
     except (ValueError, EOFError, OverflowError, MemoryError) as error:
-        raise InputError(f"is no .npy file of numbers: {error}", where=where) from error
+        raise InputError(
+            f"It is no .npy file of numbers: {error}. Save an array (N, 3) with numpy.save.",
+            where=where,
+        ) from error
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise InputError(
-            f"holds {points.dtype} of shape {points.shape}; numbers (N, 3) wanted", where=where
+            f"It holds {points.dtype} of shape {points.shape}. Save numbers of shape (N, 3).",
+            where=where,
         )
     if stream.read(1):
-        raise InputError("holds more bytes than its header wants", where=where)
+        raise InputError(
+            "It holds more bytes than its header says. Save the array once more.", where=where
+        )
     return Mesh(points.astype(float))
 
 
-def _csv(data: bytes, units: str, where: str) -> Mesh:
+def read_csv(data: bytes, units: str, where: str) -> Mesh:
+    """The points of a table: columns x, y and z, or the first three where there is no header."""
     table = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
     columns = table.columns[:3]
     if table.header_lines:
-        columns = _named_columns(table, units)
+        columns = named_columns(table, units)
     elif len(columns) < 3:
         raise InputError(
-            f"has {len(columns)} columns; x, y and z are wanted", where=where, code="column-missing"
+            f"It has {len(columns)} columns. Give a table with x, y and z.",
+            where=where,
+            code="column-missing",
         )
     points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
-    left_out = [name for name in table.columns if name not in columns]
-    return Mesh(points, left_out=tuple(left_out))
+    return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
 
 
-def _named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
+def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
     """The columns x, y and z, whose names may end in their unit (x_mm)."""
     columns = []
     for axis in "xyz":
-        named = [name for name in table.columns if name.partition("_")[0] == axis]
-        if not named:
+        candidates = [name for name in table.columns if name.partition("_")[0] == axis]
+        if not candidates:
             raise InputError(
-                f"the header names {', '.join(table.columns)[:80]}; x, y and z are wanted",
+                f"The header names {', '.join(table.columns)[:80]}, and no {axis}. Name the "
+                "columns of the coordinates x, y and z.",
                 where=table.where,
                 code="column-missing",
             )
-        columns.append(named[0])
-        unit = named[0].partition("_")[2]
-        if unit in (METRES.keys() | {"px"}) - {units}:
+        column = candidates[0]
+        columns.append(column)
+        unit = column.partition("_")[2]
+        if unit != units and (unit in METRES or unit == "px"):
             raise InputError(
-                f"the header names {named[0]}; {units} was given as the unit of its numbers",
+                f"The header names {column}, and {units} was given as the unit. Give --units "
+                f"{unit}, or name the column by its true unit.",
                 where=table.where,
                 code="units-differ",
             )
@@ -219,7 +270,10 @@ def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Trian
     rows = first[number.ravel()][triangles]
     has_area = (rows != np.roll(rows, 1, axis=1)).all(axis=1)
     if not has_area.any():
-        raise SceneError("no triangle has three corners apart", code="no-triangle")
+        raise SceneError(
+            "No triangle has three different corners. Export the mesh with more digits.",
+            code="no-triangle",
+        )
     used, rows = np.unique(rows[has_area], return_inverse=True)
     return points[used], rows.reshape(-1, 3).astype(np.int32)
 
@@ -234,18 +288,18 @@ def refined(
 
     Raises `SceneError` when that takes more points or triangles than a bundle may hold.
     """
-    _check_spacing(points[triangles], spacing)
+    check_spacing(points[triangles], spacing)
     try:
         return _core.refined(*drawn(points, triangles), spacing)
     except ValueError as error:
-        raise _too_many(spacing) from error
+        raise too_many_samples(spacing) from error
 
 
-def _check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
+def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
     """Refuse a spacing [m] that takes too many samples of triangles (K, 3, 3), at once."""
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(
-            f"spacing {spacing} m; more than 0 wanted",
+            f"The spacing is {spacing} m. Give a number above 0.",
             code="spacing-out-of-range",
             numbers={"spacing_m": spacing},
         )
@@ -253,23 +307,14 @@ def _check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
     # No triangle without a longer side has more area than one with three sides of that length.
     if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
-        raise _too_many(spacing)
+        raise too_many_samples(spacing)
 
 
-def _check_samples(
-    points: Points, triangles: Triangles, spacing: float, sample_radius: float
-) -> None:
-    """Refuse a mesh that no rule could sample when the bundle is loaded."""
-    try:
-        _core.sampled(points, triangles, sample_radius)
-    except ValueError as error:
-        raise _too_many(spacing) from error
-
-
-def _too_many(spacing: float) -> SceneError:
+def too_many_samples(spacing: float) -> SceneError:
+    """The error of a mesh that takes more samples than a bundle may hold."""
     return SceneError(
-        f"spacing {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
-        "triangles. Give a larger --spacing",
+        f"A spacing of {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
+        "triangles. Give a larger --spacing.",
         code="spacing-too-fine",
         numbers={"spacing_m": spacing},
     )

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.schema import Content, Row, rows_by_path
+from vfplan.bundle.schema import Content, rows_by_path
 from vfplan.errors import InputError
 from vfplan.findings import Finding
 from vfplan.fixture import (
@@ -79,10 +79,18 @@ FIELDS = {
 }
 """Path in the bundle -> field of the fixture."""
 
-_STABILITY = [field.name for field in fields(StabilityVerdict) if field.name != "robot"]
-"""The numbers of `/rendering/stability`, in order."""
+STABILITY_FIELDS = (
+    "mass_kg",
+    "damping_n_s_per_m",
+    "rate_hz",
+    "delay_ticks",
+    "k_n_per_m",
+    "k_max_n_per_m",
+    "margin",
+)
+"""Fields of a `StabilityVerdict` in the order of `/rendering/stability`."""
 
-_PARTS = {
+PARTS = {
     "curve": Curve,
     "pieces": Pieces,
     "image": SourceImage,
@@ -96,19 +104,33 @@ _PARTS = {
 
 def to_content(fixture: Fixture) -> Content:
     """Every value that a bundle of this fixture holds, but for those that the format computes."""
+    rows = rows_by_path()
     content: Content = {}
     for path, field in FIELDS.items():
-        value = _value_at(fixture, field)
-        if value is not None:
-            content[path] = _as_typed(value, rows_by_path()[path])
+        value = value_of_field(fixture, field)
+        if value is None:
+            continue
+        row = rows[path]
+        if row.kind == "dataset" and row.type == "text":
+            content[path] = tuple(map(str, value))
+        elif row.kind == "dataset":
+            content[path] = np.ascontiguousarray(value, dtype=f"<{row.type}")
+        elif row.type == "text":
+            content[path] = str(value)
+        elif row.type == "f8":
+            content[path] = float(value)
+        else:
+            content[path] = int(value)
     if fixture.stability is not None:
-        numbers = [getattr(fixture.stability, field) for field in _STABILITY]
+        numbers = [getattr(fixture.stability, name) for name in STABILITY_FIELDS]
         content["/rendering@robot"] = fixture.stability.robot
         content["/rendering/stability"] = np.array(numbers, dtype="<f8")
-    return content | _findings_content(fixture.findings) | _provenance(fixture.provenance)
+    put_findings(content, fixture.findings)
+    put_provenance(content, fixture.provenance)
+    return content
 
 
-def _value_at(fixture: Fixture, field: str) -> Any:
+def value_of_field(fixture: Fixture, field: str) -> Any:
     """The value of "part.field" or "field"; `None` where the fixture has none."""
     value: Any = fixture
     for name in field.split("."):
@@ -118,155 +140,138 @@ def _value_at(fixture: Fixture, field: str) -> Any:
     return value
 
 
-def _as_typed(value: Any, row: Row) -> Any:
-    """A value of the type in its row of the format's table."""
-    if row.kind == "attribute":
-        kinds = {"f8": float, "text": str}
-        return kinds.get(row.type, int)(value)
-    if row.type == "text":
-        return tuple(map(str, value))
-    return np.ascontiguousarray(value, dtype=f"<{row.type}")
+def put_findings(content: Content, findings: tuple[Finding, ...]) -> None:
+    """Add the group `/findings` to a content; nothing where nothing was found."""
+    if not findings:
+        return
+    for name in ("code", "severity", "text", "stage"):
+        content[f"/findings/{name}"] = tuple(getattr(finding, name) for finding in findings)
+    for name, no_place in (("place_px", (0.0, 0.0)), ("place_m", (0.0, 0.0, 0.0))):
+        has_place = np.zeros(len(findings), dtype="<u1")
+        places = np.zeros((len(findings), len(no_place)), dtype="<f8")
+        for i, finding in enumerate(findings):
+            place = getattr(finding, name)
+            if place is not None:
+                has_place[i] = 1
+                places[i] = place
+        if has_place.any():
+            content[f"/findings/has_{name}"] = has_place
+            content[f"/findings/{name}"] = places
+    if any(finding.answered_by is not None for finding in findings):
+        for name in ("answered_by", "answered_utc"):
+            answers = []
+            for finding in findings:
+                answers.append(getattr(finding, name) or "")
+            content[f"/findings/{name}"] = tuple(answers)
+
+
+def put_provenance(content: Content, provenance: Provenance) -> None:
+    """Add the group `/provenance` to a content."""
+    content["/provenance@created_utc"] = provenance.created_utc
+    content["/provenance@software"] = provenance.software
+    if provenance.inputs:
+        content["/provenance/input_roles"] = tuple(provenance.inputs)
+        content["/provenance/input_sha256"] = tuple(provenance.inputs.values())
+    if provenance.settings:
+        values = [setting_text(value) for value in provenance.settings.values()]
+        content["/provenance/setting_names"] = tuple(provenance.settings)
+        content["/provenance/setting_values"] = tuple(values)
+    if provenance.history:
+        content["/provenance/history"] = tuple(provenance.history)
+
+
+def setting_text(value: Any) -> str:
+    """A setting as a bundle holds it: `true`, `false`, a JSON number, or text between quotes."""
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, np.generic):
+        value = value.item()
+    try:
+        if isinstance(value, (bool, int, float)) and math.isfinite(value):
+            return json.dumps(value)
+    except OverflowError:
+        raise InputError(
+            "A setting is an integer beyond 1.8e308, which no bundle can hold. Give it as text."
+        ) from None
+    raise InputError(
+        f"A setting has the value {value!r:.80}. Give text, a finite number or a boolean."
+    )
 
 
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
-    own: dict[str, Any] = {}
-    parts: dict[str, dict[str, Any]] = {name: {} for name in _PARTS}
+    parts: dict[str, dict[str, Any]] = {}
     for path, field in FIELDS.items():
         if path not in content:
             continue
-        value = _as_field(content[path])
+        value = content[path]
+        if isinstance(value, np.ndarray) and value.dtype == np.uint8:
+            value = value.astype(bool)
+        # A field of the fixture itself has no part in front: its part is "".
         part, _, name = field.rpartition(".")
-        if part:
-            parts[part][name] = value
-        else:
-            own[name] = value
-    pieces = parts.pop("pieces")
-    made = {name: _PARTS[name](**values) for name, values in parts.items() if values}
-    if pieces:
-        curve = made["curve"]
-        made["curve"] = replace(curve, pieces=Pieces(closed=curve.closed, **pieces))
-    if "image" in made and made["image"].pixel_spacing_mm is not None:
-        spacing = tuple(made["image"].pixel_spacing_mm.tolist())
-        made["image"] = replace(made["image"], pixel_spacing_mm=spacing)
+        parts.setdefault(part, {})[name] = value
+    values = parts.pop("")
+    pieces = parts.pop("pieces", None)
+    for name, part_values in parts.items():
+        values[name] = PARTS[name](**part_values)
+    if pieces is not None:
+        curve = values["curve"]
+        values["curve"] = replace(curve, pieces=Pieces(closed=curve.closed, **pieces))
+    if "image" in values and values["image"].pixel_spacing_mm is not None:
+        spacing = tuple(values["image"].pixel_spacing_mm.tolist())
+        values["image"] = replace(values["image"], pixel_spacing_mm=spacing)
     return Fixture(
-        **own,
-        **made,
-        provenance=_to_provenance(content),
-        stability=_to_stability(content),
+        **values,
+        provenance=provenance_of(content),
+        stability=stability_of(content),
         findings=findings_of(content),
     )
 
 
-def _as_field(value: Any) -> Any:
-    """A value as a fixture has it: bytes in tables are flags."""
-    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
-        return value.astype(bool)
-    return value
-
-
-def _to_stability(content: Content) -> StabilityVerdict | None:
-    if not {"/rendering@robot", "/rendering/stability"} <= content.keys():
+def stability_of(content: Content) -> StabilityVerdict | None:
+    """The verdict of the stability gate; `None` where there is none."""
+    if "/rendering@robot" not in content or "/rendering/stability" not in content:
         return None
-    numbers = dict(zip(_STABILITY, content["/rendering/stability"].tolist(), strict=True))
+    numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))
     numbers["delay_ticks"] = round(numbers["delay_ticks"])
     return StabilityVerdict(content["/rendering@robot"], **numbers)
-
-
-def _findings_content(findings: tuple[Finding, ...]) -> Content:
-    """The group `/findings`; nothing where nothing was found."""
-    if not findings:
-        return {}
-    content: Content = {
-        "/findings/code": tuple(finding.code for finding in findings),
-        "/findings/severity": tuple(finding.severity for finding in findings),
-        "/findings/text": tuple(finding.text for finding in findings),
-        "/findings/stage": tuple(finding.stage for finding in findings),
-    }
-    for name, columns in (("place_px", 2), ("place_m", 3)):
-        places = [getattr(finding, name) for finding in findings]
-        has_place = np.array([place is not None for place in places])
-        if has_place.any():
-            zeros = (0.0,) * columns
-            rows = [zeros if place is None else place for place in places]
-            content[f"/findings/has_{name}"] = has_place.astype("<u1")
-            content[f"/findings/{name}"] = np.array(rows, dtype="<f8")
-    if any(finding.answered_by is not None for finding in findings):
-        content["/findings/answered_by"] = tuple(f.answered_by or "" for f in findings)
-        content["/findings/answered_utc"] = tuple(f.answered_utc or "" for f in findings)
-    return content
 
 
 def findings_of(content: Content) -> tuple[Finding, ...]:
     """What a checked content says that a person should look at."""
     findings = []
-    for i, code in enumerate(content.get("/findings/code", ())):
-        places: dict[str, Any] = {}
+    for i in range(len(content.get("/findings/code", ()))):
+        fields: dict[str, Any] = {}
+        for name in ("code", "severity", "text", "stage"):
+            fields[name] = content[f"/findings/{name}"][i]
         for name in ("place_px", "place_m"):
             if f"/findings/{name}" in content and content[f"/findings/has_{name}"][i]:
-                places[name] = tuple(content[f"/findings/{name}"][i].tolist())
-        answered = {}
+                fields[name] = tuple(content[f"/findings/{name}"][i].tolist())
         for name in ("answered_by", "answered_utc"):
             if f"/findings/{name}" in content:
-                answered[name] = content[f"/findings/{name}"][i] or None
-        findings.append(
-            Finding(
-                code,
-                content["/findings/severity"][i],
-                content["/findings/text"][i],
-                content["/findings/stage"][i],
-                **places,
-                **answered,
-            )
-        )
+                fields[name] = content[f"/findings/{name}"][i] or None
+        findings.append(Finding(**fields))
     return tuple(findings)
 
 
-def _provenance(provenance: Provenance) -> Content:
-    content: Content = {
-        "/provenance@created_utc": provenance.created_utc,
-        "/provenance@software": provenance.software,
-    }
-    if provenance.inputs:
-        content["/provenance/input_roles"] = tuple(provenance.inputs)
-        content["/provenance/input_sha256"] = tuple(provenance.inputs.values())
-    if provenance.settings:
-        content["/provenance/setting_names"] = tuple(provenance.settings)
-        content["/provenance/setting_values"] = tuple(map(_written, provenance.settings.values()))
-    if provenance.history:
-        content["/provenance/history"] = tuple(provenance.history)
-    return content
-
-
-def _to_provenance(content: Content) -> Provenance:
-    names = content.get("/provenance/setting_names", ())
-    values = content.get("/provenance/setting_values", ())
+def provenance_of(content: Content) -> Provenance:
+    """Where the bundle came from."""
     roles = content.get("/provenance/input_roles", ())
-    hashes = content.get("/provenance/input_sha256", ())
+    digests = content.get("/provenance/input_sha256", ())
+    settings = {}
+    for name, text in zip(
+        content.get("/provenance/setting_names", ()),
+        content.get("/provenance/setting_values", ()),
+        strict=True,
+    ):
+        if text.startswith('"'):
+            settings[name] = text[1:-1]
+        else:
+            settings[name] = json.loads(text)
     return Provenance(
         created_utc=content["/provenance@created_utc"],
         software=content["/provenance@software"],
-        inputs=dict(zip(roles, hashes, strict=True)),
-        settings={n: _setting(v) for n, v in zip(names, values, strict=True)},
+        inputs=dict(zip(roles, digests, strict=True)),
+        settings=settings,
         history=tuple(content.get("/provenance/history", ())),
     )
-
-
-def _written(value: Any) -> str:
-    """A setting as a bundle holds it."""
-    if isinstance(value, str):
-        return f'"{value}"'
-    plain = value.item() if isinstance(value, np.generic) else value
-    try:
-        if isinstance(plain, (bool, int, float)) and math.isfinite(plain):
-            return json.dumps(plain)
-    except OverflowError:
-        raise InputError("a setting is an integer beyond 1.8e308: no bundle can hold it.") from None
-    raise InputError(
-        f"a setting of value {value!r:.80}: text, a finite number or a boolean is wanted."
-    )
-
-
-def _setting(text: str) -> str | float | int | bool:
-    """`true`, `false`, a JSON number, or text between double quotes, verbatim: all was checked."""
-    return text[1:-1] if text.startswith('"') else json.loads(text)

@@ -35,10 +35,10 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         "reviewed": review_of(content),
     }
     if work and "/rendering/stiffness" in content:
-        described["tick_work"] = _work(content)
+        described["tick_work"] = tick_work(content)
     for row in table():
         if row.path in content:
-            described[row.path] = _summary(content[row.path], row, values)
+            described[row.path] = summary(content[row.path], row, values)
     return described
 
 
@@ -49,13 +49,14 @@ def review_of(content: Content) -> dict[str, str] | None:
     return {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
 
 
-def _work(content: Content) -> dict[str, Any]:
+def tick_work(content: Content) -> dict[str, Any]:
     """The rule that renders the fixture unless another is named, and the time of its ticks.
 
     `us` bounds a tick and `at_most_us` is what 1 kHz gives it [us]; rule and bound are `None` where
     no engine renders the fixture.
     """
-    rule, time_us = None, None
+    rule = None
+    time_us = None
     try:
         fixture = from_content(content)
         rule = best_rule(fixture)
@@ -65,22 +66,22 @@ def _work(content: Content) -> dict[str, Any]:
     return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MOST_TICK_WORK}
 
 
-def _summary(value: Any, row: Row, values: bool) -> Any:
+def summary(value: Any, row: Row, values: bool) -> Any:
     """A value as it is; of a table with a row for each point or triangle a summary."""
-    if not {"N", "K"} & set(row.shape):
+    if "N" not in row.shape and "K" not in row.shape:
         if isinstance(value, tuple):
             return list(value)
         return value
     data = np.ascontiguousarray(value)
-    summary = {
+    described = {
         "shape": list(data.shape),
         "min": data.min().item(),
         "max": data.max().item(),
         "sha256": hashlib.sha256(data.data).hexdigest(),
     }
     if values:
-        summary["values"] = data.tolist()
-    return summary
+        described["values"] = data.tolist()
+    return described
 
 
 def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
@@ -91,27 +92,29 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
 
     Raises as `read_fixture` does.
     """
-    one, other = read_bundle(a)[0], read_bundle(b)[0]
+    content_a = read_bundle(a)[0]
+    content_b = read_bundle(b)[0]
     differences = []
     for row in table():
-        if row.path in one and row.path not in other:
+        if row.path in content_a and row.path not in content_b:
             differences.append({"path": row.path, "what": "only in A"})
-        elif row.path in other and row.path not in one:
+        elif row.path in content_b and row.path not in content_a:
             differences.append({"path": row.path, "what": "only in B"})
-        elif row.path in one:
-            difference = _difference(one[row.path], other[row.path])
+        elif row.path in content_a:
+            difference = difference_of(content_a[row.path], content_b[row.path])
             if difference is not None:
                 differences.append({"path": row.path, **difference})
     return differences
 
 
-def _difference(a: Any, b: Any) -> dict[str, Any] | None:
+def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
     """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
         if a == b:
             return None
         return {"what": "value", "a": a, "b": b}
-    a, b = np.asarray(a), np.asarray(b)
+    a = np.asarray(a)
+    b = np.asarray(b)
     if a.shape != b.shape:
         return {"what": "shape", "a": list(a.shape), "b": list(b.shape)}
     differs = a != b

@@ -1,4 +1,4 @@
-"""Points and curves for people's other tools: PLY, CSV, Slicer's .mrk.json, DXF and SVG."""
+"""Points and curves for people's other tools: PLY, CSV, Slicer's .mrk.json and DXF."""
 
 from __future__ import annotations
 
@@ -34,12 +34,19 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
-    forms = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk, ".dxf": dxf}
-    text = forms[_suffix(path)](fixture)
-    write_whole(Path(path), [text], overwrite=overwrite)
+    suffix = suffix_of(path)
+    if suffix == ".ply":
+        data = ply(fixture)
+    elif suffix == ".csv":
+        data = csv(fixture)
+    elif suffix == ".mrk.json":
+        data = slicer_markups(fixture)
+    else:
+        data = dxf(fixture)
+    write_whole(Path(path), [data], overwrite=overwrite)
 
 
-HELD = {
+PARTS_BY_FORM = {
     ".ply": {"mesh"},
     ".csv": {"sigma", "curve"},
     ".mrk.json": {"curve"},
@@ -51,44 +58,51 @@ PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stabil
 
 def left_out(fixture: Fixture, path: str | Path) -> list[str]:
     """The parts of a fixture that a file of this name does not hold; provenance is in none."""
-    suffix = _suffix(path)
+    suffix = suffix_of(path)
     parts = []
     for part in PARTS:
-        if getattr(fixture, part) is not None and part not in HELD[suffix]:
+        if getattr(fixture, part) is not None and part not in PARTS_BY_FORM[suffix]:
             parts.append(part)
     curve = fixture.curve
-    if curve is None or "curve" not in HELD[suffix]:
+    if curve is None or "curve" not in PARTS_BY_FORM[suffix]:
         return parts
     if suffix == ".csv" and np.any(curve.closed):
         parts.append("curve/closed")
     if curve.bridged is not None:
         parts.append("curve/bridged")
-    if suffix == ".dxf":  # the lines and arcs in place of the points
+    if suffix == ".dxf":
+        # It holds the lines and arcs in place of the points.
         parts.append("points")
     elif curve.pieces is not None:
         parts.append("curve/pieces")
     return parts
 
 
-def _suffix(path: str | Path) -> str:
+def suffix_of(path: str | Path) -> str:
+    """The ending of a name, which says what form the file has."""
     name = Path(path).name.lower()
     for suffix in SUFFIXES:
         if name.endswith(suffix):
             return suffix
-    raise InputError(f"ends in none of {', '.join(SUFFIXES)}.", where=str(path))
+    raise InputError(
+        f"The name ends in none of {', '.join(SUFFIXES)}. Choose one of these endings.",
+        where=str(path),
+    )
 
 
-def _unit(fixture: Fixture) -> str:
+def unit_of(fixture: Fixture) -> str:
+    """The unit of a fixture's points."""
     if fixture.frame == "image":
         return "px"
     return "m"
 
 
-def _ply(fixture: Fixture) -> bytes:
+def ply(fixture: Fixture) -> bytes:
+    """The points, and the triangles of a mesh, as binary PLY."""
     head = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment frame {fixture.frame}, unit {_unit(fixture)}",
+        f"comment frame {fixture.frame}, unit {unit_of(fixture)}",
         f"element vertex {len(fixture.points)}",
         "property double x",
         "property double y",
@@ -104,8 +118,9 @@ def _ply(fixture: Fixture) -> bytes:
     return "\n".join([*head, "end_header", ""]).encode() + body
 
 
-def _csv(fixture: Fixture) -> bytes:
-    unit = _unit(fixture)
+def csv(fixture: Fixture) -> bytes:
+    """The points, their deviations and strokes as a table with a header."""
+    unit = unit_of(fixture)
     names = [f"x_{unit}", f"y_{unit}", f"z_{unit}"]
     columns = [*fixture.points.T.tolist()]
     if fixture.sigma is not None:
@@ -120,19 +135,26 @@ def _csv(fixture: Fixture) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _mrk(fixture: Fixture) -> bytes:
+def slicer_markups(fixture: Fixture) -> bytes:
+    """The strokes as curves of 3D Slicer."""
     if fixture.frame == "image":
-        raise InputError("pixels cannot be written as .mrk.json, which holds mm: register first.")
+        raise InputError(
+            "Pixels cannot be written as .mrk.json, which holds millimetres. Register first."
+        )
     if fixture.curve is None:
-        raise InputError("a cloud without strokes cannot be written as .mrk.json; .ply can.")
+        raise InputError(
+            "A cloud without strokes cannot be written as .mrk.json. Write it as .ply."
+        )
     markups = []
     for number, is_closed in enumerate(fixture.curve.closed):
         points_mm = 1000 * fixture.points[fixture.curve.stroke == number]
-        markups.append(_markup(points_mm, number, bool(is_closed), fixture.frame))
+        markups.append(slicer_markup(points_mm, number, bool(is_closed), fixture.frame))
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
 
 
-def _markup(points_mm: np.ndarray, number: int, is_closed: bool, frame: str) -> dict[str, Any]:
+def slicer_markup(
+    points_mm: np.ndarray, number: int, is_closed: bool, frame: str
+) -> dict[str, Any]:
     """A stroke as Slicer's markup."""
     control_points = []
     for i, point in enumerate(points_mm.tolist(), start=1):
@@ -158,14 +180,15 @@ def _markup(points_mm: np.ndarray, number: int, is_closed: bool, frame: str) -> 
 
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
-    pieces, axis = fixture.pieces, None
+    pieces = fixture.pieces
+    axis = None
     if fixture.rendering is not None:
         axis = fixture.ignore_axis
     if pieces is None or axis is None:
         raise InputError(
-            "a fixture without lines and arcs has no .dxf. Its points have the other forms."
+            "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."
         )
-    frame = _arbitrary_axes(axis)
+    frame = arbitrary_axes(axis)
     rows: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
     rows += [(1, "AC1009"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
     for number, is_closed in enumerate(pieces.closed):
@@ -187,10 +210,11 @@ def dxf(fixture: Fixture) -> bytes:
     return "".join(lines).encode()
 
 
-def _arbitrary_axes(axis: Vector) -> Vector:
+def arbitrary_axes(axis: Vector) -> Vector:
     """(3, 3) rows x, y and z of the coordinates that DXF gives to what is extruded along z."""
     upright = [0.0, 0.0, 1.0]
-    if max(abs(axis[0]), abs(axis[1])) < 1 / 64:  # DXF's own rule for axes near z
+    # DXF's own rule for axes that are almost along z.
+    if max(abs(axis[0]), abs(axis[1])) < 1 / 64:
         upright = [0.0, 1.0, 0.0]
     x = np.cross(upright, axis)
     x /= np.linalg.norm(x)

@@ -17,10 +17,16 @@ from vfplan.io.files import opened_file
 from vfplan.io.staging import write_together
 
 KEY_FILE_BYTES = 1 << 20
-BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
+"""Longest file of keys that is read [bytes]."""
+BEGIN = b"-----BEGIN PUBLIC KEY-----"
+END = b"-----END PUBLIC KEY-----"
+
+COPY_KEY = "Copy the file that vfplan keygen wrote with .pub"
+MAKE_KEY = "Make a pair of keys: vfplan keygen"
 
 
-def _ed25519() -> tuple[Any, Any]:
+def import_ed25519() -> tuple[Any, Any]:
+    """The two modules of `cryptography` that keys need."""
     with requires_extra("signatures need the package cryptography", "sign"):
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ed25519
@@ -44,11 +50,14 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     MissingExtra
         `cryptography` is not installed.
     """
-    ed25519, serialization = _ed25519()
+    ed25519, serialization = import_ed25519()
     private_path = Path(private_path)
     public_path = private_path.with_suffix(".pub")
     if public_path == private_path:
-        raise SettingError("the private key's name may not end in .pub.", where=str(private_path))
+        raise SettingError(
+            "The private key's name may not end in .pub. Give another name.",
+            where=str(private_path),
+        )
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM,
@@ -70,22 +79,25 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
 
     Raises `InputError` when there is no such file, or it holds anything but Ed25519 public keys.
     """
-    ed25519, serialization = _ed25519()
+    ed25519, serialization = import_ed25519()
     keys = {}
-    for block in _blocks(_read_pem(path)[0], str(path)):
+    for block in public_key_blocks(read_pem(path)[0], str(path)):
         try:
             key = serialization.load_pem_public_key(block)
-        except Exception as error:  # the library raises many kinds for a damaged key
-            raise InputError("holds a public key that cannot be read.", where=str(path)) from error
+        # The library raises many kinds of errors for a damaged key.
+        except Exception as error:
+            raise InputError(
+                f"It holds a public key that cannot be read. {COPY_KEY}.", where=str(path)
+            ) from error
         if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise InputError("holds a key that is not Ed25519.", where=str(path))
+            raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
         keys[key_id_of(key)] = key
     if not keys:
-        raise InputError("holds no public key in PEM form.", where=str(path))
+        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
     return keys
 
 
-def _blocks(data: bytes, where: str) -> Iterator[bytes]:
+def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
     """The PEM blocks of public keys; nothing but empty lines and comments stands between them."""
     block: list[bytes] = []
     for number, raw in enumerate(data.split(b"\n"), start=1):
@@ -94,7 +106,8 @@ def _blocks(data: bytes, where: str) -> Iterator[bytes]:
             continue
         if not block and line != BEGIN:
             raise InputError(
-                f"line {number} belongs to no public key in PEM form and is no comment (#).",
+                f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
+                "#.",
                 where=where,
             )
         block.append(line)
@@ -102,7 +115,7 @@ def _blocks(data: bytes, where: str) -> Iterator[bytes]:
             yield b"\n".join([*block, b""])
             block.clear()
     if block:
-        raise InputError("ends within a public key.", where=where)
+        raise InputError(f"It ends within a public key. {COPY_KEY}.", where=where)
 
 
 def read_private(path: str | Path) -> Any:
@@ -111,11 +124,11 @@ def read_private(path: str | Path) -> Any:
     Raises `InputError` when there is no such file, it holds no Ed25519 key, it belongs to somebody
     else, or its mode lets others read or write it.
     """
-    ed25519, serialization = _ed25519()
-    data, status = _read_pem(path)
-    if b"-----BEGIN PUBLIC KEY-----" in data:
+    ed25519, serialization = import_ed25519()
+    data, status = read_pem(path)
+    if BEGIN in data:
         raise InputError(
-            "is a public key, which signs nothing. The private one is wanted, whose file keygen "
+            "It is a public key, which signs nothing. Give the private one, whose file keygen "
             "named without .pub.",
             where=str(path),
             code="public-key",
@@ -123,30 +136,36 @@ def read_private(path: str | Path) -> Any:
     mode = stat.S_IMODE(status.st_mode)
     if status.st_uid != os.geteuid():
         raise InputError(
-            f"this private key belongs to another user (id {status.st_uid}), who can sign with it "
+            f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
             "too. Give a key of your own.",
             where=str(path),
         )
     if mode & 0o077:
         raise InputError(
-            f"others can read or write this private key, its mode is {mode:04o}; 0600 wanted:"
-            " chmod 600, or make a new one if somebody may have copied it.",
+            f"Others can read or write this private key: its mode is {mode:04o}. Give it mode 0600 "
+            "(chmod 600), or make a new key if somebody may have copied it.",
             where=str(path),
         )
     try:
         key = serialization.load_pem_private_key(data, password=None)
-    except Exception as error:  # as above
-        raise InputError("holds no private key in PEM form.", where=str(path)) from error
+    # As in `read_keys`.
+    except Exception as error:
+        raise InputError(
+            f"It holds no private key in PEM form. {MAKE_KEY}.", where=str(path)
+        ) from error
     if not isinstance(key, ed25519.Ed25519PrivateKey):
-        raise InputError("holds a key that is not Ed25519.", where=str(path))
+        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
     return key
 
 
-def _read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
+def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
+    """The bytes of a file of keys, and its owner and mode."""
     with opened_file(Path(path)) as file:
-        data, status = file.read(KEY_FILE_BYTES + 1), os.fstat(file.fileno())
+        data = file.read(KEY_FILE_BYTES + 1)
+        status = os.fstat(file.fileno())
     if len(data) > KEY_FILE_BYTES:
         raise InputError(
-            f"more than {KEY_FILE_BYTES} bytes, so it is no file of keys.", where=str(path)
+            f"It has more than {KEY_FILE_BYTES} bytes, so it is no file of keys. {MAKE_KEY}.",
+            where=str(path),
         )
     return data, status

@@ -16,38 +16,48 @@ from numpy.typing import NDArray
 
 from vfplan.bundle.schema import Content
 
-BLOCK = 1 << 18  # triangles or points at a time, to bound memory
-STEPS = 16  # along a tree's order, to bound the distance to the nearest neighbour
+BLOCK = 1 << 18
+"""Number of triangles or points that are looked at together, to bound memory."""
+STEPS = 16
+"""Number of steps along a tree's order that bound the distance to the nearest neighbour."""
 
 
 def certificate(content: Content) -> Content:
     """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`."""
-    kind = "curve" if "/curve/stroke" in content else "cloud"
-    kind = "mesh" if "/mesh/triangles" in content else kind  # what the samples are known to lie on
     points = Across(content)
-    own = content["/points"]
-    leak: Content = {"/leak@kind": kind}
-    if kind == "curve":
-        largest, index, following = largest_gap(content, points)
-        place = (own[index] + own[following]) / 2
-        leak |= _ends(content, points)
-    elif kind == "mesh":
-        largest, row = largest_cover(content["/mesh/triangles"], points)
-        # Where that asks for samples, a reader takes them before it renders points.
-        largest = min(largest, content.get("/mesh@sample_radius_m", largest))
-        place = own[content["/mesh/triangles"][row]].mean(axis=0)
-        edges = open_edges(content["/mesh/triangles"])
-        leak |= {"/leak@open_edges": edges} if edges else {}
-    else:
-        largest, index = loneliest(points)
-        place = own[index]
+    corners = content["/points"]
     radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
     reach = radius - content["/rendering@band_m"]
-    limit = {"curve": 2 * reach, "mesh": reach}.get(kind)  # a bare cloud has none
+    leak: Content = {}
+    limit = None
+    if "/mesh/triangles" in content:
+        triangles = content["/mesh/triangles"]
+        leak["/leak@kind"] = "mesh"
+        limit = reach
+        largest, row = largest_cover(triangles, points)
+        # Where that asks for samples, a reader takes them before it renders points.
+        largest = min(largest, content.get("/mesh@sample_radius_m", largest))
+        place = corners[triangles[row]].mean(axis=0)
+        rim_edges = open_edges(triangles)
+        if rim_edges > 0:
+            leak["/leak@open_edges"] = rim_edges
+    elif "/curve/stroke" in content:
+        leak["/leak@kind"] = "curve"
+        limit = 2 * reach
+        largest, index, following = largest_gap(content, points)
+        place = (corners[index] + corners[following]) / 2
+        leak |= open_ends(content, points)
+    else:
+        # How the points of a bare cloud connect is not known, so there is no limit.
+        leak["/leak@kind"] = "cloud"
+        largest, index = loneliest(points)
+        place = corners[index]
     leak["/leak@largest_m"] = float(largest)
     leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
     leak["/leak@certified"] = int(limit is not None and largest <= limit)
-    return leak if limit is None else leak | {"/leak@limit_m": float(limit)}
+    if limit is not None:
+        leak["/leak@limit_m"] = float(limit)
+    return leak
 
 
 class Across:
@@ -73,7 +83,8 @@ def largest_gap(content: Content, points: Across) -> tuple[float, int, int]:
 
     The first such pair in the order of the points, closing pairs after all others.
     """
-    stroke, closed = content["/curve/stroke"], content["/curve/closed"].astype(bool)
+    stroke = content["/curve/stroke"]
+    is_closed = content["/curve/closed"].astype(bool)
     best = (0.0, 0, 0)
     for start in range(0, len(points) - 1, BLOCK):
         stop = min(start + BLOCK, len(points) - 1)
@@ -83,7 +94,7 @@ def largest_gap(content: Content, points: Across) -> tuple[float, int, int]:
         if steps[widest] > best[0]:
             best = (float(steps[widest]), start + widest, start + widest + 1)
     first, last = stroke_ends(stroke)
-    gaps = np.where(closed, np.linalg.norm(points[last] - points[first], axis=1), 0.0)
+    gaps = np.where(is_closed, np.linalg.norm(points[last] - points[first], axis=1), 0.0)
     widest = int(np.argmax(gaps))
     if gaps[widest] > best[0]:
         best = (float(gaps[widest]), int(last[widest]), int(first[widest]))
@@ -115,23 +126,25 @@ def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     farthest point lies on the longest side, where the perpendicular bisector of b meets it, at
     (b / 2) / cos A = b^2 c / (b^2 + c^2 - a^2) from the corner A.
     """
-    sides = np.stack([np.linalg.norm(corners[:, i] - corners[:, i - 1], axis=1) for i in range(3)])
-    a, b, c = np.sort(sides, axis=0)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    a, b, c = np.sort(sides.T, axis=0)
     # Kahan's area, exact for needles.
     product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
-    area4 = np.sqrt(np.maximum(product, 0.0))
-    obtuse = a * a + b * b <= c * c
+    four_areas = np.sqrt(np.maximum(product, 0.0))
+    is_obtuse = a * a + b * b <= c * c
     with np.errstate(divide="ignore", invalid="ignore"):
-        slanted = b * b * c / (b * b + c * c - a * a)
-        around = a * b * c / area4
-    return np.where(c == 0, 0.0, np.where(obtuse, slanted, around))
+        on_longest_side = b * b * c / (b * b + c * c - a * a)
+        circumradius = a * b * c / four_areas
+    radius = np.where(is_obtuse, on_longest_side, circumradius)
+    radius[c == 0] = 0.0
+    return radius
 
 
 def open_edges(triangles: NDArray[np.int32]) -> int:
     """Number of edges that belong to exactly one triangle."""
     edges = sorted_edges(triangles)
-    again = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
-    return int(np.count_nonzero(~again[1:] & ~again[:-1]))
+    is_repeated = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
+    return int(np.count_nonzero(~is_repeated[1:] & ~is_repeated[:-1]))
 
 
 def sorted_edges(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -154,55 +167,63 @@ def loneliest(points: Across) -> tuple[float, int]:
     """
     if len(points) == 1:
         return 0.0, 0
-    tree, _, rows = _tree(points[:])
+    tree, _, rows = tree_of(points[:])
     best = (0.0, 0)
     for start in range(0, len(rows), BLOCK):
         block = rows[start : start + BLOCK]
         first = max(0, start - STEPS)
-        bound = _bounds(points[rows[first : start + BLOCK + STEPS]])[start - first :][: len(block)]
+        nearby = distance_bounds(points[rows[first : start + BLOCK + STEPS]])
+        bound = nearby[start - first :][: len(block)]
         waiting = np.argsort(-bound)
         waiting = waiting[bound[waiting] > best[0]]
-        at, count = 0, 64
-        while at < len(waiting) and bound[waiting[at]] > best[0]:
-            some = block[waiting[at : at + count]]
-            distance = tree.query(points[some], k=[2], workers=-1)[0][:, 0]
+        begin = 0
+        count = 64
+        while begin < len(waiting) and bound[waiting[begin]] > best[0]:
+            chosen = block[waiting[begin : begin + count]]
+            distance = tree.query(points[chosen], k=[2], workers=-1)[0][:, 0]
             farthest = int(np.argmax(distance))
             if distance[farthest] > best[0]:
-                best = (float(distance[farthest]), int(some[farthest]))
-            at, count = at + count, min(2 * count, BLOCK)
+                best = (float(distance[farthest]), int(chosen[farthest]))
+            begin += count
+            count = min(2 * count, BLOCK)
     return best
 
 
-def _tree(points: NDArray[np.float64], kind: NDArray[np.int32] | None = None) -> Any:
+def tree_of(points: NDArray[np.float64], kind: NDArray[np.int32] | None = None) -> Any:
     """(k-d tree, rows of its points, rows of all points in the tree's order).
 
     The tree holds one point of each place, or two of different `kind`: no tree can part points
     of one place, and a search among them would look at each.
     """
-    from scipy.spatial import cKDTree
-
-    def plant(some: NDArray[np.float64]) -> Any:
-        return cKDTree(some, leafsize=32, balanced_tree=False, compact_nodes=False)
-
-    tree = plant(points)
+    tree = kd_tree(points)
     rows = tree.indices
-    new = np.ones(len(rows), dtype=bool)
+    is_new = np.ones(len(rows), dtype=bool)
     for start in range(1, len(rows), BLOCK):
-        before, after = rows[start - 1 : start - 1 + BLOCK], rows[start : start + BLOCK]
-        new[start : start + BLOCK] = np.any(points[after] != points[before[: len(after)]], axis=1)
-    if new.all():
+        before = rows[start - 1 : start - 1 + BLOCK]
+        after = rows[start : start + BLOCK]
+        differs = points[after] != points[before[: len(after)]]
+        is_new[start : start + BLOCK] = np.any(differs, axis=1)
+    if is_new.all():
         return tree, slice(None), rows
     del tree
-    keep = new.copy()
+    keep = is_new.copy()
     if kind is not None:
-        heads = np.flatnonzero(new)
-        run = np.cumsum(new) - 1
+        # Of the points of one place, also the first whose kind is another one than the head's.
+        heads = np.flatnonzero(is_new)
+        run = np.cumsum(is_new) - 1
         other = np.flatnonzero(kind[rows] != kind[rows[heads]][run])
         keep[other[np.unique(run[other], return_index=True)[1]]] = True
-    return plant(points[rows[keep]]), rows[keep], rows
+    return kd_tree(points[rows[keep]]), rows[keep], rows
 
 
-def _bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
+def kd_tree(points: NDArray[np.float64]) -> Any:
+    """A tree that is quick to make."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points, leafsize=32, balanced_tree=False, compact_nodes=False)
+
+
+def distance_bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) distance [m] of each point to the nearest of the next and last few in this order."""
     x, y, z = np.ascontiguousarray(ordered.T)
     nearest = np.full(len(ordered), np.inf)
@@ -215,39 +236,40 @@ def _bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(nearest)
 
 
-def _ends(content: Content, points: Across) -> Content:
+def open_ends(content: Content, points: Across) -> Content:
     """Open ends, and how far the farthest of them is from any other stroke."""
-    stroke, closed = content["/curve/stroke"], content["/curve/closed"].astype(bool)
+    stroke = content["/curve/stroke"]
+    is_closed = content["/curve/closed"].astype(bool)
     first, last = stroke_ends(stroke)
-    ends = np.column_stack([first, last])[~closed].ravel()
-    if not len(ends):
+    ends = np.column_stack([first, last])[~is_closed].ravel()
+    if len(ends) == 0:
         return {}
     leak: Content = {"/leak/open_ends": np.ascontiguousarray(content["/points"][ends])}
-    if len(closed) == 1:
-        return leak
-    distance = _to_other_strokes(points, stroke, ends)
-    farthest = int(np.argmax(distance))
-    return leak | {
-        "/leak@between_m": float(distance[farthest]),
-        "/leak/between_place": np.ascontiguousarray(content["/points"][ends[farthest]]),
-    }
+    if len(is_closed) > 1:
+        distance = distance_to_other_strokes(points, stroke, ends)
+        farthest = int(np.argmax(distance))
+        leak["/leak@between_m"] = float(distance[farthest])
+        leak["/leak/between_place"] = np.ascontiguousarray(content["/points"][ends[farthest]])
+    return leak
 
 
-def _to_other_strokes(
+def distance_to_other_strokes(
     points: Across, stroke: NDArray[np.int32], ends: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """(E,) distance [m] of each of these points to the nearest one of another stroke."""
-    tree, kept, _ = _tree(points[:], stroke)
-    own_stroke = stroke[kept]
+    tree, kept, _ = tree_of(points[:], stroke)
+    stroke_in_tree = stroke[kept]
     distance = np.full(len(ends), np.inf)
-    waiting, count = np.arange(len(ends)), 8
-    while len(waiting):
-        count = min(count, len(own_stroke))  # two strokes at least, so that count is 2 or more
+    waiting = np.arange(len(ends))
+    count = 8
+    while len(waiting) > 0:
+        # There are two strokes at least, so that count is 2 or more.
+        count = min(count, len(stroke_in_tree))
         for start in range(0, len(waiting), max(1, BLOCK // count)):
-            some = waiting[start : start + max(1, BLOCK // count)]
-            found, index = tree.query(points[ends[some]], k=count, workers=-1)
-            own = own_stroke[index] == stroke[ends[some], None]
-            distance[some] = np.where(own, np.inf, found).min(axis=1)
+            chosen = waiting[start : start + max(1, BLOCK // count)]
+            to_nearest, index = tree.query(points[ends[chosen]], k=count, workers=-1)
+            is_same_stroke = stroke_in_tree[index] == stroke[ends[chosen], None]
+            distance[chosen] = np.where(is_same_stroke, np.inf, to_nearest).min(axis=1)
         waiting = waiting[np.isinf(distance[waiting])]
         count *= 4
     return distance

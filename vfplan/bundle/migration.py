@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vfplan import __version__
-from vfplan.bundle.read import read_bundle
+from vfplan.bundle.read import read_bundle, within_file
 from vfplan.bundle.schema import VERSION, Content, rows_by_path
 from vfplan.bundle.seal import HDF5_MAGIC, MAGIC, TAIL_MAGIC
 from vfplan.bundle.write import completed, write_content
@@ -37,23 +37,25 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     SceneError
         The old fixture leaks between samples, which version 0.1 did not check.
     """
-    _refuse_current(Path(old))
-    head, content = _read_old(Path(old))
+    check_is_older(Path(old))
+    head, content = read_old(Path(old))
     line = (
         f"{now_utc()} vfplan {__version__}: migrated from {head['version']} to {VERSION},"
         f" SHA-256 {head['sha256']}"
     )
     if head["signed_by"] is not None:
         line += f", was signed by key {head['signed_by']}"
-    content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
+    content[HISTORY] = (*content.get(HISTORY, ()), line)
+    content = completed(content)
     try:
         write_content(content, Path(new), overwrite=overwrite)
-    except SettingError as error:  # it is the old file whose parts do not agree
+    except SettingError as error:
+        # It is the old file whose parts do not agree.
         raise UnsafeError(error.message, where=f"{old}:{error.where}", code=error.code) from None
     return content
 
 
-def _refuse_current(path: Path) -> None:
+def check_is_older(path: Path) -> None:
     """Refuse a bundle of the present version: a sound one needs no migration."""
     with opened_file(path) as stream:
         start = stream.read(len(MAGIC))
@@ -63,13 +65,13 @@ def _refuse_current(path: Path) -> None:
     if is_current:
         read_bundle(path)
         raise InputError(
-            f"has version {VERSION} already, so it needs no migration.",
+            f"has version {VERSION} already. Use it as it is.",
             where=str(path),
             code="no-migration-needed",
         )
 
 
-def _read_old(path: Path) -> tuple[dict[str, Any], Content]:
+def read_old(path: Path) -> tuple[dict[str, Any], Content]:
     """The head that `old_content` yields, and the content of an old bundle."""
     file = OpenedFile(path)
     try:
@@ -77,10 +79,12 @@ def _read_old(path: Path) -> tuple[dict[str, Any], Content]:
         head = next(answers)
         content: Content = {}
         for name, value in head["values"].items():
-            content[name] = tuple(value) if isinstance(value, list) else value
+            if isinstance(value, list):
+                value = tuple(value)
+            content[name] = value
         for name, (values,) in zip(head["tables"], answers, strict=True):
             content[name] = np.ascontiguousarray(values, dtype=f"<{rows_by_path()[name].type}")
     except BundleError as error:
-        error.where = str(path) + (f":{error.where}" if error.where else "")
+        error.where = within_file(path, error.where)
         raise
     return head, content

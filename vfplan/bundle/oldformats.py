@@ -9,6 +9,7 @@ through is judged once more by the reader of 2.0, when the new bundle is written
 from __future__ import annotations
 
 import hashlib
+import io
 import struct
 from collections.abc import Iterator
 from typing import Any, BinaryIO
@@ -36,24 +37,35 @@ def old_content(stream: BinaryIO) -> Iterator[Any]:
     VersionError
         It is of another version.
     """
-    most = document(OLDER)["limits"]["payload_bytes"] + LENGTHS[-1]
-    data = stream.read(most + 1)
-    if len(data) > most:
-        raise UnsafeError("is longer than a bundle may be.", code="unsafe.cap")
-    payload, signed_by = _unsealed(data)
-    with _opened(payload) as file:
-        version = _version(file, is_sealed=len(payload) < len(data))
-        rows = {row.path: row for row in table(OLDER) if _number(row.since) <= _number(version)}
-        _require_known(file, rows)
+    max_bytes = document(OLDER)["limits"]["payload_bytes"] + LENGTHS[-1]
+    data = stream.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise UnsafeError(
+            "is longer than a bundle may be. Migrate the original file.", code="unsafe.cap"
+        )
+    payload, signed_by = unsealed_payload(data)
+    try:
+        file = h5py.File(io.BytesIO(payload), "r")
+    except (OSError, RuntimeError, ValueError) as error:
+        raise CorruptError(
+            f"cannot be read as HDF5: {error}. Migrate the original file.", code="corrupt.hdf5"
+        ) from None
+    with file:
+        version = version_of(file, is_sealed=len(payload) < len(data))
+        rows = {}
+        for row in table(OLDER):
+            if version_number(row.since) <= version_number(version):
+                rows[row.path] = row
+        check_names(file, rows)
         values: Content = {}
         tables = []
         for path, row in rows.items():
             if row.kind == "attribute":
                 if row.parent in file and row.name in file[row.parent].attrs:
-                    values[path] = _plain(file[row.parent].attrs[row.name], row)
+                    values[path] = attribute_value(file[row.parent].attrs[row.name], row)
             elif row.kind == "dataset" and path in file:
                 if row.type == "text":
-                    values[path] = [_text(item, row) for item in _numbers(file[path], row)]
+                    values[path] = [decoded(text, row) for text in dataset_values(file[path], row)]
                 else:
                     tables.append(path)
         yield {
@@ -64,126 +76,171 @@ def old_content(stream: BinaryIO) -> Iterator[Any]:
             "tables": tables,
         }
         for path in tables:
-            yield (_numbers(file[path], rows[path]),)
+            yield (dataset_values(file[path], rows[path]),)
 
 
-def _unsealed(data: bytes) -> tuple[bytes, str | None]:
+def unsealed_payload(data: bytes) -> tuple[bytes, str | None]:
     """The HDF5 file of an old bundle, and the key id of who signed it.
 
     Of a seal in front the two digests are checked, as the readers of its time did. The signature
     itself is not: it does not count for the new bundle, whose bytes are others.
     """
+    if data.startswith(HDF5_MAGIC):
+        return data, None
     if not data.startswith(MAGIC):
-        if data.startswith(HDF5_MAGIC):
-            return data, None
-        raise CorruptError("is no fixture bundle.", code="corrupt.seal")
+        raise CorruptError("is no fixture bundle. Give one.", code="corrupt.seal")
     version, flags, length, payload_length = struct.unpack_from("<HHIQ", data.ljust(24, b"\0"), 8)
     if version != 1:
-        raise VersionError(f"has seal version {version} in front; 1 is known.", code="version.seal")
+        raise VersionError(
+            f"has seal version {version} in front, and 1 is known. Install the vfplan that wrote "
+            "it, and read the file with that.",
+            code="version.seal",
+        )
     if length not in LENGTHS or len(data) != length + payload_length:
-        raise CorruptError("was cut or grown: its seal says another length.", code="corrupt.seal")
-    block, payload = data[:length], data[length:]
+        raise CorruptError(
+            "was cut or grown: its seal says another length. Migrate the original file.",
+            code="corrupt.seal",
+        )
+    block = data[:length]
+    payload = data[length:]
     if hashlib.sha256(block[:-32]).digest() != block[-32:]:
-        raise CorruptError("the seal itself is damaged: its SHA-256 differs.", code="corrupt.seal")
+        raise CorruptError(
+            "The seal itself is damaged: its SHA-256 differs. Migrate the original file.",
+            code="corrupt.seal",
+        )
     if hashlib.sha256(payload).digest() != block[24:56]:
-        raise CorruptError("SHA-256 differs from the sealed one.", code="corrupt.seal")
-    signed_by = block[56:72].hex() if flags & 1 else None
-    return payload, signed_by
+        raise CorruptError(
+            "Its SHA-256 differs from the sealed one. Migrate the original file.",
+            code="corrupt.seal",
+        )
+    if flags & 1:
+        return payload, block[56:72].hex()
+    return payload, None
 
 
-def _opened(payload: bytes) -> Any:
-    import io
-
-    try:
-        return h5py.File(io.BytesIO(payload), "r")
-    except (OSError, RuntimeError, ValueError) as error:
-        raise CorruptError(f"cannot be read as HDF5: {error}.", code="corrupt.hdf5") from None
-
-
-def _version(file: Any, *, is_sealed: bool) -> str:
+def version_of(file: Any, *, is_sealed: bool) -> str:
     """The version, which fits to there being a seal or not.
 
     Nobody removes the seal of a later version to bring it in as an old one.
     """
-    texts = {}
-    for name in ("format", "version"):
-        value = file.attrs.get(name)
-        texts[name] = value.decode("ascii", "replace") if isinstance(value, bytes) else ""
-    if texts["format"] != FORMAT:
-        raise CorruptError("is no fixture bundle.", where="/@format", code="corrupt.format")
-    version = texts["version"]
-    known = ("1.0", "1.1") if is_sealed else ("0.1",)
-    if version in known:
-        return version
-    if is_sealed:
+    if attribute_text(file, "format") != FORMAT:
+        raise CorruptError(
+            "is no fixture bundle. Give one.", where="/@format", code="corrupt.format"
+        )
+    version = attribute_text(file, "version")
+    if is_sealed and version not in ("1.0", "1.1"):
         raise VersionError(
-            f"version {version!r} under the seal of versions 1.0 and 1.1.",
+            f"It has version {version!r} under the seal of versions 1.0 and 1.1. Migrate the "
+            "original file.",
             where="/@version",
             code="version.major",
         )
-    raise CorruptError(
-        f"its seal is missing, and version {version!r} has one: the file was cut, or opened for "
-        "writing by another program. Migrate the file as it was first written.",
-        where="/@version",
-        code="corrupt.seal",
-    )
+    if not is_sealed and version != "0.1":
+        raise CorruptError(
+            f"its seal is missing, and version {version!r} has one: the file was cut, or opened "
+            "for writing by another program. Migrate the file as it was first written.",
+            where="/@version",
+            code="corrupt.seal",
+        )
+    return version
 
 
-def _number(version: str) -> tuple[int, ...]:
+def attribute_text(file: Any, name: str) -> str:
+    """A text attribute of the root; "" where there is none."""
+    value = file.attrs.get(name)
+    if isinstance(value, bytes):
+        return value.decode("ascii", "replace")
+    return ""
+
+
+def version_number(version: str) -> tuple[int, ...]:
+    """Version "1.0" as (1, 0), to be compared."""
     return tuple(map(int, version.split(".")))
 
 
-def _require_known(file: Any, rows: dict[str, Row]) -> None:
+def check_names(file: Any, rows: dict[str, Row]) -> None:
     """Refuse what the version's table does not name, and what leads out of the file."""
-    groups = [path for path, row in rows.items() if row.kind == "group"]
-    for group in groups:
-        if group not in file:
+    for group, row in rows.items():
+        if row.kind != "group" or group not in file:
             continue
         for name in file[group]:
             path = f"{group.rstrip('/')}/{name}"
             link = file[group].get(name, getlink=True)
             if not isinstance(link, h5py.HardLink):
-                raise UnsafeError("is a link that is not hard.", where=path, code="unsafe.link")
-            if path not in rows:
                 raise UnsafeError(
-                    f"holds {name!r}, which its version lacks.", where=group, code="unsafe.unknown"
+                    "is a link that is not hard. Migrate the original file.",
+                    where=path,
+                    code="unsafe.link",
                 )
+            check_name(path in rows, name, group)
         for name in file[group].attrs:
-            if f"{group}@{name}" not in rows:
-                raise UnsafeError(
-                    f"holds {name!r}, which its version lacks.", where=group, code="unsafe.unknown"
-                )
+            check_name(f"{group}@{name}" in rows, name, group)
 
 
-def _numbers(dataset: Any, row: Row) -> np.ndarray:
+def check_name(is_known: bool, name: str, group: str) -> None:
+    """Refuse a name that the version's table does not have."""
+    if not is_known:
+        raise UnsafeError(
+            f"holds {name!r}, which its version lacks. Migrate the original file.",
+            where=group,
+            code="unsafe.unknown",
+        )
+
+
+def dataset_values(dataset: Any, row: Row) -> np.ndarray:
     """A dataset's values, after its kind, type and size were compared with its row."""
-    is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
-    if not is_plain or dataset.external or dataset.is_virtual:
-        raise UnsafeError("is no plain dataset.", where=row.path, code="unsafe.layout")
-    kind = dataset.dtype.kind if row.type == "text" else dataset.dtype.str.lstrip("<|")
-    if kind != ("S" if row.type == "text" else row.type):
-        raise CorruptError(f"has type {dataset.dtype}.", where=row.path, code="corrupt.type")
-    sizes, limits = document(OLDER)["sizes"], document(OLDER)["limits"]
-    if len(dataset.shape) != len(row.shape) or dataset.dtype.itemsize > limits["text_bytes"]:
-        raise CorruptError(f"has shape {dataset.shape}.", where=row.path, code="corrupt.shape")
+    is_dataset = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
+    if not is_dataset or dataset.external or dataset.is_virtual:
+        raise UnsafeError(
+            "is no plain dataset. Migrate the original file.", where=row.path, code="unsafe.layout"
+        )
+    if row.type == "text":
+        has_type = dataset.dtype.kind == "S"
+    else:
+        has_type = dataset.dtype.str.lstrip("<|") == row.type
+    if not has_type:
+        raise CorruptError(
+            f"has type {dataset.dtype}. Migrate the original file.",
+            where=row.path,
+            code="corrupt.type",
+        )
+    sizes = document(OLDER)["sizes"]
+    max_text_bytes = document(OLDER)["limits"]["text_bytes"]
+    if len(dataset.shape) != len(row.shape) or dataset.dtype.itemsize > max_text_bytes:
+        raise CorruptError(
+            f"has shape {dataset.shape}. Migrate the original file.",
+            where=row.path,
+            code="corrupt.shape",
+        )
     for side, wanted in zip(dataset.shape, row.shape, strict=True):
-        cap = sizes[wanted]["max"] if isinstance(wanted, str) else wanted
-        if not 1 <= side <= cap:
-            raise UnsafeError(f"has shape {dataset.shape}.", where=row.path, code="unsafe.cap")
+        max_side = wanted
+        if isinstance(wanted, str):
+            max_side = sizes[wanted]["max"]
+        if not 1 <= side <= max_side:
+            raise UnsafeError(
+                f"has shape {dataset.shape}. Migrate the original file.",
+                where=row.path,
+                code="unsafe.cap",
+            )
     return np.asarray(dataset[...])
 
 
-def _plain(value: Any, row: Row) -> Any:
+def attribute_value(value: Any, row: Row) -> Any:
     """An attribute as JSON holds it."""
     if row.type == "text" and isinstance(value, bytes):
-        return _text(value, row)
+        return decoded(value, row)
     if row.type != "text" and isinstance(value, np.generic) and value.dtype.str[1:] == row.type:
         return value.item()
-    raise CorruptError("has another type.", where=row.path, code="corrupt.type")
+    raise CorruptError(
+        "has another type. Migrate the original file.", where=row.path, code="corrupt.type"
+    )
 
 
-def _text(value: bytes, row: Row) -> str:
+def decoded(value: bytes, row: Row) -> str:
+    """A text of the file."""
     try:
         return value.decode()
     except UnicodeDecodeError:
-        raise CorruptError("is not UTF-8.", where=row.path, code="corrupt.text") from None
+        raise CorruptError(
+            "is not UTF-8. Migrate the original file.", where=row.path, code="corrupt.text"
+        ) from None

@@ -59,7 +59,8 @@ def unsealed(stream: BinaryIO, trust: Trust | None = None) -> Sealed:
     Raises `BundleError`.
     """
     data = stream.read(len(HDF5_MAGIC))
-    if data == HDF5_MAGIC:  # else the reader says what it is, without the rest of a foreign file
+    # Of any other file the first bytes are enough for the reader to say what it is.
+    if data == HDF5_MAGIC:
         stream.seek(0)
         data = stream.read(max_payload_bytes() + LENGTHS[-1] + 1)
     sealed = Sealed(data)
@@ -97,5 +98,12 @@ def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
         try:
             yield stream
         except BundleError as error:
-            error.where = str(Path(source)) + (f":{error.where}" if error.where else "")
+            error.where = within_file(source, error.where)
             raise
+
+
+def within_file(path: str | Path, where: str | None) -> str:
+    """A place inside a bundle with the file's name in front."""
+    if where:
+        return f"{Path(path)}:{where}"
+    return str(Path(path))

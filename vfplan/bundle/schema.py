@@ -60,15 +60,20 @@ class Row:
     @property
     def parent(self) -> str:
         """The group that holds it."""
-        holder, _, _ = self.path.partition("@")
         if self.kind == "attribute":
-            return holder
-        return holder.rpartition("/")[0] or "/"
+            return self.path.partition("@")[0]
+        parent = self.path.rpartition("/")[0]
+        if parent == "":
+            return "/"
+        return parent
 
     @property
     def name(self) -> str:
         """The last part of the path."""
-        return self.path.rpartition("@" if self.kind == "attribute" else "/")[2]
+        separator = "/"
+        if self.kind == "attribute":
+            separator = "@"
+        return self.path.rpartition(separator)[2]
 
 
 @cache
@@ -83,11 +88,11 @@ def table(version: str = VERSION) -> tuple[Row, ...]:
     """Everything a bundle may hold, in the order of the format."""
     rows = []
     for entry in document(version)["rows"]:
-        given = dict(entry)
+        fields = dict(entry)
         for name in ("shape", "allowed"):
-            if name in given:
-                given[name] = tuple(given[name])
-        rows.append(Row(**given))
+            if name in fields:
+                fields[name] = tuple(fields[name])
+        rows.append(Row(**fields))
     return tuple(rows)
 
 

@@ -26,7 +26,6 @@ import hashlib
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 from vfplan._core import Sealed, lookup3
 from vfplan.errors import SettingError
@@ -37,7 +36,8 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SEAL_VERSION = 2
 SIGNED = 1
 DESPITE_FINDINGS = 2
-LENGTHS = (512, 1024, 2048, 4096)
+LENGTHS = tuple(512 << doublings for doublings in range(4))
+"""Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes."""
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 TAIL = struct.Struct("<32sII8s")
 SIGNATURE = slice(72, 136)
@@ -80,12 +80,18 @@ class Seal:
     @classmethod
     def of(cls, sealed: Sealed) -> Seal:
         """The seal of a bundle's bytes, as the reader found it."""
-        signed: dict[str, Any] = {}
-        if sealed.signed:
-            names = ("key_id", "signature", "case", "robot_serial", "despite_findings")
-            signed = {name: getattr(sealed, name) for name in names}
-            signed["signed_at"] = sealed.signed_at or None
-        return cls(sealed.payload_length, sealed.sha256, **signed)
+        if not sealed.signed:
+            return cls(sealed.payload_length, sealed.sha256)
+        return cls(
+            sealed.payload_length,
+            sealed.sha256,
+            key_id=sealed.key_id,
+            signature=sealed.signature,
+            case=sealed.case,
+            robot_serial=sealed.robot_serial,
+            signed_at=sealed.signed_at or None,
+            despite_findings=sealed.despite_findings,
+        )
 
     @property
     def signed(self) -> bool:
@@ -94,8 +100,9 @@ class Seal:
 
     def describe(self) -> dict[str, object]:
         """The seal as `vfplan info --json` shows it: what is not there is absent."""
-        key_id = self.key_id.hex() if self.key_id else None
-        data: dict[str, object] = {"ok": True, "signed": self.signed, "key_id": key_id}
+        data: dict[str, object] = {"ok": True, "signed": self.signed, "key_id": None}
+        if self.key_id is not None:
+            data["key_id"] = self.key_id.hex()
         data["sha256"] = self.sha256.hex()
         if self.case:
             data["case"] = self.case
@@ -114,15 +121,15 @@ def seal_length(case: str = "", robot_serial: str = "") -> int:
 
     Raises `SettingError` when they do not fit into the longest.
     """
-    texts = len(case.encode()) + len(robot_serial.encode())
+    text_bytes = len(case.encode()) + len(robot_serial.encode())
     for length in LENGTHS:
-        if HEAD.size + texts + TAIL.size <= length:
+        if HEAD.size + text_bytes + TAIL.size <= length:
             return length
-    room = LENGTHS[-1] - HEAD.size - TAIL.size
+    max_bytes = LENGTHS[-1] - HEAD.size - TAIL.size
     raise SettingError(
-        f"case and serial have {texts} bytes. At most {room} allowed.",
+        f"Case and serial have {text_bytes} bytes. Give at most {max_bytes}.",
         code="seal-texts-too-long",
-        numbers={"bytes": texts, "max_bytes": room},
+        numbers={"bytes": text_bytes, "max_bytes": max_bytes},
     )
 
 
@@ -141,18 +148,20 @@ def unsigned(payload: bytes) -> list[bytes]:
 def to_bytes(seal: Seal) -> bytes:
     """The seal as it stands behind the payload; raises as `seal_length` does."""
     length = seal_length(seal.case, seal.robot_serial)
-    body = _body(seal, length)
+    body = to_body(seal, length)
     return body + TAIL.pack(hashlib.sha256(body).digest(), length, 0, TAIL_MAGIC)
 
 
 def signed_message(seal: Seal) -> bytes:
     """The bytes a signature covers: all of the seal but the signature and the tail."""
-    body = _body(seal, seal_length(seal.case, seal.robot_serial))
+    body = to_body(seal, seal_length(seal.case, seal.robot_serial))
     return DOMAIN + body[: SIGNATURE.start] + body[SIGNATURE.stop :]
 
 
-def _body(seal: Seal, length: int) -> bytes:
-    case, serial = seal.case.encode(), seal.robot_serial.encode()
+def to_body(seal: Seal, length: int) -> bytes:
+    """The seal without its tail, filled up with zeros."""
+    case = seal.case.encode()
+    serial = seal.robot_serial.encode()
     flags = 0
     if seal.signed:
         flags |= SIGNED

@@ -9,7 +9,6 @@ import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NoReturn
 
 from vfplan.bundle.content import from_content
 from vfplan.bundle.keys import key_id_of, read_private
@@ -61,18 +60,21 @@ def sign(
     OutputError
         The target exists and `overwrite` is false.
     """
-    signed_at = _seconds(now_utc() if registered_utc is None else registered_utc)
+    if registered_utc is None:
+        registered_utc = now_utc()
+    signed_at = seconds_since_1970(registered_utc)
     for what, text in (("case token", case), ("robot serial", robot_serial)):
         if not text.isprintable():
-            raise SettingError(f"{what} {text!r} holds control characters.")
+            raise SettingError(
+                f"The {what} {text!r} holds control characters. Type it without them."
+            )
     key = read_private(key_path)
     with opened_source(source) as stream:
         sealed = unsealed(stream)
         fixture = from_content(sealed.read()[0])
         payload = sealed.payload
-    is_clear = not fixture.open_findings and fixture.reviewed is not None
-    if not is_clear and not despite_findings:
-        _refuse(fixture, str(source))
+    if not despite_findings:
+        check_is_approved(fixture, str(source))
     payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))
     seal = Seal(
         len(payload),
@@ -82,16 +84,16 @@ def sign(
         case=case,
         robot_serial=robot_serial,
         signed_at=signed_at,
-        despite_findings=not is_clear,
+        despite_findings=bool(fixture.open_findings) or fixture.reviewed is None,
     )
     seal = replace(seal, signature=key.sign(signed_message(seal)))
     write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
     return seal
 
 
-def _refuse(fixture: Fixture, where: str) -> NoReturn:
-    """Say which doubts are open, or that nobody reviewed the bundle."""
-    how = "`vfplan review` shows it and asks; --despite-findings signs it all the same"
+def check_is_approved(fixture: Fixture, where: str) -> None:
+    """Refuse a fixture with open doubts, or one that nobody has reviewed."""
+    how = "Answer it: vfplan review. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
         raise CheckFailed(
@@ -100,17 +102,19 @@ def _refuse(fixture: Fixture, where: str) -> NoReturn:
             code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},
         )
-    raise CheckFailed(f"nobody has reviewed it. {how}.", where=where, code="not-reviewed")
+    if fixture.reviewed is None:
+        raise CheckFailed(f"Nobody has reviewed it. {how}.", where=where, code="not-reviewed")
 
 
-def _seconds(text: str) -> int:
+def seconds_since_1970(text: str) -> int:
+    """A time in ISO 8601 as seconds since 1970 UTC."""
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise SettingError(f"{text!r} is no time; 2026-01-31T12:00:00Z is one.") from None
+        raise SettingError(f"{text!r} is no time. Write it like 2026-01-31T12:00:00Z.") from None
     if moment.tzinfo is None:
         raise SettingError(f"{text!r} has no time zone. End it with Z for UTC.")
     seconds = int((moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
     if not 0 < seconds <= LATEST:
-        raise SettingError(f"{text!r} lies outside 1970 to 9999.")
+        raise SettingError(f"{text!r} lies outside 1970 to 9999. Give the time of today.")
     return seconds

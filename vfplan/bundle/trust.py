@@ -10,7 +10,8 @@ from typing import Any
 from vfplan._core import Sealed
 from vfplan.errors import SettingError, SignatureError
 
-CLOCK_SKEW = 60  # s a signature may seem to lie in the future
+CLOCK_SKEW = 60
+"""How far a time of signing may lie in the future, because two clocks differ [s]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Trust:
     def __post_init__(self) -> None:
         """Refuse an age that no comparison would ever exceed: NaN, infinite, negative."""
         if self.max_age is not None and not 0 <= self.max_age < math.inf:
-            raise SettingError(f"maximum age {self.max_age} s. Give a finite number from 0.")
+            raise SettingError(f"The maximum age is {self.max_age} s. Give a finite number from 0.")
 
 
 def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
@@ -46,38 +47,49 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
 
     What must be signed are the bytes of the file, as they are.
 
-    `now` is in seconds since 1970 UTC.
+    now: the time to count the age to [s since 1970 UTC]; without it the present
 
-    Raises SignatureError: the signature is missing, wrong, by an unknown key, or for something else
+    Raises `SignatureError`.
     """
     if not seal.signed:
-        raise SignatureError("is not signed. Give a signature of a trusted key.")
+        raise SignatureError("is not signed. Sign it: vfplan sign.")
     key = trust.keys.get(seal.key_id)
     if key is None:
-        raise SignatureError(f"is signed by key {seal.key_id.hex()}, which is not a trusted one.")
+        raise SignatureError(
+            f"is signed by key {seal.key_id.hex()}, which is not trusted. Sign it with a trusted "
+            "key, or add the public key to the trusted ones."
+        )
     from cryptography.exceptions import InvalidSignature
 
     try:
         key.verify(seal.signature, seal.signed_message)
     except InvalidSignature:
-        raise SignatureError(f"the signature by key {seal.key_id.hex()} does not hold.") from None
-    for what, signed, wanted in (
-        ("case", seal.case, trust.case),
-        ("robot", seal.robot_serial, trust.robot_serial),
-    ):
-        if wanted is not None and signed != wanted:
-            raise SignatureError(f"is signed for {what} {signed!r}. {wanted!r} is demanded.")
-    if trust.max_age is not None:
-        _check_age(seal, trust.max_age, time.time() if now is None else now)
-
-
-def _check_age(seal: Sealed, max_age: float, now: float) -> None:
-    if not seal.signed_at:
-        raise SignatureError("does not state when it was signed, and a maximum age is demanded.")
-    age = now - seal.signed_at
-    if age > max_age:
         raise SignatureError(
-            f"was signed {age:.0f} s ago. At most {max_age:.0f} s old is demanded."
+            f"The signature by key {seal.key_id.hex()} does not hold: the file is not what was "
+            "signed. Fetch it once more from the planner."
+        ) from None
+    if trust.case is not None and seal.case != trust.case:
+        raise SignatureError(
+            f"is signed for case {seal.case!r}. Sign it for {trust.case!r}, or demand its own case."
+        )
+    if trust.robot_serial is not None and seal.robot_serial != trust.robot_serial:
+        raise SignatureError(
+            f"is signed for robot {seal.robot_serial!r}. Sign it for {trust.robot_serial!r}, or "
+            "load it on its own robot."
+        )
+    if trust.max_age is None:
+        return
+    if not seal.signed_at:
+        raise SignatureError("does not state when it was signed. Sign it once more with its time.")
+    if now is None:
+        now = time.time()
+    age = now - seal.signed_at
+    if age > trust.max_age:
+        raise SignatureError(
+            f"was signed {age:.0f} s ago, and at most {trust.max_age:.0f} s are allowed. Review "
+            "the plan and sign it once more."
         )
     if age < -CLOCK_SKEW:
-        raise SignatureError(f"the time of signing lies {-age:.0f} s in the future.")
+        raise SignatureError(
+            f"was signed {-age:.0f} s in the future. Set the clocks of planner and robot."
+        )

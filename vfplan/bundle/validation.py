@@ -20,7 +20,8 @@ from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
 UNSIGNED = "is not signed: protected against accident, not against intent"
-SAME = 1e-9  # relative agreement of a stored certificate with a recomputed one
+CERTIFICATE_TOLERANCE = 1e-9
+"""Relative difference of a stored certificate from a recomputed one that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +49,26 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             sealed = unsealed(stream)
         except BundleError as error:
             return [Issue(error.where or "/", error.code, "error", error.message)]
-        issues = [] if sealed.signed else [Issue("/", "seal.unsigned", "note", UNSIGNED)]
-        content, found = sealed.read(strict=False)
-        del sealed  # the certificate needs the memory
-    issues += [Issue(*issue) for issue in found]
-    checks = [_size, _paths]
-    if not any(issue.severity == "error" for issue in issues):
-        checks = [_certificate, _rendering, *checks, _findings]
-    return issues + [issue for check in checks for issue in check(content)]
+        issues = []
+        if not sealed.signed:
+            issues.append(Issue("/", "seal.unsigned", "note", UNSIGNED))
+        content, broken_rules = sealed.read(strict=False)
+        # The certificate needs the memory.
+        del sealed
+    for issue in broken_rules:
+        issues.append(Issue(*issue))
+    is_valid = not any(issue.severity == "error" for issue in issues)
+    if is_valid:
+        issues += certificate_issues(content)
+        issues += rendering_issues(content)
+    issues += size_issues(content)
+    issues += path_issues(content)
+    if is_valid:
+        issues += finding_issues(content)
+    return issues
 
 
-def _findings(content: Content) -> Iterator[Issue]:
+def finding_issues(content: Content) -> Iterator[Issue]:
     """What planning found, and whether a person has looked at it."""
     for finding in findings_of(content):
         if finding.is_open:
@@ -72,7 +82,7 @@ def _findings(content: Content) -> Iterator[Issue]:
         yield Issue("/review", "review.missing", "note", "nobody has reviewed it")
 
 
-def _certificate(content: Content) -> Iterator[Issue]:
+def certificate_issues(content: Content) -> Iterator[Issue]:
     """The whole certificate computed again, with what reading leaves out for its cost."""
     if "/leak@kind" not in content:
         return
@@ -86,7 +96,7 @@ def _certificate(content: Content) -> Iterator[Issue]:
         elif stated is None or np.shape(stated) != np.shape(wanted):
             is_same = False
         else:
-            is_same = np.allclose(stated, wanted, rtol=SAME, atol=1e-12)
+            is_same = np.allclose(stated, wanted, rtol=CERTIFICATE_TOLERANCE, atol=1e-12)
         if not is_same:
             yield Issue(path, "corrupt.leak", "error", f"is {stated}; the fixture gives {wanted}")
 
@@ -107,7 +117,7 @@ def _certificate(content: Content) -> Iterator[Issue]:
         yield Issue("/leak@open_edges", "leak.open_edges", "note", text)
 
 
-def _rendering(content: Content) -> Iterator[Issue]:
+def rendering_issues(content: Content) -> Iterator[Issue]:
     """Why no engine renders it, or not at 1 kHz."""
     if "/rendering/stiffness" not in content:
         return
@@ -128,7 +138,7 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return "rendering.work", f"{text}; it is for replay and study, not for a robot"
 
 
-def _size(content: Content) -> Iterator[Issue]:
+def size_issues(content: Content) -> Iterator[Issue]:
     """A slip of units, which no rule of the format can see."""
     if content.get("/@frame") == "image" or "/points" not in content:
         return
@@ -137,7 +147,8 @@ def _size(content: Content) -> Iterator[Issue]:
         yield Issue("/points", "points.size", "warning", text)
 
 
-def _paths(content: Content) -> Iterator[Issue]:
+def path_issues(content: Content) -> Iterator[Issue]:
+    """Texts of settings that look like the path of a file."""
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
             message = f"{text} looks like a path; bundles hold none"
@@ -164,13 +175,17 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         for rim in range(rims):
             points = fixture.points[used[rim_of == rim]]
             widest = max(widest, float(np.linalg.norm(np.ptp(points, axis=0))))
-        plural = "s" * (rims != 1)
+        of_rims = "1 rim"
+        if rims != 1:
+            of_rims = f"{rims} rims"
         texts.append(
-            f"the mesh is open: {ends.shape[1]} edges on {rims} rim{plural}, the widest "
+            f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
             f"than {2e3 * fixture.contact_radius:g} mm"
         )
-    crowded = int(np.count_nonzero(count > 2))
-    if crowded:
-        texts.append(f"{crowded} edges belong to three triangles or more: faces doubled or crossed")
+    shared_edges = int(np.count_nonzero(count > 2))
+    if shared_edges > 0:
+        texts.append(
+            f"{shared_edges} edges belong to three triangles or more: faces doubled or crossed"
+        )
     return texts

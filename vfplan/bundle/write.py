@@ -61,34 +61,24 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
 
 def completed(content: Content) -> Content:
     """A content with what the format adds: head, object id and leak certificate."""
-    head: Content = {"/@format": FORMAT, "/@version": VERSION}
-    if "/guidance@radius_m" in content:  # a reader that does not know it would forbid what guides
-        head["/@must_understand"] = "/guidance"
+    whole: Content = {"/@format": FORMAT, "/@version": VERSION}
+    if "/guidance@radius_m" in content:
+        # A reader that does not know it would forbid what is to guide.
+        whole["/@must_understand"] = "/guidance"
     for path, value in content.items():
-        if path not in head and not path.startswith("/leak"):
-            head[path] = value
-    content = head
-    _check_texts(content)
+        if path not in whole and not path.startswith("/leak"):
+            whole[path] = value
     # The id of the geometry: equal for equal points in the same frame.
-    digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
+    digest = hashlib.sha256(whole["/@frame"].encode() + b"\0")
     for path in GEOMETRY:
-        if path in content:
-            digest.update(np.ascontiguousarray(content[path]).data)
-    content["/@id"] = digest.hexdigest()[:32]
-    if "/rendering@contact_radius_m" in content:
+        if path in whole:
+            digest.update(np.ascontiguousarray(whole[path]).data)
+    whole["/@id"] = digest.hexdigest()[:32]
+    if "/rendering@contact_radius_m" in whole:
         # Of arrays that do not fit together there is none: the reader says what is wrong.
         with suppress(IndexError, ValueError), np.errstate(invalid="ignore", over="ignore"):
-            content |= leak.certificate(content)
-    return content
-
-
-def _check_texts(content: Content) -> None:
-    """Refuse a text that ends in NUL, which would be read back without it."""
-    for path, value in content.items():
-        texts = value if isinstance(value, tuple) else (value,)
-        for text in texts:
-            if isinstance(text, str) and text.endswith("\0"):
-                raise InputError(f"{text!r} ends in a control character.", where=path)
+            whole |= leak.certificate(whole)
+    return whole
 
 
 def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
@@ -97,16 +87,26 @@ def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
     Raises as `write_fixture` does.
     """
     parts = seal.unsigned(to_payload(content))
-    payload, length = parts[0], sum(map(len, parts))
-    found = read_payload(payload, length, strict=False)[1]
-    errors = [(where, code, message) for where, code, kind, message in found if kind == "error"]
-    if errors:  # the certificate is missing where something else is wrong
+    length = sum(map(len, parts))
+    errors = []
+    for where, code, severity, message in read_payload(parts[0], length, strict=False)[1]:
+        if severity == "error":
+            errors.append((where, code, message))
+    if errors:
+        # Where something else is wrong the certificate is missing, so it is named last.
         where, code, message = min(errors, key=lambda error: error[0].startswith("/leak"))
         if code == "unsafe.leak":
-            raise SceneError(message)
+            raise SceneError(f"{message}. Add points there, or take a larger radius.")
         if code in DISAGREEING:
-            raise SettingError(message, where=where, code=code)
-        raise InputError(f"no bundle can hold this: {message}.", where=where)
+            raise SettingError(
+                f"{message}. Change both together, or leave the older one out.",
+                where=where,
+                code=code,
+            )
+        raise InputError(
+            f"No bundle can hold this: {message}. Change it to what the format allows.",
+            where=where,
+        )
     write_whole(path, parts, overwrite=overwrite)
 
 
@@ -119,21 +119,21 @@ def to_payload(content: Content) -> bytes:
     access = h5p.create(h5p.FILE_ACCESS)
     access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)
     access.set_fapl_core(1 << 16, False)
-    creation = _group_properties(h5p.FILE_CREATE)
-    used = {row.parent for row in table() if row.path in content}
+    creation = group_properties(h5p.FILE_CREATE)
+    used_groups = {row.parent for row in table() if row.path in content}
     with h5py.File(h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=creation, fapl=access)) as file:
         for row in table():
-            if row.kind == "group" and row.path != "/" and row.path in used:
-                properties = _group_properties(h5p.GROUP_CREATE)
+            if row.kind == "group" and row.path != "/" and row.path in used_groups:
+                properties = group_properties(h5p.GROUP_CREATE)
                 h5g.create(file.id, row.path.encode(), gcpl=properties)
             elif row.path in content:
-                _put(file[row.parent], row, content)
+                put_value(file[row.parent], row, content)
         file.flush()
         image = file.id.get_file_image()
     return image + bytes(-len(image) % 8)
 
 
-def _group_properties(kind: Any) -> Any:
+def group_properties(kind: Any) -> Any:
     """Of a group, or of a file's root: without time stamps, and with all links in its header.
 
     libhdf5 would move a group's ninth link, and all with it, into a heap. h5py has no name for the
@@ -141,20 +141,29 @@ def _group_properties(kind: Any) -> Any:
     """
     properties = h5p.create(kind)
     properties.set_obj_track_times(False)
-    most = document()["limits"]["links_per_group"]
-    call = ctypes.CDLL(h5p.__file__).H5Pset_link_phase_change
-    call.argtypes, call.restype = [ctypes.c_int64, ctypes.c_uint, ctypes.c_uint], ctypes.c_int
-    if call(properties.id, most, most - 1) < 0:
-        raise OutputError(f"libhdf5 keeps no {most} links in a group's header.")
+    max_links = document()["limits"]["links_per_group"]
+    set_phase_change = ctypes.CDLL(h5p.__file__).H5Pset_link_phase_change
+    set_phase_change.argtypes = [ctypes.c_int64, ctypes.c_uint, ctypes.c_uint]
+    set_phase_change.restype = ctypes.c_int
+    if set_phase_change(properties.id, max_links, max_links - 1) < 0:
+        raise OutputError(
+            f"libhdf5 cannot keep {max_links} links in a group's header. Install another h5py."
+        )
     return properties
 
 
-def _put(group: Any, row: Row, content: Content) -> None:
-    data = as_stored(content[row.path], row.type)
+def put_value(group: Any, row: Row, content: Content) -> None:
+    """Write the value of a row into its group, a dataset with its unit and frame."""
+    value = content[row.path]
+    texts = (value,) if isinstance(value, str) else value
+    if row.type == "text" and any(text.endswith("\0") for text in texts):
+        # It would be read back without its end.
+        raise InputError(f"{value!r} ends in a control character. Remove it.", where=row.path)
+    data = as_stored(value, row.type)
     if row.kind == "attribute":
         group.attrs.create(row.name, data)
         return
-    if not data.size:
+    if data.size == 0:
         raise InputError(f"has shape {data.shape}. Give at least one row.", where=row.path)
     dataset = group.create_dataset(row.name, data=data, fill_time="never")
     for name, text in unit_and_frame(row, content).items():
@@ -171,11 +180,17 @@ def as_stored(value: Any, kind: str) -> np.ndarray:
 
 def unit_and_frame(row: Row, content: Content) -> dict[str, str]:
     """Unit and frame to write beside a dataset, "@frame" and "@source_frame" filled in."""
-    frame, unit = row.frame, row.unit
-    for name, path in (("@frame", "/@frame"), ("@source_frame", "/registration@source_frame")):
-        known = content.get(path)
-        if frame == name:
-            frame = known
-        if unit is not None:
-            unit = unit.replace(name, UNITS_OF_FRAME.get(known, "?"))
-    return {name: text for name, text in (("unit", unit), ("frame", frame)) if text is not None}
+    own_frames = {
+        "@frame": content.get("/@frame"),
+        "@source_frame": content.get("/registration@source_frame"),
+    }
+    texts = {}
+    if row.unit is not None:
+        unit = row.unit
+        for name, frame in own_frames.items():
+            unit = unit.replace(name, UNITS_OF_FRAME.get(frame, "?"))
+        texts["unit"] = unit
+    frame = own_frames.get(row.frame, row.frame)
+    if frame is not None:
+        texts["frame"] = frame
+    return texts
