@@ -94,9 +94,9 @@ def command(
 
     # Robot and arm have a say before anything is written.
     if robot is not None:
-        from vfplan.stability import approved
+        from vfplan.stability import with_verdict
 
-        fixture = approved(fixture, robot)
+        fixture = with_verdict(fixture, robot)
         findings += strong_pull(fixture, robot)
         stability = fixture.stability.as_dict()
         data["stability"] = stability

@@ -89,7 +89,7 @@ def command(
         judged = read_fixture(fixture)
     with naming_place(fixture):
         studied = study(
-            judged, judged_robot, stiffness=stiffness, margin=margin, parts=parts, full=full,
+            judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
             jobs=jobs, progress=progress,
         )  # fmt: skip
     lines = []

@@ -13,7 +13,7 @@ from vfplan.bundle.leak import certificate
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.contacts import Contact, patch
-from vfplan.stability.extremes import ROUNDING, breach, walk_path
+from vfplan.stability.extremes import ROUNDING_M, breach, random_path
 
 R = 5e-3
 UP = np.array([[0.0, 1.0, 0.0]])
@@ -31,7 +31,7 @@ def walked(place, ticks=3000, **settings):
     engine = engine_at(place, **settings)
     place = replace(place, radius=engine.parameters.R)
     engine.reset(place.start)
-    return breach(place, engine, engine.run(walk_path(place, ticks)))
+    return breach(place, engine, engine.run(random_path(place, ticks)))
 
 
 @pytest.mark.parametrize(
@@ -102,18 +102,18 @@ CLOUDS = {
 
 @pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
 def test_the_proxy_stays_outside_of_any_cloud(cloud):
-    assert walked(cloud()) <= ROUNDING
+    assert walked(cloud()) <= ROUNDING_M
 
 
 def test_the_proxy_stays_outside_of_dust():
     """10^5 points in 1 cm³."""
-    assert walked(blob(scattered(100_000, 0.01), 5e-3), 1000) <= ROUNDING
+    assert walked(blob(scattered(100_000, 0.01), 5e-3), 1000) <= ROUNDING_M
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("side", [1000, 3163])
 def test_the_proxy_stays_outside_of_millions_of_points(side):
-    assert walked(sheet(side)) <= ROUNDING
+    assert walked(sheet(side)) <= ROUNDING_M
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), [[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]])
@@ -154,7 +154,7 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
         way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
     at = np.linspace(0, len(way) - 1, 40 * len(way))
     hips = np.column_stack([np.interp(at, np.arange(len(way)), c) for c in np.transpose(way)])
-    assert breach(place, engine, engine.run(hips)) <= ROUNDING
+    assert breach(place, engine, engine.run(hips)) <= ROUNDING_M
 
 
 @pytest.mark.parametrize(("spacing", "holds"), [(2.1 * R, False), (1.9 * R, True)])
@@ -179,7 +179,7 @@ def test_the_bundles_certificate_tells_a_curve_that_leaks(spacing, holds):
 )  # fmt: skip
 def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
     lift = settings.get("point_radius", 0.0) * UP[0]
-    assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING
+    assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_settings_beyond_their_ranges_are_refused(settings):
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e9, (1.0, 1e3, 1e6)])
 def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
     engine = engine_at(patch(), stiffness=stiffness)
-    hips = walk_path(patch(), 2000)
+    hips = random_path(patch(), 2000)
     trace = engine.run(hips)
     expected = np.broadcast_to(stiffness, 3) * (trace.proxy - hips)
     error = np.abs(trace.force - expected)

@@ -15,8 +15,8 @@ from vfplan.bundle.clouds import refined
 from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
 from vfplan.replaying import replay
 from vfplan.session import Session
-from vfplan.stability.contacts import along
-from vfplan.stability.extremes import begun, breach, jump, walk_path
+from vfplan.stability.contacts import contacts_along
+from vfplan.stability.extremes import breach, breach_by_jump, engine_at_start, random_path
 from vfplan.stability.largest import engine_for
 
 
@@ -50,8 +50,8 @@ def test_replay_gate_and_probes_stand_on_the_triangles():
     found = replay(fixture, Session(np.arange(400) / 1000, hips)).metrics
     assert found["rule"] == "exact"
     assert found["clearance_min_m"] == pytest.approx(0.0, abs=1e-7)
-    assert {engine_for(place, "exact").rule for place in along(fixture, 2)} == {"exact"}
-    place, make = next(along(fixture, 2)), partial(engine_for, rule="exact")
-    engine = begun(place, make)
-    assert breach(place, engine, engine.run(walk_path(place, 500))) < 1e-9
-    assert jump(place, make, 1.0) < 1e-9
+    assert {engine_for(place, "exact").rule for place in contacts_along(fixture, 2)} == {"exact"}
+    place, make = next(contacts_along(fixture, 2)), partial(engine_for, rule="exact")
+    engine = engine_at_start(place, make)
+    assert breach(place, engine, engine.run(random_path(place, 500))) < 1e-9
+    assert breach_by_jump(place, make, 1.0) < 1e-9

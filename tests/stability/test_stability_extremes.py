@@ -11,9 +11,16 @@ from bundles import whole
 
 from vfplan import Trace
 from vfplan.stability.contacts import patch
-from vfplan.stability.extremes import CASES, Extreme, begun, breach, try_cases, wander
+from vfplan.stability.extremes import (
+    CASES,
+    ExtremeCase,
+    breach,
+    engine_at_start,
+    figure_of_long_walk,
+    run_extreme_cases,
+)
 from vfplan.stability.largest import engine_for
-from vfplan.stability.study import DEFAULT_ROBOT, PARTS
+from vfplan.stability.study import skipped_extremes
 
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 
@@ -23,24 +30,24 @@ SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
     "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
 )
 def test_case_comes_out_as_the_table_says(case, on):
-    [row] = try_cases([case], on)
+    [row] = run_extreme_cases([case], on)
     assert row.outcome == "pass", row.detail
 
 
 @pytest.mark.full
 def test_long_cases():
-    for row in try_cases([c for c in CASES if c.full or c.name in SLOW]):
+    for row in run_extreme_cases([c for c in CASES if c.full or c.name in SLOW]):
         assert row.outcome == "pass", row.detail
 
 
 def test_a_figure_beyond_the_limit_and_none_fail():
-    wrong = [Extreme("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))]
-    assert [row.outcome for row in try_cases(wrong)] == ["fail", "fail"]
+    wrong = [ExtremeCase("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))]
+    assert [row.outcome for row in run_extreme_cases(wrong)] == ["fail", "fail"]
 
 
 def test_breach_sees_what_it_should():
     place = patch()
-    engine = begun(place, partial(engine_for, rule="robust"))
+    engine = engine_at_start(place, partial(engine_for, rule="robust"))
     proxy = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]])
     state = np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
@@ -54,11 +61,11 @@ def test_long_runs_are_left_out_unless_asked_for():
     names = {f"extreme/{case.name}" for case in CASES if case.full}
     assert names
     for full in (False, True):
-        left_out = PARTS["extremes"](whole(), DEFAULT_ROBOT, 1000.0, full)[1]
-        assert names & left_out.keys() == (set() if full else names)
+        skipped = skipped_extremes(full)
+        assert names & skipped.keys() == (set() if full else names)
 
 
 def test_the_long_run_takes_the_bundles_own_points():
-    short = partial(wander, ticks=200_000, figure="breach")
-    [row] = try_cases([replace(CASES[-1], probe=short)], whole())
+    short = partial(figure_of_long_walk, ticks=200_000, figure="breach")
+    [row] = run_extreme_cases([replace(CASES[-1], measure=short)], whole())
     assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

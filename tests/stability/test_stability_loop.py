@@ -10,14 +10,21 @@ import pytest
 from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
-from vfplan.stability import Hand, Plant, exact_bound, settle, simulate
-from vfplan.stability.closedloop import press
-from vfplan.stability.contacts import Contact, along, first_touch, patch, point, spread
+from vfplan.stability import Plant, SimulatedHand, exact_bound, run_until_still, simulate
+from vfplan.stability.closed_loop import press
+from vfplan.stability.contacts import (
+    Contact,
+    contacts_along,
+    first_touch,
+    patch,
+    point,
+    spread_rows,
+)
 from vfplan.stability.largest import engine_for, largest_stiffness, pressing_hand
-from vfplan.stability.theory import closed_loop
+from vfplan.stability.theory import loop_matrix
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)
-NONE = Hand(np.zeros(3))
+NONE = SimulatedHand(np.zeros(3))
 
 
 class Spring:
@@ -37,13 +44,13 @@ def test_linear_loop_is_the_matrix_power(delay):
     motion = simulate(Spring(), robot, NONE, 3000.0, np.array([0, 1e-3, 0]), np.zeros(3), 200)
     state = np.zeros(2 + delay)
     state[0] = state[2:] = 1e-3  # the force was what it is at the first tick
-    one = closed_loop(Plant.of(robot), 3000.0, delay)
+    one = loop_matrix(Plant.of(robot), 3000.0, delay)
     expected = [(np.linalg.matrix_power(one, k) @ state)[0] for k in range(200)]
     np.testing.assert_allclose(motion.x[:, 1], expected, rtol=0, atol=1e-13)
 
 
 def test_energy_is_kept_to_second_order_without_damping_or_wall():
-    hand = Hand(np.zeros(3), 100.0)
+    hand = SimulatedHand(np.zeros(3), 100.0)
     free = replace(ROBOT, damping_n_s_per_m=0.0)
     motion = simulate(Spring(), free, hand, 0.0, np.array([1e-2, 0, 0]), np.zeros(3), 3000)
     np.testing.assert_allclose(motion.energy, motion.energy[0], rtol=1e-12)
@@ -65,19 +72,19 @@ def test_friction_with_damping_in_closed_form():
 
 
 def test_quantum_limits_and_counts():
-    push = Hand(np.array([0, -4.0, 0]))
+    push = SimulatedHand(np.array([0, -4.0, 0]))
     start = np.array([0, 1e-3, 0])
     robot = replace(ROBOT, quantum_m=1e-4, force_limit_n=1.0, force_step_limit_n=0.25)
     motion = simulate(Spring(), robot, push, 1000.0, start, np.zeros(3), 300)
-    assert np.abs(motion.held).max() <= 1.0 + 1e-12
-    assert np.linalg.norm(np.diff(motion.held, axis=0), axis=1).max() <= 0.25 + 1e-12
+    assert np.abs(motion.held_force).max() <= 1.0 + 1e-12
+    assert np.linalg.norm(np.diff(motion.held_force, axis=0), axis=1).max() <= 0.25 + 1e-12
     assert motion.limited_ticks > 0
     plain = simulate(Spring(), ROBOT, push, 1000.0, start, np.zeros(3), 300)
     assert plain.limited_ticks is None
     quantum = simulate(
         Spring(), replace(ROBOT, quantum_m=1e-4), push, 1000.0, start, np.zeros(3), 300
     )
-    steps = quantum.held[:, 1] / 0.1
+    steps = quantum.held_force[:, 1] / 0.1
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
@@ -85,7 +92,7 @@ def test_settle_finds_the_balance():
     contact = patch()
     engine = engine_for(contact, "robust")
     hand = pressing_hand(contact, 2000.0)
-    rest = settle(engine, hand, 2000.0, contact.start)
+    rest = run_until_still(engine, hand, 2000.0, contact.start)
     np.testing.assert_allclose(rest, [0, 0.95 * 5e-3, 0], atol=2e-5)
 
 
@@ -96,7 +103,7 @@ def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
     found = largest_stiffness(patch(), robot, engine_for(patch(), rule))
     assert found.exact == pytest.approx(exact_bound(Plant.of(robot), delay))
     assert abs(found.ratio - 1) < 0.02
-    assert not found.beyond
+    assert not found.is_above_search
 
 
 @pytest.mark.full
@@ -142,12 +149,12 @@ def test_first_touch_on_one_point():
 
 def test_spread_reaches_both_ends():
     line = np.linspace([0, 0, 0], [1, 0, 0], 101)
-    assert set(spread(line, 3)) == {0, 50, 100}
-    assert len(spread(np.zeros((5, 3)), 3)) == 1
+    assert set(spread_rows(line, 3)) == {0, 50, 100}
+    assert len(spread_rows(np.zeros((5, 3)), 3)) == 1
 
 
 def test_along_presses_on_both_sides_of_a_planar_curve(elbow):
-    places = list(along(elbow, 3))
+    places = list(contacts_along(elbow, 3))
     assert len(places) >= 4
     for place in places:
         assert isinstance(place, Contact)

@@ -9,7 +9,7 @@ from vfplan import Trace
 from vfplan.figures.stability import passivity_plot
 from vfplan.palette import RULE
 from vfplan.stability.contacts import SCENES
-from vfplan.stability.passivity import measure, passivity, random_cycle
+from vfplan.stability.passivity import energy_balance, passivity_cases, random_cycle
 from vfplan.stability.study import ALL_RULES
 
 
@@ -24,7 +24,7 @@ def wall(hips, stiffness):
 def test_bound_is_reached_by_a_perfect_wall():
     s = np.linspace(0, 2 * np.pi, 400)
     hips = np.column_stack([0 * s, 1e-3 * (np.cos(s) - 1), 0 * s])
-    found = measure(wall(hips, 700.0), hips, 700.0)
+    found = energy_balance(wall(hips, 700.0), hips, 700.0)
     assert found.work_j == pytest.approx(found.bound_j, rel=1e-9)
     assert found.work_j > 0
     assert found.recede_m < 1e-18
@@ -37,14 +37,16 @@ def test_a_sticky_wall_is_active():
     ideal = wall(hips, 700.0)
     stiffer_out = np.where(np.arange(400)[:, None] > 200, 1.1, 1.0)
     force = ideal.force * stiffer_out
-    found = measure(Trace(ideal.proxy, ideal.normal, force, ideal.state, ideal.status), hips, 700.0)
+    found = energy_balance(
+        Trace(ideal.proxy, ideal.normal, force, ideal.state, ideal.status), hips, 700.0
+    )
     assert found.excess > 0.05
 
 
 def test_ignored_axis_does_no_work_and_adds_no_bound():
     s = np.linspace(0, 2 * np.pi, 50)
     hips = np.column_stack([0 * s, -1e-3 + 0 * s, 0.1 * np.sin(s)])
-    found = measure(wall(hips, 1.0), hips, 1.0, np.array([0.0, 0.0, 1.0]))
+    found = energy_balance(wall(hips, 1.0), hips, 1.0, np.array([0.0, 0.0, 1.0]))
     assert (found.work_j, found.bound_j) == (0.0, 0.0)
 
 
@@ -57,13 +59,13 @@ def test_cycles_are_closed_and_reproducible():
 
 @pytest.mark.parametrize("scene", ["flat", "corner", "three-walls", "channel", "point", "omega"])
 def test_the_robust_rule_is_passive(scene):
-    energy, _ = passivity(scene, "robust", 1000.0, cycles=4)
+    energy, _ = passivity_cases(scene, "robust", 1000.0, cycles=4)
     assert energy.outcome == "pass", energy.detail
     assert energy.values["active_cycles"] == 0
 
 
 def test_the_picture_shows_every_rule():
-    rows = [row for rule in ALL_RULES for row in passivity("channel", rule, 1000.0, cycles=2)]
+    rows = [row for rule in ALL_RULES for row in passivity_cases("channel", rule, 1000.0, cycles=2)]
     axes = passivity_plot(rows).axes[0]
     shown = {line.get_color() for line in axes.lines if len(line.get_xdata()) == 2}
     assert shown >= {RULE[rule] for rule in ALL_RULES}

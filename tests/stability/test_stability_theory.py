@@ -8,7 +8,7 @@ import pytest
 
 from vfplan.errors import SettingError
 from vfplan.stability import Plant, exact_bound, linear_bound, spectral_radius
-from vfplan.stability.theory import closed_loop
+from vfplan.stability.theory import loop_matrix
 
 PLANTS = [
     Plant(1.0, 5.0, 1e-3),
@@ -62,7 +62,7 @@ def test_exact_bound_without_delay_in_closed_form():
 def test_exact_bound_in_higher_precision(delay):
     def radius(plant, stiffness, delay_ticks):
         with mpmath.workdps(40):
-            rows = closed_loop(plant, stiffness, delay_ticks).tolist()
+            rows = loop_matrix(plant, stiffness, delay_ticks).tolist()
             eigenvalues = mpmath.eig(mpmath.matrix(rows), left=False, right=False)
             return float(max(abs(value) for value in eigenvalues))
 

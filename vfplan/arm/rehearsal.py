@@ -21,7 +21,7 @@ from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import CurveRuler
 from vfplan.replaying.quantities import overlap, penetration, row_norms
 from vfplan.session import Session, TickBlock
-from vfplan.stability.gate import felt_stiffness
+from vfplan.stability.gate import largest_rendered_stiffness
 from vfplan.stability.theory import Plant, exact_bound
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def rehearse(
     check_session(session, fixture, rate_hz)
 
     # The robot's part: engine, governor, and the posture to begin with.
-    stiffness = felt_stiffness(fixture)
+    stiffness = largest_rendered_stiffness(fixture)
     engine = ProxyEngine.of(fixture)
     governor = None
     if governed:

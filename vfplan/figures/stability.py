@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 
 from vfplan.figures.style import subplots
 from vfplan.palette import CONTACT, RULE
-from vfplan.stability import Row
+from vfplan.stability import CaseResult
 
 
-def passivity_plot(rows: list[Row]) -> Figure:
+def passivity_plot(rows: list[CaseResult]) -> Figure:
     """Net work less the bound of each random cycle, from the rows of part "passivity"."""
     scenes: list[str] = []
     figure, axes = subplots(7.0, 3.6)

@@ -1,20 +1,20 @@
-"""Does the loop stay stable when the wall is stiff, and the arithmetic right at every edge?
+"""Does the loop stay stable when the wall is stiff, and does the engine stay passive?
 
 >>> from vfplan import stability
 >>> stability.gate(fixture, robot)                 # the verdict; raises CheckFailed
 
-`vfplan.stability.study` runs all of it: closed loop, passivity, extreme cases.
+`vfplan.stability.study` runs all parts: closed loop, passivity, extreme cases.
 docs/stability.md has the derivations, the tables and the pictures.
 """
 
 from __future__ import annotations
 
-from vfplan.stability.gate import approved, gate, refusal
-from vfplan.stability.loop import Hand, Motion, settle, simulate
-from vfplan.stability.rows import Row
+from vfplan.stability.case_result import CaseResult
+from vfplan.stability.gate import gate, verdict_text, with_verdict
+from vfplan.stability.loop import LoopMotion, SimulatedHand, run_until_still, simulate
 from vfplan.stability.theory import Plant, exact_bound, linear_bound, spectral_radius
 
 __all__ = [
-    "Hand", "Motion", "Plant", "Row", "approved", "exact_bound", "gate", "linear_bound", "refusal",
-    "settle", "simulate", "spectral_radius",
+    "CaseResult", "LoopMotion", "Plant", "SimulatedHand", "exact_bound", "gate", "linear_bound",
+    "run_until_still", "simulate", "spectral_radius", "verdict_text", "with_verdict",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where a hand presses: a cloud, a place on it, and the walls that hold the proxy there."""
+"""The contacts of a study: a cloud, a place on it, and the walls that hold the proxy there."""
 
 from __future__ import annotations
 
@@ -13,54 +13,80 @@ from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.renderable import as_rendered, exact_of
 from vfplan.fixture import Fixture, Pieces
 
-RADIUS = 5e-3  # R = r_c of the scenes [m]
+RADIUS = 5e-3
+"""R = r_c of the scenes [m], as in the paper's experiments."""
+
 X, Y, _ = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """One place to press against."""
+    """One place to press against.
 
-    points: Vector  # (N, 3) cloud [m]
-    touch: Vector  # (3,) the proxy's position as it touches [m]
-    normals: Vector  # (M, 3) unit normals of the walls that hold it there
-    ignore_axis: str | Vector | None = None  # as the engine takes it
-    radius: float = RADIUS  # R = r_c + r_v [m]
-    # The hand also holds the mass sideways: a ball pressed onto a convex place, or onto a place
-    # whose shape nobody has looked at, would else roll off
-    held: bool = False
-    room: float = 0.2  # how far from the touch there is nothing yet, in `radius`
-    # What rule "exact" presses on, where it is known: lines and arcs, or (K, 3) rows of points that
-    # are triangles
-    exact: Pieces | NDArray[np.int32] | None = None
+    Parameters
+    ----------
+    points
+        (N, 3) the cloud [m].
+    touch
+        (3,) the proxy's position as it touches [m].
+    normals
+        (M, 3) unit normals of the walls that hold the proxy there.
+    ignore_axis
+        The ignored axis, as the engine takes it.
+    radius
+        R = r_c + r_v [m].
+    needs_spring
+        Whether the hand must also hold the mass sideways. A ball that is pressed onto a convex
+        place would roll off, and so it might on a place whose shape is unknown.
+    start_distance
+        How far from the touch the cloud is certainly free, as a share of R.
+    exact_shape
+        What rule "exact" renders, where that is known: lines and arcs, or triangles as (K, 3)
+        rows of `points`.
+    """
+
+    points: Vector
+    touch: Vector
+    normals: Vector
+    ignore_axis: str | Vector | None = None
+    radius: float = RADIUS
+    needs_spring: bool = False
+    start_distance: float = 0.2
+    exact_shape: Pieces | NDArray[np.int32] | None = None
 
     @property
     def inward(self) -> Vector:
-        """(3,) the direction of the push, against all walls equally; not a unit vector."""
+        """(3,) the sum of the walls' inward normals; not a unit vector."""
         return -self.normals.sum(axis=0)
+
+    @property
+    def push_direction(self) -> Vector:
+        """(3,) the direction of the push, against all walls equally."""
+        return self.inward / np.linalg.norm(self.inward)
 
     @property
     def start(self) -> Vector:
         """(3,) a place clear of the contact [m]."""
-        return self.touch - self.room * self.radius * self.inward
+        return self.touch - self.start_distance * self.radius * self.inward
 
 
 def flat() -> Iterator[Contact]:
-    """Experiment 1's sheet."""
+    """The sheet of the paper's experiment 1."""
     yield Contact(scenes.Sheet().points, scenes.Sheet.centre + RADIUS * Y, Y[None])
 
 
 def patch() -> Contact:
-    """A small flat sheet, 20 mm wide: enough for one contact."""
-    ticks = np.arange(-20, 21) * (0.02 / 40)
-    x, z = np.meshgrid(ticks, ticks)
+    """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
+    steps = np.arange(-20, 21) * (0.02 / 40)
+    x, z = np.meshgrid(steps, steps)
     points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
     return Contact(points, RADIUS * Y, Y[None])
 
 
 def convex() -> Iterator[Contact]:
     """The outside of a cylinder of radius 30 mm."""
-    yield Contact(scenes.Cylinder(radius=0.03).points, (0.03 + RADIUS) * X, X[None], held=True)
+    cylinder = scenes.Cylinder(radius=0.03)
+    yield Contact(cylinder.points, (0.03 + RADIUS) * X, X[None], needs_spring=True)
 
 
 def corner() -> Iterator[Contact]:
@@ -70,21 +96,27 @@ def corner() -> Iterator[Contact]:
 
 
 def three_walls() -> Iterator[Contact]:
-    """A three-way concave corner, 15 mm away from the sheets' outer edges."""
+    """A concave corner of three walls, 15 mm away from the sheets' outer edges."""
     walls = np.eye(3)
     yield Contact(scenes.ThreeWalls().points, RADIUS * walls.sum(axis=0), walls)
 
 
 def channel() -> Iterator[Contact]:
-    """A channel 5 µm wider than the proxy, pressed against one wall."""
+    """A channel that is 5 µm wider than the proxy, pressed against one wall."""
     scene = scenes.Channel()
-    touch, pieces = (RADIUS - scene.width / 2) * -Y, scene.lines_and_arcs
-    yield Contact(scene.points, touch, -Y[None], scene.ignore_axis, room=0.0, exact=pieces)
+    yield Contact(
+        scene.points,
+        (RADIUS - scene.width / 2) * -Y,
+        -Y[None],
+        scene.ignore_axis,
+        start_distance=0.0,
+        exact_shape=scene.lines_and_arcs,
+    )
 
 
 def point() -> Iterator[Contact]:
     """A single point."""
-    yield Contact(scenes.Point().points, RADIUS * Y, Y[None], held=True)
+    yield Contact(scenes.Point().points, RADIUS * Y, Y[None], needs_spring=True)
 
 
 def double_sheet() -> Iterator[Contact]:
@@ -96,14 +128,25 @@ def double_sheet() -> Iterator[Contact]:
 def omega() -> Iterator[Contact]:
     """The paper's Ω: over its top, inside its ring, and in the sharp corner at its foot."""
     scene = scenes.Omega()
-    top, side = np.array([0.0, 74.5e-3, 0.0]), np.array([35e-3, 44e-3, 0.0])
-    pieces = scene.lines_and_arcs
-    yield from _either_side(scene.points, top, scene.ignore_axis, RADIUS, pieces)
-    yield from _either_side(scene.points, side, scene.ignore_axis, RADIUS, pieces)
-    foot, out = np.array([14e-3, 0.0, 0.0]), np.array([np.cos(np.pi / 6), 0.5, 0.0])
-    touch = first_touch(scene.points, foot + 14e-3 * out, -out, RADIUS)
+    shape = scene.lines_and_arcs
+    top = np.array([0.0, 74.5e-3, 0.0])
+    side = np.array([35e-3, 44e-3, 0.0])
+    yield from contacts_beside(scene.points, top, scene.ignore_axis, RADIUS, shape)
+    yield from contacts_beside(scene.points, side, scene.ignore_axis, RADIUS, shape)
+
+    # At the foot the ball comes down at 30 degrees above the ground.
+    foot = np.array([14e-3, 0.0, 0.0])
+    outward = np.array([np.cos(np.pi / 6), 0.5, 0.0])
+    touch = first_touch(scene.points, foot + 14e-3 * outward, -outward, RADIUS)
     if touch is not None:
-        yield Contact(scene.points, touch, out[None], scene.ignore_axis, held=True, exact=pieces)
+        yield Contact(
+            scene.points,
+            touch,
+            outward[None],
+            scene.ignore_axis,
+            needs_spring=True,
+            exact_shape=shape,
+        )
 
 
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
@@ -117,78 +160,108 @@ SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "omega": omega,
 }
 """Every scene of contact by its name."""
-CURVES = "channel", "omega"  # those with lines and arcs
+
+SCENES_WITH_CURVE = ("channel", "omega")
+"""The scenes whose lines and arcs are known, which rule "exact" renders."""
 
 
-def met(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | None]:
-    """A name, the contacts and the engine's band: of a scene by its name, or of a bundle."""
+def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | None]:
+    """The name, the contacts and the engine's band [m] of a scene by its name, or of a bundle.
+
+    The band is `None` where the engine chooses it.
+    """
     if isinstance(on, str):
         return on, SCENES[on](), None
-    return "bundle", along(as_rendered(on, rule)), on.band if rule == "robust" else None
+    band = None
+    if rule == "robust":
+        band = on.band
+    return "bundle", contacts_along(as_rendered(on, rule), 5), band
 
 
-def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:
-    """Contacts on either side of `count` points spread over a fixture's cloud.
+def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
+    """Contacts on either side of `count` points that are spread over a fixture's cloud.
 
-    A side on which no ball of radius R fits is left out.
+    A side on which no ball of radius R fits has no contact.
     """
     radius = fixture.contact_radius + fixture.point_radius
-    for i in spread(fixture.points, count):
-        at, axis = fixture.points[i], fixture.ignore_axis
-        exact = fixture.pieces if exact_of(fixture) == "curve" else fixture.mesh
-        yield from _either_side(fixture.points, at, axis, radius, exact)
+    shape = fixture.mesh
+    if exact_of(fixture) == "curve":
+        shape = fixture.pieces
+    for row in spread_rows(fixture.points, count):
+        place = fixture.points[row]
+        yield from contacts_beside(fixture.points, place, fixture.ignore_axis, radius, shape)
 
 
-def spread(points: Vector, count: int) -> Vector:
-    """Indices of up to `count` points far from each other: each the farthest from those before."""
-    chosen = [int(np.argmin(points @ [1.0, 1e-3, 1e-6]))]
-    nearest = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(points)) and nearest.max() > 0:
-        chosen.append(int(np.argmax(nearest)))
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
+def spread_rows(points: Vector, count: int) -> NDArray[np.intp]:
+    """Rows of up to `count` points (N, 3), each the one farthest from all that come before it."""
+    rows = [int(np.argmin(points @ [1.0, 1e-3, 1e-6]))]
+    distance = np.linalg.norm(points - points[rows[0]], axis=1)
+    while len(rows) < min(count, len(points)) and distance.max() > 0:
+        rows.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[rows[-1]], axis=1))
+    return np.array(rows)
 
 
-def _either_side(
+def contacts_beside(
     points: Vector,
-    at: Vector,
-    axis: str | Vector | None,
+    place: Vector,
+    ignore_axis: str | Vector | None,
     radius: float,
-    exact: Pieces | NDArray[np.int32] | None = None,
+    exact_shape: Pieces | NDArray[np.int32] | None,
 ) -> Iterator[Contact]:
-    """The contacts at `at` (3,) along plus and minus the cloud's normal there."""
-    a = check_axis(axis)
-    flat_points = points if a is None else points - np.outer(points @ a, a)
-    height = np.zeros(3) if a is None else (at @ a) * a
-    distance = np.linalg.norm(flat_points - (at - height), axis=1)
-    normal = _normal(flat_points[distance < radius], a)
-    for n in (normal, -normal):
-        touch = first_touch(flat_points, at - height + 1.5 * radius * n, -n, radius)
+    """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
+    axis = check_axis(ignore_axis)
+    flat_points = points
+    height = np.zeros(3)
+    if axis is not None:
+        flat_points = points - np.outer(points @ axis, axis)
+        height = (place @ axis) * axis
+    flat_place = place - height
+    distance = np.linalg.norm(flat_points - flat_place, axis=1)
+    normal = cloud_normal(flat_points[distance < radius], axis)
+    for outward in (normal, -normal):
+        touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
-            yield Contact(points, touch + height, n[None], axis, radius, held=True, exact=exact)
+            yield Contact(
+                points,
+                touch + height,
+                outward[None],
+                ignore_axis,
+                radius,
+                needs_spring=True,
+                exact_shape=exact_shape,
+            )
 
 
-def first_touch(points: Vector, start: Vector, way: Vector, radius: float) -> Vector | None:
-    """(3,) where a ball that moves from `start` along `way` first touches a point [m].
+def first_touch(points: Vector, start: Vector, direction: Vector, radius: float) -> Vector | None:
+    """(3,) the place where a ball that moves from `start` along `direction` meets a point [m].
 
-    `None` when it touches already at the start, or never.
+    `None` where the ball touches a point at the start already, or never. `direction` (3,) is a
+    unit vector.
     """
-    w = points - start
-    ahead, reach = w @ way, radius * radius - (w * w).sum(axis=1)
+    offset = points - start
+    along = offset @ direction
+    reach = radius * radius - (offset * offset).sum(axis=1)
     if (reach > 0).any():
         return None
-    hit = (ahead > 0) & (ahead * ahead + reach >= 0)
-    if not hit.any():
+    is_met = (along > 0) & (along * along + reach >= 0)
+    if not is_met.any():
         return None
-    # The smaller root of |w - t way| = R as c / (ahead + sqrt(...)): no cancellation.
-    t = -reach[hit] / (ahead[hit] + np.sqrt(ahead[hit] ** 2 + reach[hit]))
-    return start + t.min() * way
+    # The smaller root of |offset - t direction| = R, in the form that loses no digits.
+    t = -reach[is_met] / (along[is_met] + np.sqrt(along[is_met] ** 2 + reach[is_met]))
+    return start + t.min() * direction
 
 
-def _normal(near: Vector, axis: Vector | None) -> Vector:
-    """Across the cloud's thin direction; for a single point any direction across the axis."""
-    spread = np.cov(near.T) if len(near) > 1 else np.zeros((3, 3))
-    if axis is not None:  # the cloud is endless along it
+def cloud_normal(points: Vector, axis: Vector | None) -> Vector:
+    """(3,) the unit vector along which the points (N, 3) spread least, across an ignored axis.
+
+    Its largest component is above 0. For a single point it is any direction across the axis.
+    """
+    spread = np.zeros((3, 3))
+    if len(points) > 1:
+        spread = np.cov(points.T)
+    if axis is not None:
+        # The cloud is endless along the axis, so that its spread there must never be the least.
         spread = spread + (1.0 + np.trace(spread)) * np.outer(axis, axis)
-    n = np.linalg.eigh(spread)[1][:, 0]
-    return n * np.sign(n[int(np.argmax(np.abs(n)))])
+    normal = np.linalg.eigh(spread)[1][:, 0]
+    return normal * np.sign(normal[int(np.argmax(np.abs(normal)))])

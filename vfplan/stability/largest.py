@@ -1,107 +1,163 @@
 """The largest stable stiffness, found by bisection on an energy criterion.
 
 A mass at rest against the fixture is struck lightly. The energy above rest (kinetic, spring and
-hand together) dies down in a stable loop and grows in an unstable one: the loop counts as stable
-when the mean over the last eighth of the run is no more than the mean over the first eighth and
-than twice what the blow brought in.
+hand together) dies down in a stable loop and grows in an unstable one. The loop counts as stable
+when the mean energy over the last eighth of the run is neither above the mean over the first
+eighth nor above twice the energy of the blow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from vfplan.engine.parameters import Rule, Vector
+from vfplan.engine.parameters import Rule
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.robot import Robot
 from vfplan.stability.contacts import Contact
-from vfplan.stability.loop import Engine, Hand, settle, simulate
+from vfplan.stability.loop import Engine, SimulatedHand, run_until_still, simulate
 from vfplan.stability.theory import Plant, exact_bound, spectral_radius
 
-DEPTH = 0.05  # how deep the hand presses, in R
-BLOW = 0.2  # how far the blow carries the mass, in depths
-HAND = 0.2  # stiffness of a hand that also holds sideways, in K
-RESOLUTION = 2.5e-3  # of the bisection, relative
-REACH = 16.0  # how far above theory the search goes
+PRESS_DEPTH = 0.05
+"""How deep the hand presses, as a share of R. The contact stays closed under the blow."""
+
+BLOW = 0.2
+"""How far the blow carries the mass, as a share of the depth of the press."""
+
+HAND_SHARE = 0.2
+"""Stiffness of a hand that also holds the mass sideways, as a share of K."""
+
+RESOLUTION = 2.5e-3
+"""Width, relative to K, at which the bisection ends."""
+
+FIRST_GUESS = 0.61
+"""The first K that is tried, as a share of the exact bound.
+
+The bisection halves and doubles it, so that it never tries the bound itself. An agreement with
+theory is then found and not put in.
+"""
+
+MAX_RATIO = 16.0
+"""How far above the exact bound the search goes, as a factor."""
+
+MIN_RATIO = 1e-3
+"""How far below the exact bound the search goes, as a factor."""
+
+MAX_TICKS = 20_000
+"""Longest run of one trial [ticks], 20 s at 1 kHz."""
 
 
 @dataclass(frozen=True)
-class Largest:
-    """The largest stable stiffness of one contact."""
+class LargestStiffness:
+    """The largest stable stiffness of one contact.
 
-    measured: float  # [N/m]; the last K that was stable, within `RESOLUTION`
-    exact: float  # [N/m], spectral radius of plant and spring
-    beyond: bool = False  # still stable at `REACH` times `exact`, where the search ended
+    Parameters
+    ----------
+    measured
+        The largest K that was stable, within `RESOLUTION` [N/m].
+    exact
+        The K at which the spectral radius of plant and spring reaches 1 [N/m].
+    is_above_search
+        Whether the loop was still stable at `MAX_RATIO` times `exact`, where the search ended.
+    """
+
+    measured: float
+    exact: float
+    is_above_search: bool = False
 
     @property
     def ratio(self) -> float:
-        """measured / exact."""
+        """The measured K over the exact bound."""
         return self.measured / self.exact
+
+
+class EngineMaker:
+    """Makes the engines of one rule, and gives the last one again on the same cloud.
+
+    Parameters
+    ----------
+    rule
+        The rule of the engines.
+    band
+        Their band [m]; `None`: the engine chooses it.
+    """
+
+    def __init__(self, rule: Rule, band: float | None = None) -> None:
+        self.rule = rule
+        self.band = band
+        self.contact: Contact | None = None
+        self.engine: ProxyEngine | None = None
+
+    def __call__(self, contact: Contact) -> ProxyEngine:
+        """An engine of 1 N/m on the contact's cloud."""
+        if self.contact is None or self.contact.points is not contact.points:
+            self.engine = engine_for(contact, self.rule, self.band)
+            self.contact = contact
+        return self.engine
 
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
-    radius, settings = contact.radius, {"stiffness": 1.0, "ignore_axis": contact.ignore_axis}
-    if rule == "exact" and isinstance(contact.exact, Pieces):
-        return ProxyEngine.along(contact.exact, radius, **settings)
-    if rule == "exact":
-        return ProxyEngine.on(contact.points, contact.exact, radius, stiffness=1.0)
-    return ProxyEngine(contact.points, radius, band, rule=rule, **settings)
+    if rule != "exact":
+        return ProxyEngine(
+            contact.points,
+            contact.radius,
+            band,
+            stiffness=1.0,
+            rule=rule,
+            ignore_axis=contact.ignore_axis,
+        )
+    if isinstance(contact.exact_shape, Pieces):
+        return ProxyEngine.along(
+            contact.exact_shape, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
+        )
+    return ProxyEngine.on(contact.points, contact.exact_shape, contact.radius, stiffness=1.0)
 
 
-def engines_for(rule: Rule, band: float | None = None) -> Callable[[Contact], ProxyEngine]:
-    """`engine_for`, one engine for all contacts that follow each other on one cloud."""
-    last: list[tuple[Vector, ProxyEngine]] = []
-
-    def make(contact: Contact) -> ProxyEngine:
-        if not last or last[0][0] is not contact.points:
-            last[:] = [(contact.points, engine_for(contact, rule, band))]
-        return last[0][1]
-
-    return make
-
-
-def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest:
+def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> LargestStiffness:
     """Bisect for the largest K at which a struck mass comes to rest.
 
-    engine: of stiffness 1 N/m, on the contact's cloud
+    Parameters
+    ----------
+    engine
+        An engine of stiffness 1 N/m on the contact's cloud.
     """
-    share = HAND if contact.held else 0.0
-    exact = exact_bound(Plant.of(robot), robot.delay_ticks, share)
+    hand_share = 0.0
+    if contact.needs_spring:
+        hand_share = HAND_SHARE
+    exact = exact_bound(Plant.of(robot), robot.delay_ticks, hand_share)
     if exact == 0.0:
-        return Largest(0.0, 0.0)
+        return LargestStiffness(0.0, 0.0)
     ticks = run_length(robot, exact)
-    low, high = _bracket(contact, robot, engine, exact, ticks)
+    low, high = bracket(contact, robot, engine, exact, ticks)
     if math.isinf(high):
-        return Largest(low, exact, beyond=True)
+        return LargestStiffness(low, exact, is_above_search=True)
     while high > (1 + RESOLUTION) * low:
         middle = math.sqrt(low * high)
         if is_stable(contact, robot, engine, middle, ticks):
             low = middle
         else:
             high = middle
-    return Largest(low, exact)
+    return LargestStiffness(low, exact)
 
 
-def _bracket(
+def bracket(
     contact: Contact, robot: Robot, engine: Engine, exact: float, ticks: int
 ) -> tuple[float, float]:
-    """A stable K and an unstable one, a factor of 2 apart; infinite where none is unstable.
+    """A stable K and an unstable one, a factor of 2 apart [N/m].
 
-    The first guess is off the theory's bound, so that agreement is found and not put in.
+    The second is infinite where no K up to `MAX_RATIO` is unstable. Both are 0 where none down to
+    `MIN_RATIO` is stable.
     """
-    low = 0.61 * exact
+    low = FIRST_GUESS * exact
     if is_stable(contact, robot, engine, low, ticks):
-        while low < REACH * exact:
+        while low < MAX_RATIO * exact:
             if not is_stable(contact, robot, engine, 2 * low, ticks):
                 return low, 2 * low
             low *= 2
         return low, math.inf
-    while low > 1e-3 * exact:
+    while low > MIN_RATIO * exact:
         low /= 2
         if is_stable(contact, robot, engine, low, ticks):
             return low, 2 * low
@@ -109,29 +165,42 @@ def _bracket(
 
 
 def run_length(robot: Robot, exact: float) -> int:
-    """Ticks in which a K half a percent too large raises the energy by five percent."""
-    grows = spectral_radius(Plant.of(robot), 1.005 * exact, robot.delay_ticks)
-    ticks = math.log(1.05) / (2 * math.log(grows)) if grows > 1 else math.inf
+    """Ticks in which a K half a percent above the bound raises the energy by five percent.
+
+    At least 16 periods of the oscillation and 400 ticks, and at most `MAX_TICKS`.
+    """
+    growth = spectral_radius(Plant.of(robot), 1.005 * exact, robot.delay_ticks)
+    ticks = math.inf
+    if growth > 1:
+        # The energy grows with the square of the motion.
+        ticks = math.log(1.05) / (2 * math.log(growth))
     period = 2 * math.pi * math.sqrt(robot.mass_kg / exact) * robot.rate_hz
-    return int(min(max(ticks, 16 * period, 400), 20_000))
+    return int(min(max(ticks, 16 * period, 400), MAX_TICKS))
 
 
 def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, ticks: int) -> bool:
-    """The energy criterion of this module at one K [N/m]."""
+    """Whether the energy criterion of this module holds at one K [N/m]."""
     hand = pressing_hand(contact, stiffness)
-    rest = settle(engine, hand, stiffness, contact.start)
-    inward = contact.inward / np.linalg.norm(contact.inward)
-    total = stiffness + hand.stiffness
-    blow = BLOW * DEPTH * contact.radius * math.sqrt(total / robot.mass_kg)
-    motion = simulate(engine, robot, hand, stiffness, rest, blow * inward, ticks)
-    brought = 0.5 * robot.mass_kg * blow * blow
-    above = motion.energy - (motion.energy[0] - brought)
-    first, last = above[: ticks // 8].mean(), above[-(ticks // 8) :].mean()
-    return bool(last <= first and last <= 2 * brought)
+    still = run_until_still(engine, hand, stiffness, contact.start)
+
+    # Strike the mass along the push.
+    amplitude = BLOW * PRESS_DEPTH * contact.radius
+    speed = amplitude * math.sqrt((stiffness + hand.stiffness) / robot.mass_kg)
+    blow_energy = 0.5 * robot.mass_kg * speed * speed
+    velocity = speed * contact.push_direction
+    motion = simulate(engine, robot, hand, stiffness, still, velocity, ticks)
+
+    energy = motion.energy - (motion.energy[0] - blow_energy)
+    eighth = ticks // 8
+    first = energy[:eighth].mean()
+    last = energy[-eighth:].mean()
+    return bool(last <= first and last <= 2 * blow_energy)
 
 
-def pressing_hand(contact: Contact, stiffness: float) -> Hand:
-    """A hand that presses `DEPTH` R deep into each wall at this K [N/m]."""
-    depth = DEPTH * contact.radius * contact.inward
-    share = HAND if contact.held else 0.0
-    return Hand(stiffness * depth, share * stiffness, contact.touch + depth)
+def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
+    """A hand that presses `PRESS_DEPTH` R deep into each wall at this K [N/m]."""
+    depth = PRESS_DEPTH * contact.radius * contact.inward
+    hand_stiffness = 0.0
+    if contact.needs_spring:
+        hand_stiffness = HAND_SHARE * stiffness
+    return SimulatedHand(stiffness * depth, hand_stiffness, contact.touch + depth)

@@ -6,7 +6,7 @@ import csv
 import io
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -19,49 +19,74 @@ from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.processes import worker_processes
 from vfplan.robot import Robot
 from vfplan.stability import contacts
-from vfplan.stability.closedloop import closed_loop, scenes_for
-from vfplan.stability.extremes import CASES, try_cases
-from vfplan.stability.gate import MARGIN, ROBOT_KEYS, felt_stiffness, judge, refusal
-from vfplan.stability.passivity import passivity
-from vfplan.stability.rows import Row
+from vfplan.stability.case_result import CaseResult
+from vfplan.stability.closed_loop import closed_loop_case, scenes_for
+from vfplan.stability.extremes import CASES, run_extreme_cases
+from vfplan.stability.gate import (
+    ROBOT_KEYS,
+    SAFETY_FACTOR,
+    judge,
+    largest_rendered_stiffness,
+    verdict_text,
+)
+from vfplan.stability.passivity import passivity_cases
 from vfplan.stability.theory import Plant, exact_bound
 
 DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
-LIMITS = {"friction_n": "N", "quantum_m": "m", "force_limit_n": "N", "force_step_limit_n": "N"}
-ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
-DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
+"""The robot of the standard scenes: a mass of 1 kg with little damping, at 1 kHz."""
 
-Task = Callable[[], list[Row]]
+DEFAULT_STIFFNESS = 1000.0
+"""The K that is judged where neither the caller nor a bundle says one [N/m]."""
+
+ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
+PARTS = ("closed-loop", "passivity", "extremes")
+"""The parts of the study by name, in the order of the report."""
+
+Task = Callable[[], list[CaseResult]]
 Done = Callable[[int], None]
-Bar = Callable[[str, int], AbstractContextManager[Done]]
+Progress = Callable[[str, int], AbstractContextManager[Done]]
 
 
 @dataclass(frozen=True)
 class Study:
-    """What a study found."""
+    """The result of a study.
 
-    rows: list[Row]  # in the order of the tables
-    verdict: StabilityVerdict  # on the K asked about
-    left_out: dict[str, str]  # case -> why this bundle cannot meet it
-    elapsed_s: float  # run time [s]
+    Parameters
+    ----------
+    rows
+        The results of all cases, in the order of the tables.
+    verdict
+        The verdict on the K in question.
+    skipped
+        Why this bundle cannot meet a case, by the case's name.
+    elapsed_s
+        Run time [s].
+    """
+
+    rows: list[CaseResult]
+    verdict: StabilityVerdict
+    skipped: dict[str, str]
+    elapsed_s: float
 
     @property
-    def failed(self) -> list[Row]:
-        """Rows that did not hold; findings about rule `paper` are not among them."""
+    def failed(self) -> list[CaseResult]:
+        """Results of cases that failed. Findings about rule "paper" are not among them."""
         return [row for row in self.rows if row.outcome == "fail"]
 
     def as_dict(self) -> dict[str, Any]:
-        """As the command's JSON holds it."""
-        verdict, found = self.verdict, self.verdict.as_dict()
-        robot = {name: found.pop(name) for name in ("robot", *ROBOT_KEYS)}
+        """The study as `vfplan stability --json` reports it."""
+        report = self.verdict.as_dict()
+        robot = {}
+        for name in ("robot", *ROBOT_KEYS):
+            robot[name] = report.pop(name)
         return {
-            **found,
-            "k_max_by_rule_n_per_m": _smallest(self.rows),
-            "k_exact_bound_n_per_m": exact_bound(Plant.of(verdict), verdict.delay_ticks),
+            **report,
+            "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
+            "k_exact_bound_n_per_m": exact_bound(Plant.of(self.verdict), self.verdict.delay_ticks),
             "robot": robot,
             "failed": [row.case for row in self.failed],
             "cases": [row.as_dict() for row in self.rows],
-            "left_out": self.left_out,
+            "left_out": self.skipped,
             "elapsed_s": round(self.elapsed_s, 3),
         }
 
@@ -71,25 +96,38 @@ class Study:
         table = csv.writer(out, lineterminator="\n")
         table.writerow(["case", "outcome", "limit", "measured", "unit", "detail"])
         for row in self.rows:
-            limits = ["" if x is None else f"{x:.6g}" for x in (row.limit, row.measured)]
-            table.writerow([row.case, row.outcome, *limits, row.unit, row.detail])
+            table.writerow(
+                [
+                    row.case,
+                    row.outcome,
+                    csv_number(row.limit),
+                    csv_number(row.measured),
+                    row.unit,
+                    row.detail,
+                ]
+            )
         return out.getvalue()
 
     def as_text(self, every_case: bool = False) -> str:
-        """The short report a person reads: the verdict and what failed, or every case."""
-        counts = Counter(row.outcome for row in self.rows)
-        stable = "stable" if self.verdict.stable else "NOT STABLE"
-        told = f"{stable}; {len(self.rows)} cases: {counts['pass']} pass"
-        if counts["fail"]:
-            told += f", {counts['fail']} fail"
-        if counts["finding"]:
-            told += f"; {counts['finding']} show what the paper's rule does, which no robot renders"
-        lines = [refusal(self.verdict), told]
+        """The short report: the verdict, and each case that failed, or every case."""
+        outcomes = Counter(row.outcome for row in self.rows)
+        summary = "NOT STABLE"
+        if self.verdict.stable:
+            summary = "stable"
+        summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
+        if outcomes["fail"]:
+            summary += f", {outcomes['fail']} fail"
+        if outcomes["finding"]:
+            summary += (
+                f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
+            )
+        lines = [verdict_text(self.verdict), summary]
         for row in self.rows:
             if every_case or row.outcome == "fail":
                 lines.append(f"{row.outcome:8}{row.case}: {row.detail}")
         if every_case:
-            lines += [f"left out {case}: {why}" for case, why in self.left_out.items()]
+            for case, reason in self.skipped.items():
+                lines.append(f"left out {case}: {reason}")
         return "\n".join(lines)
 
 
@@ -98,120 +136,166 @@ def study(
     robot: Robot = DEFAULT_ROBOT,
     *,
     stiffness: float | None = None,
-    margin: float = MARGIN,
+    safety_factor: float = SAFETY_FACTOR,
     full: bool = False,
     parts: Iterable[str] = (),
     jobs: int = 1,
-    progress: Bar = lambda label, total: nullcontext(lambda n: None),
+    progress: Progress = lambda label, total: nullcontext(lambda n: None),
 ) -> Study:
     """Run the parts of the study that this bundle and robot can meet.
 
-    fixture: the bundle to judge; `None`: the standard scenes, and `stiffness` is judged
-    stiffness: K [N/m] to judge; `None`: the bundle's largest, or 1000
-    margin: K times this must be stable
-    full: also the long runs
-    parts: of `PARTS`; none: all. The closed loop always runs: the verdict needs it.
-    jobs: processes
-    progress: a `with` block around the run, given its name and how many tasks it has; yields what
-        is told of each
-    Raises SceneError: a curve that is no fixture yet
-    Raises SettingError: a stiffness, a margin or a figure of the robot that is not finite or
-        outside its range
+    Parameters
+    ----------
+    fixture
+        The bundle to judge. With `None` only the standard scenes run, and `stiffness` is judged.
+    stiffness
+        K to judge [N/m]. `None`: the bundle's largest, or `DEFAULT_STIFFNESS`.
+    safety_factor
+        K times this factor must be stable.
+    full
+        Whether to run the long cases too.
+    parts
+        Some of `PARTS`; none means all. The closed loop always runs, as the verdict needs it.
+    jobs
+        Number of processes.
+    progress
+        Makes a `with` block around the run from its name and its number of tasks. The block yields
+        a function that is called after each task.
+
+    Raises
+    ------
+    SceneError
+        A curve that is no fixture yet.
+    SettingError
+        A stiffness, a safety factor or a figure of the robot that is not finite or out of range.
     """
-    _check(robot, margin)
-    felt = DEFAULT_STIFFNESS if fixture is None else felt_stiffness(fixture)
-    stiffness = felt if stiffness is None else number("stiffness", stiffness, "N/m", above=0.0)
+    check_robot(robot)
+    number("margin", safety_factor, "", least=1.0)
+    rendered_stiffness = DEFAULT_STIFFNESS
+    if fixture is not None:
+        rendered_stiffness = largest_rendered_stiffness(fixture)
+    if stiffness is None:
+        stiffness = rendered_stiffness
+    else:
+        stiffness = number("stiffness", stiffness, "N/m", above=0.0)
+
+    # Which cases run, and why the others do not.
+    parts = set(parts)
     tasks: list[Task] = []
-    left_out: dict[str, str] = {}
-    wanted = {"closed-loop", *parts} if parts else set(PARTS)
-    for name, part in PARTS.items():
-        if name in wanted:
-            more, out = part(fixture, robot, stiffness, full)
-            tasks += more
-            left_out |= out
+    skipped: dict[str, str] = {}
+    for rule, on in pairs_of_rule_and_scene(fixture):
+        tasks.append(partial(closed_loop_case, on, rule, robot, stiffness))
+    skipped |= skipped_scenes("closed-loop", fixture)
+    if not parts or "passivity" in parts:
+        for rule, on in pairs_of_rule_and_scene(fixture):
+            tasks.append(partial(passivity_cases, on, rule, stiffness))
+        skipped |= skipped_scenes("passivity", fixture)
+    if not parts or "extremes" in parts:
+        tasks += extreme_tasks(fixture, full)
+        skipped |= skipped_extremes(full)
+
     started = time.perf_counter()
     with progress("stability", len(tasks)) as done:
-        rows = [row for result in run_tasks(tasks, jobs, done) for row in result]
-    verdict = judge(robot, stiffness, _loops(rows, "robust", "exact"), margin)
-    return Study(rows, verdict, left_out, time.perf_counter() - started)
+        rows = run_tasks(tasks, jobs, done)
+    judged = rows_on_stiffness(rows, ("robust", "exact"))
+    verdict = judge(robot, stiffness, judged, safety_factor)
+    return Study(rows, verdict, skipped, time.perf_counter() - started)
 
 
-def _check(robot: Robot, margin: float) -> None:
-    number("margin", margin, "", least=1.0)
+def check_robot(robot: Robot) -> None:
+    """Raise `SettingError` for a figure of the robot that is not finite or out of range."""
     number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
     number("mass_kg", robot.mass_kg, "kg", above=0.0)
     number("rate_hz", robot.rate_hz, "Hz", above=0.0)
-    for name, unit in LIMITS.items():
-        if getattr(robot, name) is not None:
-            number(name, getattr(robot, name), unit, above=0.0)
+    limits = (
+        ("friction_n", robot.friction_n, "N"),
+        ("quantum_m", robot.quantum_m, "m"),
+        ("force_limit_n", robot.force_limit_n, "N"),
+        ("force_step_limit_n", robot.force_step_limit_n, "N"),
+    )
+    for name, value, unit in limits:
+        if value is not None:
+            number(name, value, unit, above=0.0)
 
 
-def _loops(rows: list[Row], *rules: Rule) -> list[Row]:
-    """The rows that say what K these rules bear."""
-    return [row for row in rows if row.values.get("rule") in rules and row.unit == "N/m"]
+def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture | str]]:
+    """Each rule with all that it renders: the bundle, and the scenes that the bundle can meet.
+
+    Rule "exact" renders lines and arcs, or a bundle's triangles.
+    """
+    scene_names = scenes_for(fixture)[0]
+    pairs: list[tuple[Rule, Fixture | str]] = []
+    for rule in RULES:
+        if fixture is not None:
+            pairs.append((rule, fixture))
+        for name in scene_names:
+            pairs.append((rule, name))
+
+    if fixture is not None and best_rule(fixture) == "exact":
+        pairs.append(("exact", fixture))
+    if fixture is None or fixture.mesh is None:
+        for name in scene_names:
+            if name in contacts.SCENES_WITH_CURVE:
+                pairs.append(("exact", name))
+    return pairs
 
 
-def _smallest(rows: list[Row]) -> dict[str, float]:
-    """The smallest K [N/m] that each rule bore over the scenes run."""
-    found = {}
-    for rule in ALL_RULES:
-        borne = [row.measured for row in _loops(rows, rule) if row.measured is not None]
-        if borne:
-            found[rule] = min(borne)
-    return found
+def skipped_scenes(part: str, fixture: Fixture | None) -> dict[str, str]:
+    """Why the bundle cannot meet some scenes, by the names of their cases in a part."""
+    return {f"{part}/{name}": reason for name, reason in scenes_for(fixture)[1].items()}
 
 
-def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:
-    """Every task's rows, in the order of the tasks, run in `jobs` processes."""
-    with worker_processes(jobs) if jobs > 1 else nullcontext() as pool:
-        results = []
-        for rows in (pool.map if pool else map)(call, tasks):
-            results.append(rows)
+def extreme_tasks(fixture: Fixture | None, full: bool) -> list[Task]:
+    """One task for the short cases, and one for the long cases, which share a run."""
+    short_cases = [case for case in CASES if not case.full]
+    tasks: list[Task] = [partial(run_extreme_cases, short_cases, fixture)]
+    if full:
+        long_cases = [case for case in CASES if case.full]
+        tasks.append(partial(run_extreme_cases, long_cases, fixture))
+    return tasks
+
+
+def skipped_extremes(full: bool) -> dict[str, str]:
+    """Why some extreme cases do not run, by their names."""
+    skipped = {}
+    for case in CASES:
+        if case.full and not full:
+            skipped[f"extreme/{case.name}"] = "a long run: --full"
+    return skipped
+
+
+def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
+    """The results of all tasks in their order, run in `jobs` processes."""
+    results = []
+    if jobs == 1:
+        for task in tasks:
+            results += task()
+            done(1)
+        return results
+    with worker_processes(jobs) as pool:
+        for task_results in pool.map(call, tasks):
+            results += task_results
             done(1)
     return results
 
 
-Part = tuple[list[Task], dict[str, str]]
+def rows_on_stiffness(rows: list[CaseResult], rules: Iterable[Rule]) -> list[CaseResult]:
+    """The results that say what K these rules bear."""
+    return [row for row in rows if row.unit == "N/m" and row.values.get("rule") in rules]
 
 
-def _closed_loop(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    turns = _turns(fixture)
-    tasks = [partial(closed_loop, on, rule, robot, stiffness) for rule, on in turns]
-    return tasks, _not_met("closed-loop", fixture)
-
-
-def _passivity(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    tasks: list[Task] = [partial(passivity, on, rule, stiffness) for rule, on in _turns(fixture)]
-    return tasks, _not_met("passivity", fixture)
-
-
-def _not_met(part: str, fixture: Fixture | None) -> dict[str, str]:
-    return {f"{part}/{name}": why for name, why in scenes_for(fixture)[1].items()}
-
-
-def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
-    """Each rule with all that it renders: the bundle, and the scenes of contact that it can meet.
-
-    Rule "exact" renders lines and arcs, or a bundle's triangles.
-    """
+def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
+    """The K [N/m] that each rule bore in all scenes that were run."""
+    stiffness = {}
     for rule in ALL_RULES:
-        if fixture is not None and rule in (*RULES, best_rule(fixture)):
-            yield rule, fixture
-        known = contacts.CURVES if rule == "exact" else contacts.SCENES
-        if rule == "exact" and fixture is not None and fixture.mesh is not None:
-            known = ()
-        yield from ((rule, name) for name in scenes_for(fixture)[0] if name in known)
+        for row in rows_on_stiffness(rows, (rule,)):
+            if row.measured is not None:
+                stiffness[rule] = min(row.measured, stiffness.get(rule, row.measured))
+    return stiffness
 
 
-def _extremes(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    runs = [[case for case in CASES if case.full == long] for long in (False, True)[: 1 + full]]
-    out = {f"extreme/{case.name}": "a long run: --full" for case in CASES if case.full > full}
-    return [partial(try_cases, cases, fixture) for cases in runs], out
-
-
-PARTS: dict[str, Callable[[Fixture | None, Robot, float, bool], Part]] = {
-    "closed-loop": _closed_loop,
-    "passivity": _passivity,
-    "extremes": _extremes,
-}
-"""The parts of the study by name, in the order of the report."""
+def csv_number(value: float | None) -> str:
+    """Six digits, or nothing for `None`."""
+    if value is None:
+        return ""
+    return f"{value:.6g}"

@@ -1,9 +1,9 @@
 """What theory says of a mass that a sampled spring holds: exact discretisation and bounds on K.
 
-The plant is a mass with viscous damping, and the spring of a hand where a scene needs one:
-m ẍ + b ẋ + k_h x = F. The robot holds F over each tick (zero-order hold), so the motion from tick
-to tick is a matrix exponential and no integrator's error can pass for an instability. The docs
-(stability.md) derive the bounds.
+The plant is a mass with viscous damping, and with the spring of a hand where a scene needs one:
+m ẍ + b ẋ + k_h x = F. The robot holds F over each tick (zero-order hold). The motion from tick to
+tick is therefore a matrix exponential, and no integrator's error can pass for an instability.
+docs/stability.md derives the bounds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,21 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import number
 from vfplan.robot import Robot
 
-LEAST_DECAY, MOST_DECAY = 1e-9, 1e12  # b T / m: less and more than float64 can tell from 0 and inf
+MIN_DECAY = 1e-9
+"""Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0."""
+
+MAX_DECAY = 1e12
+"""Largest decay b T / m of a tick. The exponential of a larger one overflows float64."""
+
+STABLE_RADIUS = 1.0 - 1e-13
+"""Largest spectral radius that counts as stable.
+
+One minus the radius reaches the rounding of an eigenvalue long before K reaches 0, so that a
+radius of exactly 1 would be met by rounding alone.
+"""
+
+BOUND_RESOLUTION = 1e-10
+"""Width, relative to K, at which the bisection of the exact bound ends."""
 
 
 @dataclass(frozen=True)
@@ -54,84 +68,102 @@ class Plant:
 
     @classmethod
     def of(cls, robot: Robot, hand: float = 0.0) -> Plant:
-        """A robot's moving mass, or a verdict's, as theory sees it: no friction, no limits."""
+        """The moving mass of a robot, or of a verdict, without friction and limits."""
         return cls(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand)
 
     def transition(self, t: float | None = None) -> NDArray[np.float64]:
-        """(2, 2) the exact motion over t [s] (one tick when `None`) from x = 0.
+        """(2, 2) the exact motion over `t` [s] from x = 0; over one tick where `t` is `None`.
 
-        Rows: displacement [m] and velocity [m/s] after t; columns: velocity before [m/s] and the
-        net force at x [N] (held force less k_h x), both as they stood at the beginning.
+        The rows are the displacement [m] and the velocity [m/s] after t. The columns are the
+        velocity [m/s] and the net force at x [N] at the beginning. The net force is the held force
+        less k_h x.
         """
         from scipy.linalg import expm
 
-        t = self.period if t is None else t
-        alpha, kappa = self.damping * t / self.mass, self.hand * t * t / self.mass
-        # In units of t: y' = w, w' = r - alpha w - kappa y, r' = 0; every entry is then pure.
-        pure = expm(np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]]))
-        return pure[:2, 1:] * [[t, t * t / self.mass], [1.0, t / self.mass]]
+        if t is None:
+            t = self.period
+        # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is
+        # then a number without a unit.
+        alpha = self.damping * t / self.mass
+        kappa = self.hand * t * t / self.mass
+        rate = np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]])
+        units = [[t, t * t / self.mass], [1.0, t / self.mass]]
+        return expm(rate)[:2, 1:] * units
 
 
-def closed_loop(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray[np.float64]:
+def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray[np.float64]:
     """(2 + d, 2 + d) one tick of plant and sampled spring F_k = -K x_{k-d}.
 
-    The state is (x, v) and the d older positions, nearest first.
+    The state is (x, v) and the d older positions, the youngest first. `stiffness` is K [N/m].
     """
     (xv, xf), (vv, vf) = plant.transition()
-    d, k_h = delay_ticks, plant.hand
+    d = delay_ticks
     matrix = np.zeros((2 + d, 2 + d))
-    matrix[0, :2] = 1.0 - xf * k_h, xv
-    matrix[1, :2] = -vf * k_h, vv
-    read = 0 if d == 0 else 1 + d  # where the position that acts now is kept
-    matrix[0, read] -= xf * stiffness
-    matrix[1, read] -= vf * stiffness
-    if d:
+    matrix[0, :2] = 1.0 - xf * plant.hand, xv
+    matrix[1, :2] = -vf * plant.hand, vv
+
+    # The spring acts on the position of d ticks ago, which is the last one of the state.
+    sampled = 0
+    if d > 0:
+        sampled = 1 + d
+    matrix[0, sampled] -= xf * stiffness
+    matrix[1, sampled] -= vf * stiffness
+
+    # The positions move on by one place.
+    if d > 0:
         matrix[2, 0] = 1.0
         matrix[3:, 2:-1] = np.eye(d - 1)
     return matrix
 
 
 def spectral_radius(plant: Plant, stiffness: float, delay_ticks: int = 0) -> float:
-    """The largest |eigenvalue| of one tick: the loop is stable below 1."""
-    return float(np.abs(np.linalg.eigvals(closed_loop(plant, stiffness, delay_ticks))).max())
+    """The largest absolute eigenvalue of one tick. The loop is stable below 1."""
+    return float(np.abs(np.linalg.eigvals(loop_matrix(plant, stiffness, delay_ticks))).max())
 
 
 def linear_bound(plant: Plant, delay_ticks: int = 0) -> float:
-    """K < b / (T/2 + t_d) [N/m], t_d = d T: first order in T (Gil et al. 2004)."""
+    """The bound K < b / (T/2 + d T) [N/m], which is of first order in T (Gil et al. 2004)."""
     return plant.damping / (plant.period * (0.5 + delay_ticks))
 
 
 def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> float:
     """The K [N/m] at which the spectral radius reaches 1; 0 without damping.
 
-    To a relative 1e-10, or 2e-13 m / (b T) if that is more: so much is left of 1 - radius.
+    The relative error is at most 1e-10, or 2e-13 m / (b T) where that is more.
 
     Parameters
     ----------
     hand_share
-        k_h / K where the hand's spring is scaled with K; 0 for the plant's own.
+        k_h / K of a hand whose spring is scaled with K. With 0 the plant's own hand holds the mass.
 
     Raises
     ------
     SettingError
-        A decay b T / m a tick that float64 cannot tell from none, or whose exponential overflows.
+        A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`.
     """
     if plant.damping == 0.0:
         return 0.0
     decay = plant.damping * plant.period / plant.mass
-    number("damping * period / mass", decay, "", least=LEAST_DECAY, most=MOST_DECAY)
+    number("damping * period / mass", decay, "", least=MIN_DECAY, most=MAX_DECAY)
 
-    def holds(k: float) -> bool:
-        held = Plant(plant.mass, plant.damping, plant.period, hand_share * k or plant.hand)
-        # 1 - rho falls to rounding long before K falls to 0, hence the margin of one part in 1e13.
-        return spectral_radius(held, k, delay_ticks) < 1.0 - 1e-13
+    def is_stable(stiffness: float) -> bool:
+        hand = hand_share * stiffness
+        if hand == 0.0:
+            hand = plant.hand
+        held = Plant(plant.mass, plant.damping, plant.period, hand)
+        return spectral_radius(held, stiffness, delay_ticks) < STABLE_RADIUS
 
-    low = high = linear_bound(plant, delay_ticks)
-    while not holds(low):
+    # A stable and an unstable K around the linear bound, then the edge between them.
+    low = linear_bound(plant, delay_ticks)
+    high = low
+    while not is_stable(low):
         low /= 2
-    while holds(high):
+    while is_stable(high):
         high *= 2
-    while high - low > 1e-10 * high:
+    while high - low > BOUND_RESOLUTION * high:
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        if is_stable(middle):
+            low = middle
+        else:
+            high = middle
     return low
