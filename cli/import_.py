@@ -41,7 +41,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points in CLOUD; a mesh is kept as drawn and certified."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
-    from vfplan.engine.renderable import best_rule, mesh_findings
+    from vfplan.engine.choosing import best_rule, mesh_findings
     from vfplan.errors import SceneError
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)

@@ -33,7 +33,7 @@ _DEFINED = {
     "engine.moving": "MovingFrame",
     "engine.parameters": "ProxyParameters",
     "engine.proxy": "ProxyEngine",
-    "engine.ticks": "Status Step Trace",
+    "engine.answers": "Status Step Trace",
     "images.read": "PlannedImage read_image",
     "markers": "Correspondences read_markers",
     "planning": "ExtractSettings FixtureSettings extract plan register",

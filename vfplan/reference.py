@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.engine.parameters import LIMIT, ProxyParameters, Vector, check_points
-from vfplan.engine.ticks import Status, Step, Trace, check_hip, check_path
+from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
+from vfplan.engine.parameters import MAX_COORDINATE, ProxyParameters, Vector, check_points
 from vfplan.errors import SettingError
 
 CANCELLED = 1e-12
@@ -85,7 +85,7 @@ class PaperProxy:
         return Trace.of([self._tick(hip) for hip in check_path(hips)])
 
     def _tick(self, hip: Vector) -> Step:
-        if not np.all(np.abs(hip) <= LIMIT):  # NaN, infinite or absurd: stay, say so
+        if not np.all(np.abs(hip) <= MAX_COORDINATE):  # NaN, infinite or absurd: stay, say so
             proxy = self._proxy
             if proxy is None:
                 proxy = np.zeros(3)

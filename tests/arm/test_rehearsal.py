@@ -134,7 +134,7 @@ def test_what_cannot_be_rehearsed_is_refused():
     other = Session(1e-3 * np.arange(50), pressed(3e-3).hip[:50], frame="patient_lps")
     with pytest.raises(SessionError, match="patient_lps"):
         rehearse(wall(), other, Arm("panda"))
-    with pytest.raises(SettingError, match=r"force_step_n 1\.2"):
+    with pytest.raises(SettingError, match="force_step_n"):
         rehearse(wall(stiffness=20_000.0), pressed(1e-3), Arm("panda"))
 
 

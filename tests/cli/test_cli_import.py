@@ -10,7 +10,7 @@ import vfplan
 from vfplan.bundle import export, import_cloud, read_bundle
 from vfplan.bundle.clouds import refined
 from vfplan.bundle.leak import covering_radius, largest_cover
-from vfplan.engine.renderable import sampled
+from vfplan.engine.choosing import sampled
 from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)

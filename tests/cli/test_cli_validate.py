@@ -68,8 +68,8 @@ def test_a_size_that_a_wrong_unit_gives_is_warned_of(
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius 5e-10 m"),
-        ({"band": 4e-11}, "band 4e-11 m"),
+        ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius is 5e-10 m"),
+        ({"band": 4e-11}, "band is 4e-11 m"),
         ({"stiffness": np.array([1000.0, 0.0, 1000.0])}, "stiffness"),
     ],
 )

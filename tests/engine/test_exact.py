@@ -220,7 +220,7 @@ def test_what_is_no_curve_is_refused():
     wrong = {
         "half circle": Pieces(ok.vertices, np.array([1.5, 0]), ok.stroke, ok.closed),
         "one of each": Pieces(ok.vertices, np.zeros(3), ok.stroke, ok.closed),
-        "in order": Pieces(ok.vertices, ok.bulges, np.array([1, 0]), np.array([False] * 2)),
+        "strokes": Pieces(ok.vertices, ok.bulges, np.array([1, 0]), np.array([False] * 2)),
         "finite": Pieces(ok.vertices * np.nan, ok.bulges, ok.stroke, ok.closed),
     }
     for said, pieces in wrong.items():

@@ -63,8 +63,9 @@ def test_the_least_passive_step_is_where_given_meets_stored():
     g.run(np.linspace([0, 0, 0], [20.0, 0, 0], 200))
     g.run(np.zeros((100, 3)))
     assert 0.95 < g.energy_given_j / g.energy_stored_j < 1.0  # less by a tick's part
-    with pytest.raises(SettingError, match=rf"force_step_n 0\.31 .*at least {least:.6g} N"):
+    with pytest.raises(SettingError, match=rf"at least {least:.6g} N") as caught:
         governor(0.31)
+    assert caught.value.numbers == {"force_step_n": 0.31}
     assert governor(0.31, mass_kg=1.05).least_passive_step_n < 0.31
 
 
@@ -153,37 +154,38 @@ def test_a_force_held_longer_than_its_spring_lasts_is_said():
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "numbers"),
     [
-        ({"force_step_n": 0.0}, "force_step_n 0 N a tick"),
-        ({"force_step_n": float("nan")}, "force_step_n nan"),
-        ({"force_max_n": -1.0}, "force_max_n -1 N: allowed is above 0"),
-        ({"mass_kg": 0}, "mass_kg 0 kg"),
-        ({"stiffness_n_per_m": 0}, "stiffness_n_per_m 0"),
-        ({"rate_hz": 0}, "rate_hz 0 Hz"),
-        ({"torque_step_nm": 0}, "torque_step_nm 0 N·m"),
-        ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, "of 1 and 2 joints"),
-        ({"torque_step_nm": np.ones(17)}, "n at most 16"),
-        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, "above 0 and at least 8e-05 N m"),
-        ({"torque_step_nm": "much"}, "torque_step_nm of dtype"),
+        ({"force_step_n": 0.0}, {"force_step_n": 0.0}),
+        ({"force_step_n": float("inf")}, {"force_step_n": float("inf")}),
+        ({"force_max_n": -1.0}, {"force_max_n": -1.0}),
+        ({"mass_kg": 0}, {"mass_kg": 0.0}),
+        ({"stiffness_n_per_m": 0}, {"stiffness_n_per_m": 0.0}),
+        ({"rate_hz": 0}, {"rate_hz": 0.0}),
+        ({"torque_step_nm": 0}, {"torque_step_nm": 0.0}),
+        ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
+        ({"torque_step_nm": np.ones(17)}, {}),
+        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {}),
+        ({"torque_step_nm": "much"}, {}),
     ],
 )
-def test_settings_out_of_range_are_refused(settings, message):
+def test_settings_out_of_range_are_refused(settings, numbers):
     good = {"force_step_n": 0.5, "force_max_n": 20, "stiffness_n_per_m": K, "mass_kg": M}
-    with pytest.raises(SettingError, match=message):
+    with pytest.raises(SettingError) as caught:
         vfplan.Governor(**good | settings)
+    assert caught.value.numbers == numbers
 
 
 def test_shapes_are_refused_and_a_jacobian_is_asked_for():
     g = governor()
-    with pytest.raises(SceneError, match=r"force of shape \(2,\)"):
+    with pytest.raises(SceneError, match=r"force .*\(2,\)"):
         g.step([1, 2])
-    with pytest.raises(SceneError, match=r"jacobian of shape \(7, 3\): allowed is \(3, n\)"):
+    with pytest.raises(SceneError, match=r"jacobian .*\(7, 3\)"):
         g.step([1, 2, 3], np.ones((7, 3)))
-    with pytest.raises(SceneError, match=r"jacobians of shape"):
+    with pytest.raises(SceneError, match=r"jacobians .*\(4, 3, 7\)"):
         g.run(np.zeros((5, 3)), np.zeros((4, 3, 7)))
     turning = governor(torque_step_nm=np.ones(7))
-    with pytest.raises(SceneError, match="no jacobian"):
+    with pytest.raises(SceneError, match="jacobian"):
         turning.step([1, 2, 3])
     with pytest.raises(SceneError, match="n 7"):
         turning.step([1, 2, 3], np.ones((3, 6)))
@@ -224,8 +226,9 @@ def test_of_a_robot_file(name):
     g.reset()
     g.step([20.0, 0, 0], turning)
     assert g.torque_nm == pytest.approx(np.full(7, HEADROOM))
-    with pytest.raises(SettingError, match=r"force_step_n 1\.2"):
+    with pytest.raises(SettingError) as caught:
         vfplan.Governor.of(robot, 20_000.0)
+    assert caught.value.numbers == {"force_step_n": 1.2}
     bare = vfplan.Robot("bare", 1.0, 5.0, 1000.0)
     with pytest.raises(SettingError, match="'bare' has no force_limit_n"):
         vfplan.Governor.of(bare, 1000.0)

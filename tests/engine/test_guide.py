@@ -294,16 +294,16 @@ def test_a_bad_hip_changes_nothing():
 @pytest.mark.parametrize(
     ("error", "message", "change"),
     [
-        (SettingError, "radius -1 m", {"radius": -1}),
-        (SettingError, "stiffness 0 N/m", {"stiffness": 0}),
-        (SettingError, "ends 'wrap': allowed are stop, open", {"ends": "wrap"}),
-        (SettingError, "closed: 2 values for 1 curves", {"closed": [True, False]}),
-        (SettingError, "lead_speed 0 m/s", {"lead_speed": 0}),
+        (SettingError, "radius .*-1 m", {"radius": -1}),
+        (SettingError, "stiffness .*0 N/m", {"stiffness": 0}),
+        (SettingError, "ends .*'wrap'.*stop, open", {"ends": "wrap"}),
+        (SettingError, "closed .*2 values", {"closed": [True, False]}),
+        (SettingError, "lead_speed .*0 m/s", {"lead_speed": 0}),
         (SceneError, "2 points that differ", {"points": [[0, 0, 0], [0, 0, 0]]}),
         (SettingError, "radius 500 mm: at most 100 mm, the extent", {"radius": 0.5}),
-        (SceneError, r"points \[\]: allowed is", {"points": []}),
-        (SceneError, "points 3: allowed is", {"points": 3}),
-        (SceneError, r"points of shape \(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]}),
+        (SceneError, r"points .*\[\]", {"points": []}),
+        (SceneError, "points .*3", {"points": 3}),
+        (SceneError, r"points .*\(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]}),
     ],
 )
 def test_bad_settings_are_refused(error, message, change):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
+from vfplan.engine.answers import check_hip, check_path
 from vfplan.engine.parameters import PAPER_BAND, check_points
-from vfplan.engine.ticks import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 
 POINT = [[0.0, 0.0, 0.0]]
@@ -58,28 +58,28 @@ def test_band_scales_with_the_scene(scale):
 @pytest.mark.parametrize(
     ("setting", "says"),
     [
-        ({"contact_radius": -5e-3}, "contact_radius -0.005 m"),
+        ({"contact_radius": -5e-3}, "-0.005 m"),
         ({"contact_radius": 0}, "at least 1e-09"),
-        ({"contact_radius": np.nan}, "contact_radius nan"),
+        ({"contact_radius": np.nan}, "nan m"),
         ({"contact_radius": "5"}, "one number"),
         ({"contact_radius": True}, "one number"),
         ({"point_radius": -1e-3}, "at least 0"),
-        ({"point_radius": np.inf}, "point_radius inf"),
-        ({"band": 0.0}, "band 0 m"),
+        ({"point_radius": np.inf}, "inf m"),
+        ({"band": 0.0}, "0 m"),
         ({"band": -1e-5}, "above 0"),
         ({"band": 6e-3}, "at most 0.005"),
         ({"band": 1e-22}, "1e-8 (r_c + r_v)"),
         ({"outer_radius": 5e-3}, "r3 > r2"),
         ({"band": 5e-3}, "r3 > r2"),
         ({"contact_radius": 1e-300}, "at least 1e-09"),
-        ({"contact_radius": 0.999e-9}, "contact_radius 9.99e-10 m"),
+        ({"contact_radius": 0.999e-9}, "9.99e-10 m"),
         ({"contact_radius": 1e300}, "at most 1e+06"),
         ({"point_radius": 1e300}, "at most 1e+06"),
         ({"band": 4.9e-11}, "at least 5e-11"),
         ({"band": 1e-8, "point_radius": 2.0}, "1e-8 (r_c + r_v)"),
         ({"band": 5e-324}, "1e-8 (r_c + r_v)"),
         ({"outer_radius": 1e300}, "at most 2e+06"),
-        ({"gain": 0.0}, "gain 0"),
+        ({"gain": 0.0}, "above 0"),
         ({"gain": 1.5}, "at most 1"),
         ({"stiffness": 0.0}, "[0.0, 0.0, 0.0] N/m"),
         ({"stiffness": [1e3, -1.0, 1e3]}, "above 0"),
@@ -88,7 +88,7 @@ def test_band_scales_with_the_scene(scale):
         ({"stiffness": "stiff"}, "real numbers"),
         ({"rule": "fast"}, "robust, paper"),
         ({"ignore_axis": "w"}, "None, x, y, z"),
-        ({"ignore_axis": [0, 0, 0]}, "not zero"),
+        ({"ignore_axis": [0, 0, 0]}, "not all 0"),
         ({"ignore_axis": [0, np.nan, 1]}, "finite"),
         ({"ignore_axis": [1, 0]}, "shape (2,)"),
     ],
@@ -141,8 +141,8 @@ def test_the_ends_of_the_ranges_are_taken():
         ([0.0, 0.0, 0.0], "shape (3,)"),
         ([[0.0, 0.0]], "shape (1, 2)"),
         ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
-        ([[np.inf, 0.0, 0.0]], "finite values"),
-        ([[0.0, 0.0, 1e300]], "up to 1e+06 m"),
+        ([[np.inf, 0.0, 0.0]], "finite"),
+        ([[0.0, 0.0, 1e300]], "at most 1e+06 m"),
         ([["a", "b", "c"]], "real numbers"),
         ([[1j, 0, 0]], "complex128"),
         ([[True, False, True]], "bool"),
@@ -176,5 +176,5 @@ def test_paths_keep_non_finite_rows_for_the_engine():
             check_path(bad)
     with pytest.raises(SceneError, match="hip"):
         check_hip([np.nan, 0, 0], finite=True)
-    with pytest.raises(SceneError, match="allowed is"):
+    with pytest.raises(SceneError, match=r"\(2,\)"):
         check_hip([0, 0])

@@ -11,7 +11,7 @@ from conftest import ROOT, quick_compiler
 import vfplan
 from vfplan import _core
 from vfplan.bundle import validate
-from vfplan.engine.renderable import MOST_TICK_WORK, work_of
+from vfplan.engine.choosing import MAX_TICK_TIME, worst_tick_time
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces
 
@@ -53,7 +53,7 @@ def test_validate_and_info_tell_of_a_bundle_that_is_too_much_for_a_robot(
     assert issue.severity == "warning"
     assert "a tick may take" in issue.message
     work = vfplan_cli("info", tmp_path / "a.h5", "--json").json["tick_work"]
-    assert work["us"] > work["at_most_us"] == pytest.approx(1e6 * MOST_TICK_WORK)
+    assert work["us"] > work["at_most_us"] == pytest.approx(1e6 * MAX_TICK_TIME)
 
 
 @pytest.mark.parametrize("name", ["small", "whole", "sheet"])
@@ -61,7 +61,7 @@ def test_nothing_is_said_of_one_that_is_not(name, tmp_path):
     fixture = getattr(bundles, name)()
     vfplan.write_fixture(fixture, tmp_path / "a.h5")
     assert not [i for i in validate(tmp_path / "a.h5") if i.code == "rendering.work"]
-    assert 0 < work_of(fixture) < MOST_TICK_WORK
+    assert 0 < worst_tick_time(fixture) < MAX_TICK_TIME
 
 
 def test_an_engine_for_a_robot_refuses_it_and_one_for_a_replay_does_not():

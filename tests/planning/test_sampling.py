@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from vfplan import sample_curve
-from vfplan.engine.parameters import MOST_POINTS
+from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import SettingError
 
 R = 5e-3
@@ -124,7 +124,7 @@ def test_spheres_that_do_not_meet_cost_the_whole_radius():
 @pytest.mark.parametrize("asked", [{"density_per_m": 1e12}, {"tolerance_m": 1e-18}], ids=str)
 def test_more_points_than_a_bundle_holds_are_refused_at_once(asked):
     sizes = json.loads((ROOT / "schemas" / "bundle-2.0.json").read_text())["sizes"]
-    assert sizes["N"]["max"] == MOST_POINTS
+    assert sizes["N"]["max"] == MAX_POINTS
     with pytest.raises(SettingError, match="at most 4000000"):
         sample_curve(*CURVES["line"], radius_m=R, **asked)
 

@@ -80,11 +80,11 @@ def test_a_coarse_tolerance_stops_where_points_become_bumps():
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"tolerance_m": 0.0}, "tolerance 0 m"),
-        ({"tolerance_m": float("nan")}, "tolerance nan m"),
-        ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius -1 m"),
-        ({"tolerance_m": 1e-5, "depth_m": R}, "depth is 0.005 m"),
-        ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate 0 Hz"),
+        ({"tolerance_m": 0.0}, "tolerance .*0 m"),
+        ({"tolerance_m": float("nan")}, "tolerance .*nan m"),
+        ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius .*-1 m"),
+        ({"tolerance_m": 1e-5, "depth_m": R}, "depth .*0.005 m"),
+        ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate .*0 Hz"),
     ],
 )
 def test_refuses_what_has_no_answer(given, says):
@@ -97,5 +97,5 @@ def test_an_array_of_no_axis_is_the_number_it_holds():
     line = np.linspace([0.0, 0, 0], [0.1, 0, 0], 50)
     found = sample_curve(line, False, radius_m=np.array(R))
     np.testing.assert_array_equal(found.points, sample_curve(line, False, radius_m=R).points)
-    with pytest.raises(SettingError, match="allowed is one number"):
+    with pytest.raises(SettingError, match="one number"):
         choose(1e-5, np.array([R]))

@@ -65,10 +65,9 @@ def test_without_a_robot_it_says_what_a_common_arm_does():
 def test_a_spring_too_stiff_for_the_robots_step_is_refused():
     fixture, session = off_the_edge()
     stiff = fixture_of(fixture.points, stiffness=20_000.0)
-    with pytest.raises(
-        SettingError, match=r"force_step_n 1\.2 N a tick: allowed is at least 1\.41"
-    ):
+    with pytest.raises(SettingError, match=r"at least 1\.41") as caught:
         vfplan.replay(stiff, session, governor=PANDA)
+    assert caught.value.numbers == {"force_step_n": 1.2}
 
 
 def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
@@ -86,4 +85,5 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     assert own.stdout.count("governor     0.4 N a tick, 15 N at most") == 2
     bad = vfplan_cli("replay", bundle, table, "--governor", "0.01,20")
     assert bad.code == 2
-    assert "force_step_n 0.01 N a tick: allowed is at least 0.316228" in bad.error_line
+    assert "force_step_n" in bad.error_line
+    assert "at least 0.316228" in bad.error_line

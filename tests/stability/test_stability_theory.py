@@ -8,7 +8,7 @@ import pytest
 
 from vfplan.errors import SettingError
 from vfplan.stability import Plant, exact_bound, linear_bound, spectral_radius
-from vfplan.stability.theory import loop_matrix
+from vfplan.stability.theory import MAX_DECAY, MIN_DECAY, loop_matrix
 
 PLANTS = [
     Plant(1.0, 5.0, 1e-3),
@@ -88,10 +88,10 @@ def test_no_damping_no_stable_spring():
     "wrong", [{"damping": 1e-12}, {"mass": 1e12}, {"mass": 1e-300}, {"damping": 1e300}]
 )
 def test_a_decay_that_float64_cannot_tell_is_refused(wrong):
-    with pytest.raises(
-        SettingError, match=r"damping \* period / mass .*: allowed is at least 1e-09"
-    ):
+    with pytest.raises(SettingError) as caught:
         exact_bound(Plant(**wrong))
+    [decay] = caught.value.numbers.values()
+    assert not MIN_DECAY <= decay <= MAX_DECAY
 
 
 @pytest.mark.parametrize("edge", [{"damping": 1.01e-6}, {"mass": 4.9e6}, {"mass": 1e-14}])

@@ -11,7 +11,7 @@ import numpy as np
 from vfplan.bundle.content import findings_of, from_content
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.schema import Content, Row, table
-from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
+from vfplan.engine.choosing import MAX_TICK_TIME, best_rule, worst_tick_time
 from vfplan.errors import VfplanError
 
 
@@ -60,10 +60,10 @@ def tick_work(content: Content) -> dict[str, Any]:
     try:
         fixture = from_content(content)
         rule = best_rule(fixture)
-        time_us = 1e6 * work_of(fixture, rule)
+        time_us = 1e6 * worst_tick_time(fixture, rule)
     except VfplanError:
         rule = None
-    return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MOST_TICK_WORK}
+    return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MAX_TICK_TIME}
 
 
 def summary(value: Any, row: Row, values: bool) -> Any:

@@ -14,7 +14,7 @@ from vfplan.bundle.content import findings_of, from_content
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.bundle.schema import Content
-from vfplan.engine.renderable import work_doubt
+from vfplan.engine.choosing import slow_tick_text
 from vfplan.errors import BundleError, SceneError
 from vfplan.fixture import Fixture, size_doubt
 
@@ -130,7 +130,7 @@ def rendering_issues(content: Content) -> Iterator[Issue]:
 def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     """(code, sentence) of a rendering outside the engine's ranges, or too slow for 1 kHz."""
     try:
-        text = work_doubt(fixture)
+        text = slow_tick_text(fixture)
     except SceneError as error:
         return "rendering.engine", error.message
     if text is None:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from vfplan.engine.answers import Status
+from vfplan.engine.choosing import sampled
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import sampled
-from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.findings import finding

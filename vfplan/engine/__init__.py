@@ -1,9 +1,10 @@
-"""The haptic engine's Python side: what it accepts, its parameters, and the call into C++.
+"""The controller core as Python objects: parameters, engine, guide, governor and moving frame.
 
-parameters  the paper's Table I, and the checks of what an engine is made of
-ticks       what a tick takes, and what every engine answers with
-renderable  whether an engine takes what a fixture holds
-proxy       `ProxyEngine`, the face over the native engine
+parameters  `ProxyParameters`, the paper's Table I, and the checks of what an engine is made of
+answers     `Status`, `Step` and `Trace`, which every engine answers with
+choosing    which rule renders a fixture, and whether its ticks are short enough for 1 kHz
+proxy       `ProxyEngine`, the native engine
+guide       `Guide`, which keeps the tip in a tube around the drawn curve
+governor    `Governor`, which holds force and torques to what an arm accepts
 moving      `MovingFrame`, the frame of a tracked fixture
-guide       `Guide`, the drawn curve as a ruler, over the native guide
 """

@@ -1,26 +1,33 @@
 """The governor between engine and arm: no force or torque changes faster than the arm accepts.
 
-A thin Python face over `vfplan/governor.hpp`, which has the same words; the same bits come out.
+The C++ class of `vfplan/governor.hpp` does the work. Both give the same bits.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.parameters import Vector, number, real_array
-from vfplan.engine.ticks import check_hip, check_path
+from vfplan.engine.answers import check_hip, check_path
+from vfplan.engine.parameters import Vector, core_errors, number, real_array, setting_array
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 
-# Of the torque steps that an arm accepts, the part that `Governor.of` uses: the arm's own control
-# (friction, Coriolis, an impedance law) changes the torque in the same tick.
 HEADROOM = 0.95
+"""The share of an arm's torque steps that `Governor.of` uses.
+
+The arm's own control (friction, Coriolis, an impedance law) changes the torque in the same tick.
+"""
+
+MAX_FORCE_N = 1e6
+"""Largest force that a governor can be told to allow [N], the core's own limit of an input."""
+
+MIN_STEP_SHARE = 1e-6
+"""Smallest step of the force as a share of its largest value: a thousand seconds at 1 kHz."""
 
 
 class GovernorStatus(IntFlag):
@@ -28,33 +35,42 @@ class GovernorStatus(IntFlag):
 
     OK = 0
     BAD_FORCE = 1
-    """The force was not finite, or beyond 1e6 N: taken for none, and faded out."""
+    """The force was not finite, or beyond 1e6 N. It was taken for 0, and the last one fades out."""
     BAD_JACOBIAN = 2
-    """The Jacobian was not finite, or beyond 1e6 m: force and torques fade out."""
+    """The Jacobian was not finite, or beyond 1e6 m. Force and torques fade out."""
     NO_JACOBIAN = 4
     """Torques are limited, but without a Jacobian only forces were."""
     TORQUE_LAGS = 8
     """The arm turns faster than its torques may follow: `torque_nm` is not Jᵀ F."""
     OVERDRAWN = 16
-    """The force held back gave more than the spring had stored."""
+    """The force held back gave more energy than the spring had stored."""
 
 
 @dataclass(frozen=True, eq=False)
 class Governed:
-    """What a governor made of a path of forces, row by row."""
+    """What a governor made of a path of forces, one row a tick.
 
-    # (T, 3) [N] and (T, n) [N·m] to command; n is 0 without Jacobians
+    Parameters
+    ----------
+    force, torque
+        (T, 3) [N] and (T, n) [N·m] to command; n is 0 without Jacobians.
+    held_back
+        (T,) size of the difference between the engine's force and `force` [N].
+    status
+        (T,) uint8, values of `GovernorStatus`.
+    """
+
     force: Vector
     torque: Vector
-    held_back: Vector  # (T,) |force asked for - force to command| [N]
-    status: NDArray[np.uint8]  # (T,) uint8, values of `GovernorStatus`
+    held_back: Vector
+    status: NDArray[np.uint8]
 
 
 class Governor:
-    """Limits a force, its change a tick, and the joint torques that it takes, and theirs.
+    """Limits a force, its change in a tick, the joint torques that it takes, and their change.
 
-    One scale for the whole step, so that the direction of the change is kept; below its limits the
-    output is the input, bit for bit. Before the first tick the force is 0.
+    One factor scales the whole step, so that the direction of the change is kept. Below its limits
+    the output is the input, bit for bit. Before the first tick the force is 0.
 
     Parameters
     ----------
@@ -65,15 +81,15 @@ class Governor:
     stiffness_n_per_m
         K of the fixture's spring, the largest of its axes.
     mass_kg
-        The least moving mass at the tip: the arm's, without the hand that may be gone.
+        The least moving mass at the tip: the arm's alone, as the hand may let go.
     rate_hz
         Ticks a second.
 
     Raises
     ------
     SettingError
-        A value outside its range; a `force_step_n` with which a force that fades out gives more
-        energy than the spring had stored. The message names the least that is passive,
+        A value outside its range, or a `force_step_n` with which a force that fades out gives more
+        energy than the spring had stored. The message names the smallest that is passive,
         F_max T √(K/m) / 2.
     """
 
@@ -89,40 +105,38 @@ class Governor:
         rate_hz: float = 1000.0,
     ) -> None:
         limits = _core.GovernorLimits()
-        limits.force_max = number("force_max_n", force_max_n, "N", above=0.0, most=1e6)
+        limits.force_max = number("force_max_n", force_max_n, "N", above=0.0, most=MAX_FORCE_N)
         limits.stiffness = number("stiffness_n_per_m", stiffness_n_per_m, "N/m", above=0.0)
         limits.mass = number("mass_kg", mass_kg, "kg", above=0.0)
-        rate = number("rate_hz", rate_hz, "Hz", above=0.0)
-        limits.period = 1 / rate
+        limits.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
         self.least_passive_step_n = limits.least_passive_step
-        """The least `force_step_n` that is passive with the other settings [N]."""
+        """The smallest `force_step_n` that is passive with the other settings [N]."""
         self.least_reversing_step_n = limits.least_reversing_step
-        """The least one that is so too when the force turns round at its largest [N]."""
+        """The smallest that is also passive when the force turns round at its largest [N]."""
         limits.force_step = number(
             "force_step_n",
             force_step_n,
             "N a tick",
-            least=max(self.least_passive_step_n, 1e-6 * limits.force_max),
+            least=max(self.least_passive_step_n, MIN_STEP_SHARE * limits.force_max),
             why="force_max_n / rate_hz * sqrt(stiffness / mass) / 2: slower, a released force "
             "gives more energy than the spring had stored",
         )
-        steps = _each("torque_step_nm", torque_step_nm)
-        maxima = _each("torque_max_nm", torque_max_nm)
-        self._by_torque = torque_step_nm is not None or torque_max_nm is not None
-        self._joints = _joints(steps, maxima)
-        for j in range(_core.most_joints):
-            limits.set_torque(j, _of_joint(steps, j), _of_joint(maxima, j))
-        try:
+
+        steps = torque_limits("torque_step_nm", torque_step_nm)
+        maxima = torque_limits("torque_max_nm", torque_max_nm)
+        self._limits_torques = steps is not None or maxima is not None
+        self._joints = joint_count(steps, maxima)
+        for joint in range(_core.most_joints):
+            limits.set_torque(joint, limit_of_joint(steps, joint), limit_of_joint(maxima, joint))
+        with core_errors(SettingError):
             self._governor = _core.Governor(limits)
-        except ValueError as error:
-            raise SettingError(str(error).removeprefix("vfplan: ")) from None
         self.reset()
 
     @classmethod
     def of(cls, robot: Robot, stiffness_n_per_m: float, *, torques: bool = False) -> Governor:
         """The governor that a robot file's limits ask for.
 
-        With `torques` its joints' limits count too, steps of them by `HEADROOM`.
+        With `torques` the limits of its joints count too, and of their steps the share `HEADROOM`.
 
         Raises
         ------
@@ -131,145 +145,173 @@ class Governor:
         """
         if robot.force_limit_n is None or robot.force_step_limit_n is None:
             raise SettingError(
-                f"robot {robot.name!r} has no force_limit_n and force_step_limit_n; a governor "
-                "needs both"
+                f"robot {robot.name!r} has no force_limit_n and force_step_limit_n. Add both to "
+                "the robot file: a governor needs them."
             )
-        joints: dict[str, Any] = {}
+        torque_max = None
+        torque_step = None
         if torques:
             if robot.torque_limit_nm is None or robot.torque_step_limit_nm is None:
                 raise SettingError(
-                    f"robot {robot.name!r} has no torque_limit_nm and torque_step_limit_nm; a "
-                    "governor of torques needs both"
+                    f"robot {robot.name!r} has no torque_limit_nm and torque_step_limit_nm. Add "
+                    "both to the robot file: a governor of torques needs them."
                 )
-            joints = {
-                "torque_max_nm": robot.torque_limit_nm,
-                "torque_step_nm": HEADROOM * np.asarray(robot.torque_step_limit_nm),
-            }
+            torque_max = robot.torque_limit_nm
+            torque_step = HEADROOM * np.asarray(robot.torque_step_limit_nm)
         return cls(
             force_step_n=robot.force_step_limit_n,
             force_max_n=robot.force_limit_n,
+            torque_step_nm=torque_step,
+            torque_max_nm=torque_max,
             stiffness_n_per_m=stiffness_n_per_m,
             mass_kg=robot.mass_kg,
             rate_hz=robot.rate_hz,
-            **joints,
         )
 
     @property
     def native(self) -> _core.Governor:
-        """The governor behind it, which checks nothing; for a loop in Python at full speed."""
+        """The native governor, which checks nothing; for a loop in Python at full speed."""
         return self._governor
 
     def reset(self) -> None:
-        """As before the first tick: no force, no torque, nothing given."""
+        """Begin anew: no force, no torque, no energy given."""
         self._governor.reset()
         self.held_back_n = 0.0
         self.status = GovernorStatus.OK
-        self._turned = 0
+        self._torque_size = 0
 
     def step(self, force: ArrayLike, jacobian: ArrayLike | None = None) -> Vector:
-        """The force to command for the engine's force, (3,) [N] both.
+        """The force (3,) to command for the engine's force (3,) [N].
 
         Parameters
         ----------
         jacobian
-            (3, n) of the position of the point on which the force acts [m]; needed where torques
-            are limited. Then `torque_nm` is what to command.
+            (3, n) of the place on which the force acts [m], needed where torques are limited. Then
+            `torque_nm` is what to command.
 
         Raises
         ------
         SceneError
-            Arrays of another shape; no Jacobian though torques are limited.
+            Arrays of another shape, or no Jacobian though torques are limited.
         """
-        asked = check_hip(force, "force")
+        wanted = check_hip(force, "force")
         if jacobian is None:
             self._check_joints(None)
-            row, self.held_back_n, status = self._governor.step(asked)
+            row, self.held_back_n, status = self._governor.step(wanted)
         else:
             matrix = real_array(jacobian, "jacobian")
             self._check_joints(matrix.shape)
-            row, self.held_back_n, status = self._governor.step(asked, matrix)
+            row, self.held_back_n, status = self._governor.step(wanted, matrix)
         self.status = GovernorStatus(status)
         return row.reshape(3)
 
     def run(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Vector:
-        """One tick a row: (T, 3) [N], from (T, 3) [N] and, by torques, (T, 3, n) [m]."""
+        """One tick a row: (T, 3) [N], from (T, 3) [N] and Jacobians (T, 3, n) [m]."""
         return self.trace(forces, jacobians).force
 
     def trace(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Governed:
         """As `run`, with the torques and what was held back in each tick."""
-        asked = check_path(forces, "forces")
+        wanted = check_path(forces, "forces")
         matrices = None
+        shape = None
         if jacobians is not None:
             matrices = real_array(jacobians, "jacobians")
-            if matrices.shape[:1] != (len(asked),):
+            if matrices.shape[:1] != (len(wanted),):
                 raise SceneError(
-                    f"jacobians of shape {matrices.shape}: allowed is ({len(asked)}, 3, n)"
+                    f"jacobians has shape {matrices.shape}. Give one for each force: "
+                    f"({len(wanted)}, 3, n)."
                 )
-        self._check_joints(None if matrices is None else matrices.shape[1:])
-        done = Governed(*self._governor.run(asked, matrices))
-        if len(asked):
-            self.held_back_n = float(done.held_back[-1])
-            self.status = GovernorStatus(int(done.status[-1]))
-        return done
+            shape = matrices.shape[1:]
+        self._check_joints(shape)
+        governed = Governed(*self._governor.run(wanted, matrices))
+        if len(wanted) > 0:
+            self.held_back_n = float(governed.held_back[-1])
+            self.status = GovernorStatus(int(governed.status[-1]))
+        return governed
 
     def _check_joints(self, shape: tuple[int, ...] | None) -> None:
+        """Raise `SceneError` for a Jacobian of another shape; `None`: there is no Jacobian."""
         if shape is None:
-            if self._by_torque:
-                raise SceneError("no jacobian: a governor of torques needs one (3, n) each tick")
+            if self._limits_torques:
+                raise SceneError(
+                    "jacobian is missing, and torques are limited. Give one of shape (3, n) in "
+                    "each tick."
+                )
             return
-        least, most = (self._joints,) * 2 if self._joints else (1, _core.most_joints)
-        if len(shape) != 2 or shape[0] != 3 or not least <= shape[1] <= most:
-            wanted = f"{least}" if least == most else f"{least} to {most}"
-            raise SceneError(f"jacobian of shape {shape}: allowed is (3, n), n {wanted}")
-        self._turned = shape[1]
+        if self._joints is not None:
+            wanted = f"{self._joints}"
+            is_good = len(shape) == 2 and shape == (3, self._joints)
+        else:
+            wanted = f"1 to {_core.most_joints}"
+            is_good = len(shape) == 2 and shape[0] == 3 and 1 <= shape[1] <= _core.most_joints
+        if not is_good:
+            raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
+        self._torque_size = shape[1]
 
     @property
     def torque_nm(self) -> Vector:
-        """(n,) what to command [N·m]: Jᵀ F of the last tick unless TORQUE_LAGS; (0,) before."""
-        if not self._turned:
+        """(n,) the torques to command [N·m]; (0,) before the first Jacobian.
+
+        They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
+        """
+        if self._torque_size == 0:
             return np.empty(0)
-        return self._governor.torque(self._turned).reshape(self._turned)
+        return self._governor.torque(self._torque_size).reshape(self._torque_size)
 
     @property
     def energy_given_j(self) -> float:
-        """What forces held back have given since the reset, had each pushed a free mass [J]."""
+        """Energy that forces held back have given since the reset [J].
+
+        It counts as if each had pushed a free mass.
+        """
         return self._governor.energy_given
 
     @property
     def energy_stored_j(self) -> float:
-        """The tank: what the springs held that those forces were released from [J]."""
+        """The tank: energy of the springs from which those forces were released [J]."""
         return self._governor.energy_stored
 
 
-def _each(name: str, values: float | ArrayLike | None) -> Vector | None:
+def torque_limits(name: str, values: float | ArrayLike | None) -> Vector | None:
+    """Limits of torques [N·m], () for all joints or (n,); `None`: no limit.
+
+    Raises `SettingError` for another shape, and for a limit that is not above 0.
+    """
     if values is None:
         return None
-    try:
-        found = real_array(values, name)
-    except SceneError as error:
-        raise SettingError(error.message) from None
-    if found.ndim > 1 or not 1 <= found.size <= _core.most_joints:
+    limits = setting_array(values, name)
+    if limits.ndim > 1 or not 1 <= limits.size <= _core.most_joints:
         raise SettingError(
-            f"{name} of shape {found.shape}: allowed is one number or (n,), n at most "
-            f"{_core.most_joints}"
+            f"{name} has shape {limits.shape}. Give one number, or one for each of at most "
+            f"{_core.most_joints} joints."
         )
-    for value in found.ravel().tolist():
-        number(name, value, "N·m", above=0.0)
-    return found
+    for limit in limits.ravel().tolist():
+        number(name, limit, "N·m", above=0.0)
+    return limits
 
 
-def _joints(*limits: Vector | None) -> int | None:
-    """How many joints the limits are for; `None` where they say one number for all."""
-    sizes = {len(limit) for limit in limits if limit is not None and limit.ndim == 1}
-    if len(sizes) > 1:
+def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
+    """The number of joints that the limits are for; `None` where one number holds for all."""
+    counts = set()
+    for limits in (steps, maxima):
+        if limits is not None and limits.ndim == 1:
+            counts.add(len(limits))
+    if len(counts) > 1:
         raise SettingError(
-            f"torque_step_nm and torque_max_nm of {min(sizes)} and {max(sizes)} joints: allowed "
-            "is the same number of both"
+            f"torque_step_nm and torque_max_nm are of {min(counts)} and {max(counts)} joints. Give "
+            "both for the same joints."
         )
-    return sizes.pop() if sizes else None
+    if counts:
+        return counts.pop()
+    return None
 
 
-def _of_joint(limits: Vector | None, j: int) -> float:
-    if limits is None or (limits.ndim == 1 and j >= len(limits)):
+def limit_of_joint(limits: Vector | None, joint: int) -> float:
+    """The limit of one joint [N·m]; infinite where there is none."""
+    if limits is None:
         return float("inf")
-    return float(limits if limits.ndim == 0 else limits[j])
+    if limits.ndim == 0:
+        return float(limits)
+    if joint >= len(limits):
+        return float("inf")
+    return float(limits[joint])

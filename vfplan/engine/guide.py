@@ -1,45 +1,57 @@
-"""Guidance: the drawn curve as a ruler. A thin Python face over the native guide.
+"""Guidance: the drawn curve as a ruler.
 
-The tip is kept within a tube around the curve, or led along it. docs/guidance.md says how.
+The tip is kept within a tube around the curve, or led along it. docs/guidance.md says how. The
+native guide does the work.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
+from vfplan.engine.answers import Status, check_hip, check_path
+from vfplan.engine.choosing import check_pieces
 from vfplan.engine.parameters import Vector, check_axis, check_points, number
-from vfplan.engine.renderable import check_pieces
-from vfplan.engine.ticks import Status, check_hip, check_path
 from vfplan.errors import SceneError, SettingError
-from vfplan.fixture import Pieces
+from vfplan.fixture import Fixture, Pieces
 
 Ends = Literal["stop", "open"]
-ENDS: tuple[Ends, ...] = get_args(Ends)
 Hold = Literal["at_once", "on_entry"]
+
+ENDS: tuple[Ends, ...] = get_args(Ends)
+HOLDS: tuple[Hold, ...] = get_args(Hold)
+
+MIN_RADIUS_M = 1e-9
+"""Smallest radius of a tube [m], the engine's smallest contact radius."""
+
+MAX_RADIUS_M = 1e6
+"""Largest radius of a tube [m], the engine's largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False)
 class GuideTrace:
-    """A path's answer, a row a tick.
+    """The answer to a path, one row a tick.
 
     Parameters
     ----------
     proxy, force
         (T, 3) nearest place of the tube [m], the HIP's own where it is free; force on the hand [N].
-    arc_m, lateral_m, remaining_m
-        (T,) the place on the curve as arc length from its first point, the HIP's distance from
-        that place, and what remains of the curve from there on [m].
+    arc_m
+        (T,) the place on the curve as arc length from its first point [m].
+    lateral_m
+        (T,) the HIP's distance from that place [m].
+    remaining_m
+        (T,) what remains of the curve from that place on [m].
     stroke
-        (T,) int32, the curve followed.
+        (T,) int32, the curve that is followed.
     held
-        (T,) bool, whether the guide has hold of the tip.
+        (T,) bool, whether the guide holds the tip.
     status
         (T,) uint8, values of `Status`: `BAD_HIP`, or `LIMIT` where the place moves on in the next
         tick, as the force may change no faster.
@@ -58,14 +70,22 @@ class GuideTrace:
         return len(self.arc_m)
 
     def first(self) -> GuideStep:
-        """The first tick's answer."""
-        row = [getattr(self, field.name)[0] for field in fields(self)]
-        return GuideStep(*row[:2], *(value.item() for value in row[2:-1]), Status(int(row[-1])))
+        """The answer of the first tick."""
+        return GuideStep(
+            proxy=self.proxy[0],
+            force=self.force[0],
+            arc_m=self.arc_m[0].item(),
+            lateral_m=self.lateral_m[0].item(),
+            remaining_m=self.remaining_m[0].item(),
+            stroke=self.stroke[0].item(),
+            held=self.held[0].item(),
+            status=Status(int(self.status[0])),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class GuideStep:
-    """One tick's answer: a row of a `GuideTrace`."""
+    """The answer of one tick: a row of a `GuideTrace`."""
 
     proxy: Vector
     force: Vector
@@ -80,36 +100,37 @@ class GuideStep:
 class Guide:
     """Keeps the tip within a tube around a curve: no force inside, K times the way back beyond.
 
-    The guide keeps its place on the curve and moves it only along the curve, so that the force has
-    no part along it and strands that run close by or cross change nothing. In a tick the force
-    changes by at most K (|Δx| + 2e-5 m).
+    The guide keeps its place on the curve and moves it only along the curve. The force therefore
+    has no part along the curve, and strands that run close by or cross change nothing. In a tick
+    the force changes by at most K (|Δx| + 2e-5 m).
 
     Parameters
     ----------
     points
-        (N, 3) the curve's points in order [m]; or several such curves, of which the one nearest at
-        the start is followed, never changed under the hand. Or lines and arcs, across an axis: then
-        `closed` is theirs.
+        (N, 3) the curve's points in order [m], or several such curves. The guide follows the one
+        that is nearest at the start, and never changes it. Or lines and arcs across an ignored
+        axis, which say themselves whether they are closed.
     radius
-        ρ of the tube [m]. One that runs into itself, where the curve turns round or another strand
-        runs beside it, is refused, and so is a bend that is tighter than the tube is wide.
+        ρ of the tube [m]. A tube that runs into itself is refused, because the curve turns round or
+        another strand runs beside it. So is a bend that is tighter than the tube is wide.
     closed
-        Whether the last point joins the first; one truth, or one a curve.
+        Whether the last point joins the first: one bool, or one a curve.
     stiffness
         K beyond the tube [N/m].
     ends
-        What an open curve's ends do: "stop" (a cap closes the tube) or "open" (the tip goes free,
-        and what was left of the force dies down without giving energy).
+        What the ends of an open curve do. "stop": a cap closes the tube. "open": the tip goes free,
+        and what remains of the force dies down without giving energy.
     hold
         "at_once": from the first tick on, with whatever force that takes. "on_entry": once the tip
         is within the tube.
     cut_bends
-        Takes bends tighter than the tube, with a warning: in the tube the tip may cut them.
+        Whether to take bends that are tighter than the tube, with a warning. The tip may then cut
+        them.
     ignore_axis
         `None`, "x", "y", "z" or a (3,) direction along which curve and tube are infinite.
     lead_force, lead_speed
-        A pull along the curve [N], towards its beginning when negative, that falls linearly to 0
-        at this speed [m/s], and is 0 from ρ before the curve's end on.
+        A pull along the curve [N], towards its beginning when negative. It falls linearly to 0 at
+        this speed [m/s], and is 0 from ρ before the curve's end on.
     rate_hz
         Ticks a second, for that speed.
 
@@ -137,10 +158,14 @@ class Guide:
         rate_hz: float = 1000.0,
     ) -> None:
         native = _core.GuideParameters()
-        native.radius = number("radius", radius, "m", least=1e-9, most=1e6)
+        native.radius = number("radius", radius, "m", least=MIN_RADIUS_M, most=MAX_RADIUS_M)
         native.stiffness = number("stiffness", stiffness, "N/m", above=0.0)
-        native.ends = getattr(_core.Ends, _one_of("ends", ends, ENDS))
-        native.hold = getattr(_core.Hold, _one_of("hold", hold, get_args(Hold)))
+        if ends not in ENDS:
+            raise SettingError(f"ends is {ends!r}. Choose one of {', '.join(ENDS)}.")
+        native.ends = getattr(_core.Ends, ends)
+        if hold not in HOLDS:
+            raise SettingError(f"hold is {hold!r}. Choose one of {', '.join(HOLDS)}.")
+        native.hold = getattr(_core.Hold, hold)
         native.cut_bends = bool(cut_bends)
         native.lead_force = number("lead_force", lead_force, "N")
         native.lead_speed = number("lead_speed", lead_speed, "m/s", above=0.0)
@@ -148,18 +173,38 @@ class Guide:
         self.ignore_axis = check_axis(ignore_axis)
         if self.ignore_axis is not None:
             native.set_ignore_axis(self.ignore_axis)
-        self.radius, self.stiffness, self.ends = native.radius, native.stiffness, ends
-        self.closed, curves = _curves(points, closed, self.ignore_axis)
+        self.radius = native.radius
+        self.stiffness = native.stiffness
+        self.ends = ends
+
+        if isinstance(points, Pieces):
+            if self.ignore_axis is None:
+                raise SettingError(
+                    "ignore_axis is None, and lines and arcs guide only across an ignored axis. "
+                    "Name the axis, or give points."
+                )
+            self.closed = tuple(points.closed.tolist())
+            curves = check_pieces(points)
+        else:
+            strokes = check_strokes(points)
+            closings = check_closed(closed, len(strokes))
+            self.closed = tuple(closings)
+            lengths = [len(stroke) for stroke in strokes]
+            curves = (np.vstack(strokes), lengths, closings)
         try:
             self._guide = _core.Guide(*curves, native)
         except ValueError as error:
-            kind = SettingError if "radius" in str(error) else SceneError
+            # The core names the radius where the tube does not fit the curve.
+            kind = SceneError
+            if "radius" in str(error):
+                kind = SettingError
             raise kind(str(error).removeprefix("vfplan: ")) from None
-        if (tight := self.tight_bend) is not None:
-            warnings.warn(tight, stacklevel=2)
+        tight_bend = self.tight_bend
+        if tight_bend is not None:
+            warnings.warn(tight_bend, stacklevel=2)
 
     @classmethod
-    def of(cls, fixture: Any, *, hold: Hold = "on_entry", cut_bends: bool = True) -> Guide:
+    def of(cls, fixture: Fixture, *, hold: Hold = "on_entry", cut_bends: bool = True) -> Guide:
         """The guide that a fixture's guidance asks for.
 
         Raises
@@ -171,17 +216,24 @@ class Guide:
         """
         guidance = fixture.guidance
         if guidance is None:
-            raise SceneError("the fixture has no guidance")
-        drawn = np.arange(len(fixture.curve.closed))
-        chosen = drawn == (drawn if guidance.stroke is None else guidance.stroke)
+            raise SceneError(
+                "the fixture has no guidance. Plan one with a guide, or render this one with "
+                "vfplan.ProxyEngine.of."
+            )
+        strokes = np.arange(len(fixture.curve.closed))
+        is_guide = np.ones(len(strokes), bool)
+        if guidance.stroke is not None:
+            is_guide = strokes == guidance.stroke
         if fixture.pieces is not None and fixture.ignore_axis is not None:
-            curves: Any = fixture.pieces.of(chosen)
+            curves: Any = fixture.pieces.of(is_guide)
         else:
-            curves = [fixture.points[fixture.curve.stroke == s] for s in drawn[chosen]]
+            curves = []
+            for stroke in strokes[is_guide]:
+                curves.append(fixture.points[fixture.curve.stroke == stroke])
         return cls(
             curves,
             guidance.radius,
-            fixture.curve.closed[chosen].tolist(),
+            fixture.curve.closed[is_guide].tolist(),
             guidance.stiffness,
             ends=guidance.ends,
             hold=hold,
@@ -193,7 +245,7 @@ class Guide:
 
     @property
     def native(self) -> _core.Guide:
-        """The guide behind it, which checks nothing."""
+        """The native guide, which checks nothing."""
         return self._guide
 
     @property
@@ -203,57 +255,59 @@ class Guide:
 
     @property
     def tight_bend(self) -> str | None:
-        """Where a bend is tighter than the tube is wide, in words; `None`: nowhere."""
-        found = self._guide.tight_bend()
-        if found is None:
+        """Where a bend is tighter than the tube is wide, in words; `None` where none is."""
+        bend = self._guide.tight_bend()
+        if bend is None:
             return None
-        stroke, arc, at = found
-        place = ", ".join(f"{1e3 * v:.4g}" for v in at)
+        stroke, arc, place = bend
+        listed = ", ".join(f"{1e3 * coordinate:.4g}" for coordinate in place)
         return (
             f"guide radius {1e3 * self.radius:g} mm: stroke {stroke} bends more tightly at arc "
-            f"{1e3 * arc:.4g} mm, [{place}] mm; the tip may cut that corner"
+            f"{1e3 * arc:.4g} mm, [{listed}] mm, and the tip may cut that corner. Take a smaller "
+            "radius if it must not."
         )
 
     def at(self, arc_m: ArrayLike, stroke: int = 0) -> Vector:
-        """The curve's points (M, 3) at arc lengths (M,) [m]; across an ignored axis."""
+        """(M, 3) the curve's places at arc lengths (M,) [m], across an ignored axis."""
         return self._guide.at(stroke, np.atleast_1d(np.asarray(arc_m, float)).tolist())
 
     def reset(self, hip: ArrayLike) -> None:
-        """The tip is at `hip` (3,) [m]: take the nearest place, and hold it as `hold` says."""
+        """Take the curve's place nearest to `hip` (3,) [m], and hold the tip as `hold` says."""
         self._guide.reset(check_hip(hip, finite=True))
 
     def step(self, hip: ArrayLike) -> GuideStep:
-        """One servo loop for the HIP at `hip` (3,) [m]."""
+        """One tick for the HIP at `hip` (3,) [m]."""
         return self.run(check_hip(hip)[None]).first()
 
     def run(self, hips: ArrayLike) -> GuideTrace:
-        """One tick for each row of `hips` (T, 3) [m], from where the guide is; no GIL held."""
+        """One tick for each row of `hips` (T, 3) [m], from the guide's present place on.
+
+        Other threads of Python run meanwhile.
+        """
         return GuideTrace(*self._guide.run(check_path(hips)))
 
 
-def _curves(points: Any, closed: Any, axis: Vector | None) -> tuple[tuple[bool, ...], tuple]:
-    """Which are closed, and the curves as the native guide takes them."""
-    if isinstance(points, Pieces):
-        if axis is None:
-            raise SettingError("lines and arcs: only across an ignored axis")
-        return tuple(points.closed.tolist()), check_pieces(points)
-    strokes = _strokes(points)
-    closing = [closed] * len(strokes) if np.isscalar(closed) else [bool(c) for c in closed]
-    if len(closing) != len(strokes):
-        raise SettingError(f"closed: {len(closing)} values for {len(strokes)} curves")
-    return tuple(closing), (np.vstack(strokes), [len(stroke) for stroke in strokes], closing)
+def check_strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:
+    """One curve (N, 3), or a sequence of such, as a list of curves [m].
 
-
-def _strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:
-    single = isinstance(points, np.ndarray) and points.dtype != object
-    if not single and (not isinstance(points, Sequence | np.ndarray) or len(points) == 0):
-        raise SceneError(f"points {points!r:.60}: allowed is (N, 3), or a sequence of such")
-    if single or np.ndim(np.asarray(points[0], object)) == 1:
+    Raises `SceneError` for anything else.
+    """
+    if isinstance(points, np.ndarray) and points.dtype != object:
+        return [check_points(points)]
+    if not isinstance(points, Sequence | np.ndarray) or len(points) == 0:
+        raise SceneError(f"points is {points!r:.60}. Give (N, 3), or a sequence of such curves.")
+    if np.ndim(np.asarray(points[0], object)) == 1:
         return [check_points(points)]
     return [check_points(stroke) for stroke in points]
 
 
-def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
-    if value not in allowed:
-        raise SettingError(f"{name} {value!r}: allowed are {', '.join(allowed)}")
-    return value
+def check_closed(closed: bool | Sequence[bool], count: int) -> list[bool]:
+    """Whether each of `count` curves is closed; raises `SettingError` for another number."""
+    if np.isscalar(closed):
+        return [closed] * count
+    if len(closed) != count:
+        raise SettingError(
+            f"closed has {len(closed)} values for {count} curves. Give one for each curve, or one "
+            "for all."
+        )
+    return [bool(value) for value in closed]

@@ -1,6 +1,6 @@
 """A fixture that moves: its frame, from a tracker's poses, and an engine that steps in it.
 
-A thin Python face over `vfplan/moving.hpp`, which has the same words; the same bits come out.
+The C++ class of `vfplan/moving.hpp` does the work. Both give the same bits.
 """
 
 from __future__ import annotations
@@ -12,35 +12,41 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan import _core
+from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
 from vfplan.engine.guide import Guide, GuideTrace
-from vfplan.engine.parameters import Vector, number, real_array
-from vfplan.engine.ticks import Status, Step, Trace, check_hip, check_path
+from vfplan.engine.parameters import MAX_COORDINATE, Vector, number, real_array
 from vfplan.errors import SceneError
 
-RIGID = 1e-6  # how far RᵀR may be from 1
+RIGID_TOLERANCE = 1e-6
+"""How far an entry of RᵀR may be from that of the unit matrix. A tracker's file has six digits."""
+
+MAX_TIME_S = 1e300
+"""Largest absolute time [s]. Differences of such times do not overflow."""
 
 
 class MovingFrame:
-    """Where a tracked fixture is, tick by tick, from poses that come late, noisy, or not at all.
+    """Where a tracked fixture is at each tick, from poses that come late, noisy, or not at all.
 
-    From each pose to the next the frame goes evenly, one sample late, and never faster than it is
-    told. There is no predictor. An engine steps in the fixture's frame: K and an ignored axis turn
-    with the fixture.
+    The frame goes evenly from each pose to the next, one sample late, and never faster than it is
+    allowed to. There is no predictor. An engine steps in the fixture's frame, so that K and an
+    ignored axis turn with the fixture.
 
     Parameters
     ----------
     max_age_s
-        Age of the youngest pose from which on it is told as `stale`: the last frame then stands.
+        From this age of the youngest pose on the frame is `stale`, and its last place stands [s].
     max_speed_m_s, max_turn_rad_s
         Largest speed of the pivot, and of the frame's turning about it.
     pivot
-        (3,) in the fixture's frame [m], near where the tool works: what is further off moves by its
-        distance times `max_turn_rad_s` besides.
+        (3,) a place in the fixture's frame near where the tool works [m]. A place away from it also
+        moves by its distance times `max_turn_rad_s`.
 
     Raises
     ------
-    SettingError, SceneError
-        A limit or a pivot out of range.
+    SettingError
+        A limit out of range.
+    SceneError
+        A pivot that is no finite position.
     """
 
     def __init__(
@@ -59,24 +65,24 @@ class MovingFrame:
         )
 
     def pose(self, t: float, base_from_fixture: ArrayLike) -> bool:
-        """The fixture's pose (4, 4) [m] at time `t` [s], on the loop's clock.
+        """Take the fixture's pose (4, 4) [m] at time `t` [s] of the loop's clock.
 
-        False, and counted in `refused`, for one that is not younger than the last, or of which 64
-        wait already.
+        Returns False, and counts it in `refused`, for a pose that is not younger than the last one,
+        or that finds 64 others waiting.
 
         Raises
         ------
         SceneError
             No rigid transform, or one beyond 1e6 m.
         """
-        return self._frame.pose(_time(t), _rigid(base_from_fixture))
+        return self._frame.pose(_check_time(t), _check_rigid(base_from_fixture))
 
     def at(self, t: float) -> Vector:
-        """The frame (4, 4) at `t` [s], which does not go back; the identity before any pose."""
-        return matrices(self._frame.at(_time(t)).reshape(1, 7))[0]
+        """The frame (4, 4) at `t` [s], which must not go back; the identity before any pose."""
+        return matrices(self._frame.at(_check_time(t)).reshape(1, 7))[0]
 
     def step(self, engine: Any, t: float, hip: ArrayLike) -> Any:
-        """One servo loop at `t` [s] of an engine, or a `Guide`, that is in the fixture's frame.
+        """One tick, at `t` [s], of an engine or a `Guide` that is in the fixture's frame.
 
         HIP and answer, a `Step` or a `GuideStep`, are in the base. Before the first pose nothing is
         rendered.
@@ -85,81 +91,118 @@ class MovingFrame:
         if isinstance(trace, GuideTrace):
             return trace.first()
         return Step(
-            *(rows[0] for rows in (trace.proxy, trace.normal, trace.force)),
-            int(trace.state[0]),
-            Status(int(trace.status[0])),
+            proxy=trace.proxy[0],
+            normal=trace.normal[0],
+            force=trace.force[0],
+            state=int(trace.state[0]),
+            status=Status(int(trace.status[0])),
         )
 
     def run(self, engine: Any, times: ArrayLike, hips: ArrayLike) -> Any:
-        """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m]."""
+        """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m]; a `Trace` or `GuideTrace`."""
         return self.traced(engine, times, hips)[0]
 
     def traced(
         self, engine: Any, times: ArrayLike, hips: ArrayLike
     ) -> tuple[Any, Vector, Vector, Vector | None]:
-        """As `run`, with the frames (T, 7), place and quaternion w x y z, their ages, and µs.
+        """As `run`, with what the frame did.
 
-        Of a guide no times are taken.
+        Returns
+        -------
+        trace
+            A `Trace` or a `GuideTrace`.
+        poses
+            (T, 7) the frames: position [m] and unit quaternion w x y z.
+        ages
+            (T,) age of the youngest pose [s].
+        micros
+            (T,) time that the engine's tick took [µs]; `None` for a guide, which is not timed.
         """
-        t, path = real_array(times, "times"), check_path(hips)
+        t = real_array(times, "times")
+        path = check_path(hips)
         if t.shape != (len(path),):
-            raise SceneError(f"times of shape {t.shape}: allowed is ({len(path)},)")
+            raise SceneError(
+                f"times has shape {t.shape}. Give one time for each of the {len(path)} positions."
+            )
         if not np.isfinite(t).all() or (np.diff(t) < 0).any():
-            raise SceneError("times: allowed are finite numbers that do not go back")
+            raise SceneError(
+                "times are not finite, or go back. Give finite times in the order of the ticks."
+            )
         answers, poses, ages = self._frame.run(engine.native, t, path)
+        poses = poses.reshape(-1, 7)
         if isinstance(engine, Guide):
-            return GuideTrace(*answers), poses.reshape(-1, 7), ages, None
-        return Trace(*answers[:5]), poses.reshape(-1, 7), ages, 1e6 * answers[5]
+            return GuideTrace(*answers), poses, ages, None
+        return Trace(*answers[:5]), poses, ages, 1e6 * answers[5]
 
     @property
     def native(self) -> _core.MovingFrame:
-        """The frame behind it, which checks nothing."""
+        """The native frame, which checks nothing."""
         return self._frame
 
     @property
     def stale(self) -> bool:
-        """No pose yet, one older than `max_age_s`, or one from a clock that is that much ahead."""
+        """Whether there is no pose yet, or the youngest is older than `max_age_s`.
+
+        It is also true for a pose from a clock that is ahead by more than that.
+        """
         return self._frame.stale
 
     @property
     def age_s(self) -> float:
-        """Age of the youngest pose at the last tick [s]; infinite before the first."""
+        """Age of the youngest pose at the last tick [s]; infinite before the first pose."""
         return self._frame.age
 
     @property
     def refused(self) -> int:
-        """Poses that were not taken."""
+        """Number of poses that were not taken."""
         return self._frame.refused
 
 
 def matrices(poses: Vector) -> Vector:
-    """(T, 4, 4) of (T, 7), position and unit quaternion w x y z."""
+    """(T, 4, 4) the matrices of poses (T, 7): position [m] and unit quaternion w x y z."""
     w, x, y, z = poses[:, 3:].T
     out = np.zeros((len(poses), 4, 4))
-    out[:, 0, :3] = np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)), 1)
-    out[:, 1, :3] = np.stack((2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)), 1)
-    out[:, 2, :3] = np.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), 1)
+    out[:, 0, 0] = 1 - 2 * (y * y + z * z)
+    out[:, 0, 1] = 2 * (x * y - w * z)
+    out[:, 0, 2] = 2 * (x * z + w * y)
+    out[:, 1, 0] = 2 * (x * y + w * z)
+    out[:, 1, 1] = 1 - 2 * (x * x + z * z)
+    out[:, 1, 2] = 2 * (y * z - w * x)
+    out[:, 2, 0] = 2 * (x * z - w * y)
+    out[:, 2, 1] = 2 * (y * z + w * x)
+    out[:, 2, 2] = 1 - 2 * (x * x + y * y)
     out[:, :3, 3] = poses[:, :3]
     out[:, 3, 3] = 1
     return out
 
 
-def _time(t: float) -> float:
-    if not isinstance(t, Real) or not -1e300 < t < 1e300:
-        raise SceneError(f"time {t!r} s: allowed is a finite number")
+def _check_time(t: float) -> float:
+    """One time [s] as a float; raises `SceneError` for anything that is no finite number."""
+    if not isinstance(t, Real) or not -MAX_TIME_S < t < MAX_TIME_S:
+        raise SceneError(f"time is {t!r} s. Give a finite number.")
     return float(t)
 
 
-def _rigid(pose: ArrayLike) -> Vector:
+def _check_rigid(pose: ArrayLike) -> Vector:
+    """A rigid transform as (4, 4) float64; raises `SceneError` for anything else."""
     matrix = real_array(pose, "pose")
     if matrix.shape != (4, 4):
-        raise SceneError(f"pose of shape {matrix.shape}: allowed is (4, 4)")
-    turn = matrix[:3, :3]
-    if not (
-        np.abs(matrix).max() <= 1e6
-        and np.abs(turn.T @ turn - np.eye(3)).max() < RIGID
-        and np.linalg.det(turn) > 0
-        and np.array_equal(matrix[3], [0, 0, 0, 1])
-    ):
-        raise SceneError(f"pose {matrix.tolist()}: allowed is a rigid transform within 1e6 m")
+        raise SceneError(f"pose has shape {matrix.shape}. Give a matrix of shape (4, 4).")
+    if not is_rigid(matrix):
+        raise SceneError(
+            f"pose {matrix.tolist()} is no rigid transform within {MAX_COORDINATE:g} m. Give a "
+            "rotation and a position in metres."
+        )
     return matrix
+
+
+def is_rigid(matrix: Vector) -> bool:
+    """Whether a matrix (4, 4) is a rotation and a translation within 1e6 m."""
+    if not np.abs(matrix).max() <= MAX_COORDINATE:  # also where an entry is NaN
+        return False
+    rotation = matrix[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() >= RIGID_TOLERANCE:
+        return False
+    if np.linalg.det(rotation) <= 0:
+        return False
+    return np.array_equal(matrix[3], [0, 0, 0, 1])

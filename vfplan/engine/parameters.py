@@ -1,48 +1,68 @@
-"""The paper's Table I as one validated object, and the checks of all that is set beforehand.
+"""The paper's Table I as one checked object, and the checks of all that is set beforehand.
 
 Both engines (`vfplan.ProxyEngine` and the NumPy reference) take their settings from here. A check
-returns the value in the one form that they use, or raises with what was found and what is allowed.
+returns the value in the one form that they use, or raises an error with the value and the range.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from operator import attrgetter, ge, gt, le
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.errors import SceneError, SettingError
-
-MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-2.0.json); more are refused unmade
-LIMIT = _core.largest_coordinate  # |x| [m]: beyond it float64 does not resolve a nanometre
-UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
-AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+from vfplan.errors import SceneError, SettingError, VfplanError
 
 Vector = NDArray[np.float64]
 
 Rule = Literal["robust", "paper", "exact"]
-RULES: tuple[Rule, ...] = ("robust", "paper")  # those that render points
 Search = Literal["auto", "grid", "brute"]
-MAX_ITERATIONS = 16  # of the robust rule, a tick
+RULES: tuple[Rule, ...] = ("robust", "paper")
+"""The rules that render points."""
 
-# Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
+MAX_POINTS = 4_000_000
+"""Most points that a bundle may hold (schemas/bundle-2.0.json)."""
+
+MAX_ITERATIONS = 16
+"""Iterations of rule "robust" in a tick, unless a caller says otherwise."""
+
+MAX_COORDINATE = _core.largest_coordinate
+"""Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre."""
+
+MIN_RADIUS = _core.smallest_radius
+"""Smallest contact radius [m]. The squares of smaller ones underflow in single precision."""
+
+MAX_RADIUS = _core.largest_radius
+"""Largest contact and point radius [m]. The squares of larger ones overflow in single precision."""
+
+PAPER_BAND = 10e-6
+"""The band of Algorithm 1, r2 - r_c = r_c - r1 [m]."""
+
 EXACT_BAND = _core.curve_band
-MESH_BAND = _core.mesh_band  # for triangles: also what single precision takes, as in STL
-PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
+"""Band of rule "exact" on lines and arcs, as a share of R: what roundings may take."""
 
-# What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
-# overflow, in the float32 seeds of the native loops either.
-SMALLEST_RADIUS = _core.smallest_radius  # [m]
-LARGEST_RADIUS = _core.largest_radius  # [m]
-# Of R: the square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
-# a millionth of the band. Below, the proxy lags and eq. (1) loses its digits.
+MESH_BAND = _core.mesh_band
+"""The same on triangles, whose corners may come in single precision, as in an STL file."""
+
 FINEST_BAND = _core.finest_band
-# Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
+"""Smallest band as a share of R.
+
+A squared distance is rounded to 2e-16 of itself, and the smallest step that counts is a millionth
+of the band. In a finer band the proxy lags, and eq. (1) loses its digits.
+"""
+
 ROUNDINGS_A_BAND = _core.roundings_a_band
+"""Smallest band in roundings of the largest coordinate. A hundredth of it is still a hundred."""
+
+UNIT_TOLERANCE = 1e-9
+"""How far from 1 the length of a unit vector may be, as in the C++ header parameters.hpp."""
+
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +92,15 @@ class ProxyParameters:
     stiffness: Vector
     ignore_axis: Vector | None
 
-    # By the paper's symbols:
-    rc = property(attrgetter("contact_radius"), doc="Contact radius [m].")
-    r3 = property(attrgetter("outer_radius"), doc="Neighbour radius [m].")
-    rv = property(attrgetter("point_radius"), doc="Radius of each cloud point [m].")
-    xi = property(attrgetter("gain"), doc="Gain ξ of eq. (5).")
+    @property
+    def rc(self) -> float:
+        """Contact radius r_c [m]."""
+        return self.contact_radius
+
+    @property
+    def rv(self) -> float:
+        """Radius r_v of each cloud point [m]."""
+        return self.point_radius
 
     @property
     def r1(self) -> float:
@@ -87,6 +111,16 @@ class ProxyParameters:
     def r2(self) -> float:
         """Outer edge of the contact band, r_c + band [m]."""
         return self.contact_radius + self.band
+
+    @property
+    def r3(self) -> float:
+        """Neighbour radius [m]."""
+        return self.outer_radius
+
+    @property
+    def xi(self) -> float:
+        """Gain ξ of eq. (5)."""
+        return self.gain
 
     @property
     def R(self) -> float:
@@ -106,24 +140,24 @@ class ProxyParameters:
         outer_radius: float | None = None,
         gain: float = 1.0,
     ) -> ProxyParameters:
-        """Check every setting, and choose those that were left open.
+        """Check every setting, and choose those that were not given.
 
         Parameters
         ----------
         points
-            (N, 3) cloud [m]; the default band follows from it. Rule "exact": vertices.
+            (N, 3) cloud [m], from which the default band follows. Rule "exact": vertices.
         contact_radius, point_radius
             r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
             r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
-            largest coordinate. `None`: what the cloud asks for (`default_band`); rule "paper":
-            10 µm; rule "exact": what roundings take.
+            largest coordinate. `None`: `default_band`; with rule "paper" 10 µm. Rule "exact" takes
+            what roundings need.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
             "robust", "paper" or "exact".
         ignore_axis
-            `None`, "x", "y", "z" or a (3,) direction (normalised here).
+            `None`, "x", "y", "z" or a (3,) direction, which is normalised here.
         outer_radius
             r3 [m] > r2, at most 2e6; `None`: 2 r_c.
         gain
@@ -138,138 +172,173 @@ class ProxyParameters:
         """
         points = check_points(points)
         if rule not in get_args(Rule):
-            raise SettingError(f"rule {rule!r}: allowed are {', '.join(get_args(Rule))}")
-        least, most = SMALLEST_RADIUS, LARGEST_RADIUS
-        rc = number("contact_radius", contact_radius, "m", least=least, most=most)
-        rv = number("point_radius", point_radius, "m", least=0.0, most=most)
+            raise SettingError(f"rule is {rule!r}. Choose one of {', '.join(get_args(Rule))}.")
+        rc = number("contact_radius", contact_radius, "m", least=MIN_RADIUS, most=MAX_RADIUS)
+        rv = number("point_radius", point_radius, "m", least=0.0, most=MAX_RADIUS)
         axis = check_axis(ignore_axis)
-        far = float(np.abs(points).max())
-        least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
-        if rule == "exact":
-            band = max((EXACT_BAND if axis is not None else MESH_BAND) * (rc + rv), least)
+
+        largest = float(np.abs(points).max())
+        rounding_band = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * largest
+        if rule == "exact" and axis is not None:
+            band = max(EXACT_BAND * (rc + rv), rounding_band)
+        elif rule == "exact":
+            band = max(MESH_BAND * (rc + rv), rounding_band)
+        elif band is None and rule == "paper":
+            band = PAPER_BAND
         elif band is None:
-            band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
+            band = default_band(points, rc, rv, axis)
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
         band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
-        why = f"1e4 roundings of the largest coordinate, {far:g} m"
-        band = number("band", band, "m", least=least, why=why)
-        r3 = 2 * rc if outer_radius is None else outer_radius
-        r3 = number("outer_radius", r3, "m", above=rc + band, most=2 * most, why="r3 > r2")
+        why = f"1e4 roundings of the largest coordinate, {largest:g} m"
+        band = number("band", band, "m", least=rounding_band, why=why)
+
+        if outer_radius is None:
+            outer_radius = 2 * rc
+        r3 = number(
+            "outer_radius", outer_radius, "m", above=rc + band, most=2 * MAX_RADIUS, why="r3 > r2"
+        )
         xi = number("gain", gain, "", above=0.0, most=1.0)
         return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
 
     def native(self, iterations: int | None = None, search: str = "auto") -> _core.Parameters:
-        """As the native engine takes them; iterations a tick `None`: 16.
+        """The parameters as the native engine takes them.
 
-        Raises `SettingError` for another search, or no integer of at least 1.
+        `iterations` is the most in a tick; `None`: `MAX_ITERATIONS`. Raises `SettingError` for
+        another search, and for iterations that are no integer of at least 1.
         """
         if search not in get_args(Search):
-            raise SettingError(f"search {search!r}: allowed are {', '.join(get_args(Search))}")
-        p = _core.Parameters()
-        for name in ("contact_radius", "band", "point_radius", "outer_radius", "gain"):
-            setattr(p, name, getattr(self, name))
-        p.rule = getattr(_core.Rule, self.rule)
-        p.search = getattr(_core.Search, search)
-        p.max_iterations = iterations_of(iterations)
-        p.set_stiffness(self.stiffness)
+            raise SettingError(
+                f"search is {search!r}. Choose one of {', '.join(get_args(Search))}."
+            )
+        parameters = _core.Parameters()
+        parameters.rule = getattr(_core.Rule, self.rule)
+        parameters.contact_radius = self.contact_radius
+        parameters.band = self.band
+        parameters.point_radius = self.point_radius
+        parameters.outer_radius = self.outer_radius
+        parameters.gain = self.gain
+        parameters.set_stiffness(self.stiffness)
         if self.ignore_axis is not None:
-            p.set_ignore_axis(self.ignore_axis)
-        return p
+            parameters.set_ignore_axis(self.ignore_axis)
+        parameters.max_iterations = check_iterations(iterations)
+        parameters.search = getattr(_core.Search, search)
+        return parameters
 
 
 def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
-    """The paper's band of 10 µm, or what a ball of r_c + r_v sinks between the points [m].
+    """The paper's band of 10 µm, or how deep a ball of r_c + r_v sinks between the points [m].
 
-    `vfplan::band_for` of the C++ header cloud/band.hpp: for even points the dimple's depth; more
-    for noise, pixels' stairs and gaps. Never less than 1e-8 R, nor more than r_c / 2.
+    `vfplan::band_for` of the C++ header cloud/band.hpp computes it. For even points it is the depth
+    of the dimple between them; noise, pixels' stairs and gaps need more. It is at least 1e-8 R and
+    at most r_c / 2.
     """
-    p = _core.Parameters()
-    p.contact_radius, p.point_radius = rc, rv
+    parameters = _core.Parameters()
+    parameters.contact_radius = rc
+    parameters.point_radius = rv
     if axis is not None:
-        p.set_ignore_axis(axis)
-    return _core.band_for(points, p)
+        parameters.set_ignore_axis(axis)
+    return _core.band_for(points, parameters)
 
 
-def iterations_of(value: int | None) -> int:
-    """Iterations a tick; `None`: 16. Raises `SettingError` for what is no integer of at least 1."""
+def check_iterations(value: int | None) -> int:
+    """Iterations in a tick, at most 1e6; `None`: `MAX_ITERATIONS`.
+
+    Raises `SettingError` for anything that is no integer of at least 1.
+    """
     if value is None:
         return MAX_ITERATIONS
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise SettingError(f"max_iterations {value!r}: allowed is an integer of at least 1")
+        raise SettingError(f"max_iterations is {value!r}. Give an integer of at least 1.")
     return min(int(value), 10**6)
 
 
 def check_points(points: ArrayLike) -> Vector:
-    """A cloud as (N, 3) contiguous float64 [m]; `SceneError` when it cannot be one."""
+    """A cloud as (N, 3) contiguous float64 [m]; raises `SceneError` for anything else."""
     cloud = real_array(points, "points")
     if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise SceneError(f"points of shape {cloud.shape}: allowed is (N, 3)")
+        raise SceneError(f"points has shape {cloud.shape}. Give one point a row: (N, 3).")
     if len(cloud) == 0:
-        raise SceneError("points of shape (0, 3): at least one point is needed")
+        raise SceneError("points has shape (0, 3). Give at least one point.")
     check_range(cloud, "point")
     return cloud
 
 
 def check_stiffness(stiffness: float | ArrayLike) -> Vector:
-    """The diagonal of K as (3,) [N/m], every entry above 0; else `SettingError`."""
-    k = _of_shape(stiffness, "stiffness", {(): "one number", (3,): "(3,)"})
-    k = np.array(np.broadcast_to(k, 3))
-    if not (np.all(np.isfinite(k)) and np.all(k > 0)):
-        raise SettingError(f"stiffness {k.tolist()} N/m: each must be finite and above 0")
-    return _frozen(k)
+    """The diagonal of K as (3,) [N/m], every entry above 0; raises `SettingError` for others."""
+    entries = setting_array(stiffness, "stiffness")
+    if entries.shape not in ((), (3,)):
+        raise SettingError(
+            f"stiffness has shape {entries.shape}. Give one number, or one for each axis: (3,)."
+        )
+    diagonal = np.array(np.broadcast_to(entries, 3))
+    if not (np.all(np.isfinite(diagonal)) and np.all(diagonal > 0)):
+        raise SettingError(
+            f"stiffness is {diagonal.tolist()} N/m. Give finite values above 0.",
+            numbers={"stiffness_n_per_m": diagonal.tolist()},
+        )
+    return read_only(diagonal)
 
 
 def check_axis(axis: str | ArrayLike | None) -> Vector | None:
-    """The ignored axis as a (3,) unit vector, or `None`; else `SettingError`.
+    """The ignored axis as a (3,) unit vector, or `None`; raises `SettingError` for anything else.
 
-    One that is of unit length, as a bundle's is, stays as it is to the bit: a controller renders it
-    so, and a replay must do the same.
+    An axis of unit length, as a bundle's is, stays as it is to the bit: a controller renders it so,
+    and a replay must do the same.
     """
     if axis is None:
         return None
     if isinstance(axis, str):
         if axis not in AXES:
-            raise SettingError(f"ignore_axis {axis!r}: allowed are None, x, y, z or a direction")
-        return _frozen(np.array(AXES[axis]))
-    direction = _of_shape(axis, "ignore_axis", {(3,): "(3,)"})
+            raise SettingError(f"ignore_axis is {axis!r}. Give None, x, y, z or a direction (3,).")
+        return read_only(np.array(AXES[axis]))
+    direction = setting_array(axis, "ignore_axis")
+    if direction.shape != (3,):
+        raise SettingError(f"ignore_axis has shape {direction.shape}. Give x, y and z: (3,).")
     largest = float(np.max(np.abs(direction)))
     if not (math.isfinite(largest) and largest > 0):
-        raise SettingError(f"ignore_axis {direction.tolist()}: must be finite and not zero")
-    if largest < 2 and abs(float(np.linalg.norm(direction)) - 1) < UNIT:
-        return _frozen(direction.copy())
-    direction = direction / largest  # first, so that the norm neither over- nor underflows
-    return _frozen(direction / np.linalg.norm(direction))
+        raise SettingError(
+            f"ignore_axis is {direction.tolist()}. Give finite numbers that are not all 0.",
+            numbers={"ignore_axis": direction.tolist()},
+        )
+    if largest < 2 and abs(float(np.linalg.norm(direction)) - 1) < UNIT_TOLERANCE:
+        return read_only(direction.copy())
+    # Scaled first, so that the norm neither overflows nor underflows.
+    direction = direction / largest
+    return read_only(direction / np.linalg.norm(direction))
 
 
-def _of_shape(values: ArrayLike, name: str, shapes: dict[tuple[int, ...], str]) -> Vector:
-    """A setting as float64 of one of these shapes, which a message names; else `SettingError`."""
+def setting_array(values: ArrayLike, name: str) -> Vector:
+    """As `real_array`, for a setting: raises `SettingError`."""
     try:
-        array = real_array(values, name)
+        return real_array(values, name)
     except SceneError as error:
         raise SettingError(error.message) from None
-    if array.shape not in shapes:
-        allowed = " or ".join(shapes.values())
-        raise SettingError(f"{name} of shape {array.shape}: allowed is {allowed}")
-    return array
 
 
 def real_array(values: Any, name: str) -> Vector:
-    """Values as contiguous float64 of their own shape; `SceneError` when they are no numbers."""
+    """Values as contiguous float64 of their own shape; raises `SceneError` for no numbers."""
     try:
         array = np.asarray(values)
     except ValueError:
-        raise SceneError(f"{name}: rows of different length; allowed is an array") from None
+        raise SceneError(
+            f"{name} has rows of different length. Give an array of real numbers."
+        ) from None
     if array.dtype.kind not in "fiu":
-        raise SceneError(f"{name} of dtype {array.dtype}: allowed are real numbers (float64)")
+        raise SceneError(f"{name} has type {array.dtype}. Give real numbers (float64).")
     return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
 
 
 def check_range(rows: Vector, name: str) -> None:
-    """Refuse (N, 3) rows that are not finite or lie beyond `LIMIT`; raises `SceneError`."""
-    good = np.all(np.abs(rows) <= LIMIT, axis=1)  # false on NaN
-    if not good.all():
-        found = rows[i := int(np.argmin(good))].tolist()
-        raise SceneError(f"{name} {i} is {found} m: allowed are finite values up to {LIMIT:g} m")
+    """Raise `SceneError` for rows (N, 3) [m] that are not finite, or beyond `MAX_COORDINATE`."""
+    is_good = np.all(np.abs(rows) <= MAX_COORDINATE, axis=1)  # false where a coordinate is NaN
+    if is_good.all():
+        return
+    row = int(np.argmin(is_good))
+    raise SceneError(
+        f"{name} {row} is {rows[row].tolist()} m. Give finite coordinates of at most "
+        f"{MAX_COORDINATE:g} m.",
+        numbers={"row": row},
+    )
 
 
 def number(
@@ -282,20 +351,61 @@ def number(
     most: float | None = None,
     why: str = "",
 ) -> float:
-    """One finite number within its bounds, as float; else `SettingError` naming what is allowed."""
-    value = value[()] if isinstance(value, np.ndarray) and not value.ndim else value
+    """One finite number within its range, as a float.
+
+    Parameters
+    ----------
+    above, least, most
+        The value must be above the first, at least the second and at most the third.
+    why
+        The reason for the range, for the message.
+
+    Raises
+    ------
+    SettingError
+        Anything else. The message has the value and the range, `numbers` the value by its name.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise SettingError(f"{name} {value!r}: allowed is one number")
-    found = float(value)
-    bounds = ("above", above, gt), ("at least", least, ge), ("at most", most, le)
-    asked = [bound for bound in bounds if bound[1] is not None]
-    if not (math.isfinite(found) and all(holds(found, limit) for _, limit, holds in asked)):
-        allowed = " and ".join(f"{text} {limit:g}" for text, limit, _ in asked)
-        unit, why = unit and f" {unit}", why and f" ({why})"
-        raise SettingError(f"{name} {found:g}{unit}: allowed is {allowed}{unit}{why}")
-    return found
+        raise SettingError(f"{name} is {value!r}. Give one number.")
+    checked = float(value)
+    is_allowed = math.isfinite(checked)
+    bounds = []
+    if above is not None:
+        is_allowed &= checked > above
+        bounds.append(f"above {above:g}")
+    if least is not None:
+        is_allowed &= checked >= least
+        bounds.append(f"at least {least:g}")
+    if most is not None:
+        is_allowed &= checked <= most
+        bounds.append(f"at most {most:g}")
+    if is_allowed:
+        return checked
+
+    if unit:
+        unit = f" {unit}"
+    wanted = "a finite value"
+    if above is not None:
+        wanted = f"a value {' and '.join(bounds)}{unit}"
+    elif bounds:
+        wanted = f"a value of {' and '.join(bounds)}{unit}"
+    if why:
+        wanted += f" ({why})"
+    raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
 
 
-def _frozen(array: Vector) -> Vector:
+@contextmanager
+def core_errors(kind: type[VfplanError]) -> Iterator[None]:
+    """Raise what the core refuses as an error of `kind`, with the core's own sentence."""
+    try:
+        yield
+    except ValueError as error:
+        raise kind(str(error).removeprefix("vfplan: ")) from None
+
+
+def read_only(array: Vector) -> Vector:
+    """The array, which nobody may change from now on."""
     array.flags.writeable = False
     return array

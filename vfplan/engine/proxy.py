@@ -1,24 +1,25 @@
-"""The proxy engine: a thin Python face over the native one.
+"""`ProxyEngine`: the native engine as a Python object.
 
-Everything is checked here (`vfplan.engine.parameters`), then handed to C++; a tick computes
+Everything is checked here (`vfplan.engine.parameters`) and then handed to C++. A tick computes
 nothing in Python.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine import renderable as allowed
-from vfplan.engine.parameters import ProxyParameters, Rule, Search, check_points
-from vfplan.engine.ticks import Status, Step, Trace, check_edit, check_hip, check_path
+from vfplan.engine import choosing
+from vfplan.engine.answers import Status, Step, Trace, check_edit, check_hip, check_path
+from vfplan.engine.parameters import ProxyParameters, Rule, Search, check_points, core_errors
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 
-WIDTHS = {None: 0, 2: 2, 4: 4, 8: 8}  # float64 in a SIMD register; None: the processor's most
+TOO_MANY_CHANGES = "4096 changes wait for a step, and no more can. Let the engine step first."
 
 
 class ProxyEngine:
@@ -35,9 +36,10 @@ class ProxyEngine:
     max_iterations
         Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
     search
-        "grid", "brute" (every point, every time) or "auto": a grid where one pays.
+        "grid", "brute" (every point, every time) or "auto": a grid where it is faster.
     simd_width
-        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. Same bits.
+        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The result
+        has the same bits.
 
     Raises
     ------
@@ -47,8 +49,11 @@ class ProxyEngine:
         Points that are no finite (N, 3) cloud.
     """
 
-    status = Status.OK  # of the last step
-    _real_time = False  # made for a loop that cannot wait
+    status: Status = Status.OK
+    """Status of the last tick."""
+
+    _real_time = False  # Whether the engine was made for a loop that cannot wait.
+    _is_editable = False  # Whether the native engine takes edits.
 
     def __init__(
         self,
@@ -67,7 +72,7 @@ class ProxyEngine:
         simd_width: int | None = None,
     ) -> None:
         if rule == "exact":
-            raise SettingError("rule 'exact' renders no points: use ProxyEngine.of")
+            raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
         cloud = check_points(points)
         self.parameters = ProxyParameters.make(
             cloud,
@@ -80,12 +85,15 @@ class ProxyEngine:
             outer_radius=outer_radius,
             gain=gain,
         )
-        if not isinstance(simd_width, int | np.integer | None) or simd_width not in WIDTHS:
-            raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
+        width = 0  # The core takes 0 for the processor's widest.
+        if simd_width is not None:
+            if not isinstance(simd_width, int | np.integer) or simd_width not in (2, 4, 8):
+                raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
+            width = int(simd_width)
         native = self.parameters.native(max_iterations, search)
         self._points = len(cloud)
-        self._source = cloud.copy(), native, WIDTHS[simd_width]
-        self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
+        self._source = (cloud.copy(), native, width)
+        self._engine = _core.Engine(cloud, native, width)
 
     @classmethod
     def of(
@@ -97,40 +105,66 @@ class ProxyEngine:
         ----------
         rule
             `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
-            own band. Of a mesh, rules "robust" and "paper" render samples (`renderable.sampled`).
+            own band. Of a mesh, rules "robust" and "paper" render samples (`choosing.sampled`).
         offline
-            For a replay or a study, which can wait: takes ticks of any length.
+            Takes ticks of any length, for a replay or a study, which can wait.
 
         Raises
         ------
         SceneError
-            No rendering, one that no engine takes, strokes that guide, rule "exact" without what
-            it renders, or so much around one place that a tick may take too long for 1 kHz.
+            No rendering, or one that no engine takes; strokes that guide; rule "exact" without what
+            it renders; so much around one place that a tick may take too long for 1 kHz.
         """
-        allowed.check_renderable(fixture)
+        choosing.check_renderable(fixture)
         if fixture.guidance is not None:
             raise SceneError(
-                "the fixture guides: vfplan.Guide.of makes the guide, and of fixture.forbidden "
-                "an engine is made"
+                "the fixture guides. Make its guide with vfplan.Guide.of, and an engine of "
+                "fixture.forbidden."
             )
-        rule = rule or allowed.best_rule(fixture)
-        names = "contact_radius", "point_radius", "stiffness", "ignore_axis"
-        settings = {name: getattr(fixture, name) for name in names}
-        kind = allowed.exact_of(fixture)
-        if rule == "exact" and kind is None:
-            raise SceneError("rule 'exact': needs a curve of pieces and an axis, or a mesh without")
-        fixture = allowed.as_rendered(fixture, rule)
-        if not offline and (doubt := allowed.work_doubt(fixture, rule)) is not None:
-            raise SceneError(doubt)
-        if rule == "exact" and kind == "curve":
-            return cls.along(fixture.pieces, **settings)
+        if rule is None:
+            rule = choosing.best_rule(fixture)
+        shape = choosing.exact_shape(fixture)
+        if rule == "exact" and shape is None:
+            raise SceneError(
+                "rule 'exact' needs a curve of pieces and an axis, or a mesh without one. Take "
+                "rule 'robust' for this fixture."
+            )
+        fixture = choosing.as_rendered(fixture, rule)
+        if not offline:
+            text = choosing.slow_tick_text(fixture, rule)
+            if text is not None:
+                raise SceneError(text)
+        if rule == "exact" and shape == "curve":
+            return cls.along(
+                fixture.pieces,
+                contact_radius=fixture.contact_radius,
+                point_radius=fixture.point_radius,
+                stiffness=fixture.stiffness,
+                ignore_axis=fixture.ignore_axis,
+            )
         if rule == "exact":
-            del settings["ignore_axis"]
-            return cls.on(fixture.points, fixture.mesh, **settings)
-        settings["band"] = None if rule == "paper" else fixture.band
-        self = cls(fixture.points, rule=rule, max_iterations=fixture.max_iterations, **settings)
-        self._real_time = not offline
-        return self
+            return cls.on(
+                fixture.points,
+                fixture.mesh,
+                contact_radius=fixture.contact_radius,
+                point_radius=fixture.point_radius,
+                stiffness=fixture.stiffness,
+            )
+        band = fixture.band
+        if rule == "paper":
+            band = None
+        engine = cls(
+            fixture.points,
+            contact_radius=fixture.contact_radius,
+            band=band,
+            point_radius=fixture.point_radius,
+            stiffness=fixture.stiffness,
+            rule=rule,
+            ignore_axis=fixture.ignore_axis,
+            max_iterations=fixture.max_iterations,
+        )
+        engine._real_time = not offline
+        return engine
 
     @classmethod
     def along(
@@ -144,12 +178,17 @@ class ProxyEngine:
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
-        Settings are as for the class, an axis must be ignored; raises as it does.
+        The settings are those of the class, and an axis must be ignored. Raises as the class does.
         """
-        shape = allowed.check_pieces(pieces)
+        shape = choosing.check_pieces(pieces)
         if ignore_axis is None:
-            raise SettingError("lines and arcs are planar: ignore_axis None; allowed is an axis")
-        return cls._exact(shape, contact_radius, point_radius, stiffness, ignore_axis, outer_radius)
+            raise SettingError(
+                "ignore_axis is None, and lines and arcs are planar. Name the axis across which "
+                "they lie."
+            )
+        return cls._with_shape(
+            shape, contact_radius, point_radius, stiffness, ignore_axis, outer_radius
+        )
 
     @classmethod
     def on(
@@ -163,49 +202,68 @@ class ProxyEngine:
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
-        Corners (N, 3) [m], (K, 3) rows of them, and settings as for the class; raises as it does.
+        `points` are the corners (N, 3) [m], and `triangles` (K, 3) are rows of them. The settings
+        are those of the class. Raises as the class does.
         """
-        shape = allowed.check_triangles(points, triangles)
-        return cls._exact(shape, contact_radius, point_radius, stiffness, None, outer_radius)
+        shape = choosing.check_triangles(points, triangles)
+        return cls._with_shape(shape, contact_radius, point_radius, stiffness, None, outer_radius)
 
     @classmethod
-    def _exact(cls, shape: tuple, rc: float, rv: float, k: ArrayLike, axis, r3) -> ProxyEngine:
-        """Of what `check_pieces` or `check_triangles` gives."""
-        self = cls.__new__(cls)
-        made = ProxyParameters.make(shape[0], rc, None, rv, k, "exact", axis, r3)
-        self._points, self._source = len(shape[0]), None
-        self._engine = _core.Engine(*shape, made.native())
-        self.parameters = replace(made, band=self._engine.band)
-        return self
+    def _with_shape(
+        cls,
+        shape: tuple[Any, ...],
+        contact_radius: float,
+        point_radius: float,
+        stiffness: float | ArrayLike,
+        ignore_axis: str | ArrayLike | None,
+        outer_radius: float | None,
+    ) -> ProxyEngine:
+        """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
+        corners = shape[0]
+        parameters = ProxyParameters.make(
+            corners,
+            contact_radius=contact_radius,
+            point_radius=point_radius,
+            stiffness=stiffness,
+            rule="exact",
+            ignore_axis=ignore_axis,
+            outer_radius=outer_radius,
+        )
+        engine = cls.__new__(cls)
+        engine._points = len(corners)
+        engine._source = None
+        engine._engine = _core.Engine(*shape, parameters.native())
+        engine.parameters = replace(parameters, band=engine._engine.band)
+        return engine
 
     @property
     def rule(self) -> Rule:
-        """Which rule moves the proxy."""
+        """The rule that moves the proxy."""
         return self.parameters.rule
 
     @property
     def native(self) -> _core.Engine:
-        """The engine behind it, which checks nothing; for a loop in Python at full speed."""
+        """The native engine, which checks nothing; for a loop in Python at full speed."""
         return self._engine
 
     @property
     def left_out(self) -> dict[str, int]:
-        """What this scene did not need, and how much of it was left out; absent: nothing was."""
-        p = self.parameters
-        out = {}
-        if p.ignore_axis is not None:
-            out["coordinates"] = self._points  # one of three, of each point
-        if p.point_radius == 0:
-            out["point_radius"] = 1
-        if np.all(p.stiffness == p.stiffness[0]):
-            out["stiffness_axes"] = 2
+        """What this scene did not need, and how much of it. What it needed has no key."""
+        report = {}
+        if self.parameters.ignore_axis is not None:
+            report["coordinates"] = self._points  # One of three of each point.
+        if self.parameters.point_radius == 0:
+            report["point_radius"] = 1
+        stiffness = self.parameters.stiffness
+        if np.all(stiffness == stiffness[0]):
+            report["stiffness_axes"] = 2
         if self._engine.cells == 0:
-            out["grid"] = 1
-        return out
+            report["grid"] = 1
+        return report
 
     @property
     def bytes(self) -> int:
-        """Memory the native engine holds [bytes]."""
+        """Memory that the native engine holds [bytes]."""
         return self._engine.bytes
 
     def reset(self, hip: ArrayLike) -> None:
@@ -213,15 +271,19 @@ class ProxyEngine:
         self._engine.reset(check_hip(hip, finite=True))
 
     def step(self, hip: ArrayLike) -> Step:
-        """One servo loop for the HIP at `hip` (3,) [m]."""
+        """One tick for the HIP at `hip` (3,) [m]."""
         rows, state, status = self._engine.step(check_hip(hip))
         self.status = Status(status)
         return Step(rows[0], rows[1], rows[2], state, self.status)
 
     def run(self, hips: ArrayLike) -> Trace:
-        """One tick for each row of `hips` (T, 3) [m], from the current proxy on; no GIL held."""
+        """One tick for each row of `hips` (T, 3) [m], from the present proxy on.
+
+        Other threads of Python run meanwhile.
+        """
         trace = Trace(*self._engine.run(check_path(hips))[:5])
-        self.status = Status(int(trace.status[-1])) if len(trace) else self.status
+        if len(trace) > 0:
+            self.status = Status(int(trace.status[-1]))
         return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
@@ -230,72 +292,88 @@ class ProxyEngine:
         return Trace(*answer), 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:
-        """Go on with another engine's fixture, from the next step on; `other` is then spent.
+        """Go on with another engine's fixture from the next step on. `other` is then spent.
 
-        The proxy goes on from where it is. Where that is inside, it is led out from there, on its
-        own side where there is a way (else the status has CROSSED). Until
-        the rule has taken over the force changes by at most K (R / 256 + |step of the HIP|) a tick,
-        and the status is CHANGING. A thread of its own may call this while another one steps.
+        The proxy goes on from where it is. Where that is inside, it is led out on its own side if
+        there is a way; else the status has CROSSED. Until the rule has taken over, the force
+        changes by at most K (R / 256 + |step of the HIP|) in a tick, and the status is CHANGING.
+        A thread may call this while another one steps.
 
         Raises
         ------
         SceneError
-            A fixture that no engine takes; 4096 changes wait for a step.
+            A fixture that no engine takes, or 4096 changes that wait for a step.
         """
-        made = ProxyEngine.of(other) if isinstance(other, Fixture) else other
-        if not isinstance(made, ProxyEngine) or made is self:
-            what = "itself" if made is self else type(other).__name__
-            raise SceneError(f"exchange: for {what}; another ProxyEngine or a Fixture is wanted")
-        if not self._engine.exchange(made._engine):
-            raise SceneError("exchange: 4096 changes wait for a step, none more can")
-        self.parameters, self._points, self._source = made.parameters, made._points, made._source
+        engine = other
+        if isinstance(other, Fixture):
+            engine = ProxyEngine.of(other)
+        if engine is self:
+            raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
+        if not isinstance(engine, ProxyEngine):
+            raise SceneError(
+                f"exchange for {type(other).__name__}. Give another ProxyEngine, or a Fixture."
+            )
+        if not self._engine.exchange(engine._engine):
+            raise SceneError(f"exchange: {TOO_MANY_CHANGES}")
+        self.parameters = engine.parameters
+        self._points = engine._points
+        self._source = engine._source
+        self._is_editable = engine._is_editable
 
     def edit(self, remove: ArrayLike | None = None, add: ArrayLike | None = None) -> bool:
         """Take points of the cloud away and add others, from the next step on.
 
-        At most 64 changes are taken up a step; while some wait, and until the force is there, the
-        status is CHANGING. A thread of its own may call this while another one steps. False where
-        so many wait that this edit will go with the next one.
+        A step takes up at most 64 changes. While some wait, and until the force is there, the
+        status is CHANGING. A thread may call this while another one steps. Returns False where so
+        many wait that this edit will go with the next one.
 
         Parameters
         ----------
         remove
-            (n,) numbers of points: as they were given first, those added going on from there.
+            (n,) numbers of points, as they were given first. Added points are numbered on from
+            there.
         add
             (m, 3) points [m].
 
         Raises
         ------
         SceneError
-            Numbers of points that are not there, points out of range or so close together that a
-            tick would take too long, none left; rule "exact", which renders no points.
+            Numbers of points that are not there; points out of range, or so close together that a
+            tick would take too long; no point that remains; rule "exact", which renders no points.
         """
-        gone, new = check_edit(remove, add)
+        removed, added = check_edit(remove, add)
         self.make_editable()
-        try:
-            done = self._engine.edit(gone, new)
-        except ValueError as error:
-            raise SceneError(str(error).removeprefix("vfplan: ")) from None
-        self._points += len(new) - len(gone)
-        return done
+        with core_errors(SceneError):
+            is_taken = self._engine.edit(removed, added)
+        self._points += len(added) - len(removed)
+        return is_taken
 
     def make_editable(self) -> None:
-        """Exchange the engine for one whose points can be edited, as the first `edit` does."""
-        if self._source is None:
+        """Exchange the native engine for one whose points can be edited, as the first `edit` does.
+
+        Raises `SceneError` for rule "exact", and for a cloud that only thinning makes fit for
+        1 kHz.
+        """
+        if self.rule == "exact":
+            raise SceneError("edit: rule 'exact' renders no points to edit. Take rule 'robust'.")
+        if self._is_editable:
+            return
+        points, native, width = self._source
+        native.search = _core.Search.editable
+        if self._real_time and _core.tick_work(points, native) > choosing.MAX_TICK_TIME:
             raise SceneError(
-                "edit: rule 'exact' renders no points, which could be edited; rule 'robust' does"
+                "edit: so dense a cloud is thinned for 1 kHz, and a thinned one cannot be edited. "
+                "Make the engine with offline=True, or of fewer points."
             )
-        if self._source:
-            points, native, width = self._source
-            native.search = _core.Search.editable
-            allowed.check_editing(points, native, self._real_time)
-            if not self._engine.exchange(_core.Engine(points, native, width)):
-                raise SceneError("edit: 4096 changes wait for a step, none more can")
-            self._source = ()
+        if not self._engine.exchange(_core.Engine(points, native, width)):
+            raise SceneError(f"edit: {TOO_MANY_CHANGES}")
+        self._source = None
+        self._is_editable = True
 
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.
+        """Distance (T,) [m] of `positions` (T, 3) [m] from the fixture, across an ignored axis.
 
-        To curve or triangles under rule "exact", else to the nearest point. Clearance: less R.
+        It is measured to the curve or the triangles under rule "exact", else to the nearest point.
+        Less R it is the clearance.
         """
         return self._engine.distance(check_path(positions))

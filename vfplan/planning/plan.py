@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vfplan.engine.renderable import work_doubt
+from vfplan.engine.choosing import slow_tick_text
 from vfplan.errors import SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, size_doubt
@@ -200,7 +200,7 @@ def register(
     if size is not None:
         findings.append(doubt("size-unusual", "plan", size))
     if fixture.pieces is not None:
-        work = work_doubt(fixture)
+        work = slow_tick_text(fixture)
         if work is not None:
             findings.append(doubt("tick-too-long", "plan", work))
     before = [replace(finding, place_m=None) for finding in curve.findings]

@@ -44,7 +44,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import MOST_POINTS, number
+from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 
 Array = NDArray[np.float64]
@@ -315,10 +315,10 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     steps = np.diff(arc)
     gaps = np.cumsum(steps * np.maximum(density[1:], density[:-1]))
     count = np.concatenate([[0.0], gaps])
-    if not count[-1] < MOST_POINTS:
+    if not count[-1] < MAX_POINTS:
         raise SettingError(
             f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "
-            f"{MOST_POINTS} fit into a bundle. Give a larger tolerance",
+            f"{MAX_POINTS} fit into a bundle. Give a larger tolerance",
             code="too-many-points",
             numbers={"points": float(count[-1])},
         )

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
+from vfplan.engine.choosing import exact_shape
 from vfplan.engine.parameters import Rule
-from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.quantities import flattened, row_norms
 
@@ -40,7 +40,7 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
     """To what the rule renders: the curve, the triangles, the points; `None` where all guides."""
     radius = fixture.contact_radius + fixture.point_radius
     if rule == "exact":
-        kind = exact_of(fixture)
+        kind = exact_shape(fixture)
         if kind == "curve":
             return CurveClearance(fixture.region.pieces, radius, fixture.ignore_axis)
         if kind == "mesh":

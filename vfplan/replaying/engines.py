@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vfplan.engine.renderable import check_renderable, sampled
+from vfplan.engine.choosing import check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.engine.answers import Trace
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.parameters import Vector
-from vfplan.engine.ticks import Trace
 from vfplan.replaying.quantities import WithPrevious, dots, row_norms
 from vfplan.robot import Robot
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.engine.answers import Trace
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
-from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
 from vfplan.replaying.quantities import WithPrevious, dots, row_norms
 from vfplan.replaying.timing import timed

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.engine.answers import Status
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.ticks import Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import CurveRuler, Episodes

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.ticks import Trace
+from vfplan.engine.answers import Trace
 from vfplan.fixture import Fixture
 from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.engines import make_engine

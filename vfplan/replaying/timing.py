@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.ticks import Trace
+from vfplan.engine.answers import Trace
 
 BINS_PER_OCTAVE = 64
 """Each bin of the histogram is 1.1 % wide; a clock is no more exact."""

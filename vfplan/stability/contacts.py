@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import scenes
+from vfplan.engine.choosing import as_rendered, exact_shape
 from vfplan.engine.parameters import Vector, check_axis
-from vfplan.engine.renderable import as_rendered, exact_of
 from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3
@@ -185,7 +185,7 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
     """
     radius = fixture.contact_radius + fixture.point_radius
     shape = fixture.mesh
-    if exact_of(fixture) == "curve":
+    if exact_shape(fixture) == "curve":
         shape = fixture.pieces
     for row in spread_rows(fixture.points, count):
         place = fixture.points[row]

@@ -15,10 +15,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from vfplan.engine.answers import Status, Trace
+from vfplan.engine.choosing import as_rendered, best_rule
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import as_rendered, best_rule
-from vfplan.engine.ticks import Status, Trace
 from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
 from vfplan.stability import contacts

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfplan.engine.renderable import best_rule, check_renderable
+from vfplan.engine.choosing import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.robot import Robot

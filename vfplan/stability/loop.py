@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
+from vfplan.engine.answers import Step
 from vfplan.engine.parameters import Vector
-from vfplan.engine.ticks import Step
 from vfplan.robot import Robot
 from vfplan.stability.theory import Plant
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vfplan.engine.answers import Trace
 from vfplan.engine.parameters import Rule, Vector
-from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
 from vfplan.stability import contacts
 from vfplan.stability.case_result import CaseResult, outcome_of

@@ -13,8 +13,8 @@ from functools import partial
 from operator import call
 from typing import Any
 
+from vfplan.engine.choosing import best_rule
 from vfplan.engine.parameters import RULES, Rule, number
-from vfplan.engine.renderable import best_rule
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.processes import worker_processes
 from vfplan.robot import Robot

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import MOST_POINTS as MAX_POINTS
+from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError
 
 FINE_M = 2.5e-4
