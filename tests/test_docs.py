@@ -65,3 +65,22 @@ def test_names_in_the_controllers_table_stand_in_their_headers():
         for name in re.findall(r"`(?:bundle::)?([A-Za-z_]\w*)", names):
             if not name.startswith("vfplan"):
                 assert re.search(rf"\b{name}\b", code), f"{headers}: {name}"
+
+
+def test_words_of_the_glossary_are_used_in_the_code():
+    code = ""
+    for folder in ("vfplan", "cli", "schemas"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".hpp", ".cpp", ".js", ".html", ".toml"):
+                code += path.read_text()
+    # A name such as `review_sheet` or `ReviewSheet` uses the words "review sheet".
+    code = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", code)
+    code = re.sub(r"[_\-\s]+", " ", code).lower()
+    page = (ROOT / "docs" / "glossary.md").read_text()
+    words = re.findall(r"^\| ((?!word)[^|-][^|]*) \| ", page, re.MULTILINE)
+    assert 50 < len(words) < 80
+    assert len(words) == len(set(words))
+    for entry in words:
+        for word in entry.split(", "):
+            plain = re.sub(r"[_-]", " ", word).lower()
+            assert re.search(rf"\b{re.escape(plain)}s?\b", code), word

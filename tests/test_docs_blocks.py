@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
-import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -73,7 +74,7 @@ def with_transcripts(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", filter(with_python, PAGES), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", list(filter(with_python, PAGES)), ids=lambda page: page.stem)
 def test_blocks_of_python_run(page, tmp_path):
     for name in ("samples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
@@ -94,43 +95,120 @@ def test_blocks_of_python_run(page, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", filter(with_transcripts, PAGES), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", list(filter(with_transcripts, PAGES)), ids=lambda page: page.stem)
 def test_transcripts_are_what_is_printed_now(page):
     text = page.read_text()
     assert transcripts.renewed(page.name, text) == text, f"run docs/make_transcripts.py {page}"
 
 
 CPP = re.compile(r"^```cpp\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-CPP_BEFORE = (
-    "double x = 0, y = 0, z = 0; const vfplan::Vec3 tip{{x, y, z}}; double jacobian[21] = {};"
-)
+CMAKE = re.compile(r"^```cmake\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SHELL = re.compile(r"^```\n(cmake .*?)^```$", re.MULTILINE | re.DOTALL)
+INCLUDE = vfplan.cmake_dir().parents[2] / "include"
+SIGNED = """
+vfplan keygen -o planner.key -q
+vfplan sign fixture.h5 --key planner.key --case 2026-117 --robot-serial R-0042 --despite-findings \\
+    -o approved.h5 -q
+cp approved.h5 elbow.h5
+cp planner.pub keys.pub
+cp tests/data/bundles/2.0-mesh.h5 mesh.h5
+"""
+"""Makes the files that the blocks of C++ read."""
+CPP_BEFORE = """
+double x = 0, y = 0, z = 0;
+const vfplan::Vec3 tip{{x, y, z}};
+double jacobian[21] = {};
+"""
+CPP_OF_ENGINE = """
+#include "vfplan/cloud/band.hpp"
+std::vector<double> cloud = {0.1, 0, 0, 0.1, 0.001, 0, 0.1, 0, 0.001};
+const double* points = cloud.data();
+std::size_t n = 3, k = 1;
+std::int32_t triangles[] = {0, 1, 2};
+vfplan::Stroke stroke{cloud, {0, 0, 0}, false};
+vfplan::Parameters p = [] {
+    vfplan::Parameters given;
+    given.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+    return given;
+}();
+auto fixture = vfplan::bundle::read_fixture("mesh.h5");
+"""
+CPP_OF_LIVE = "const double t = 0; const vfplan::Step step{};"
+CPP_PAGES = {
+    "README.md": ("bundle/engine.hpp", CPP_BEFORE),
+    "docs/controller.md": ("engine.hpp", CPP_BEFORE),
+    "docs/engine.md": ("bundle/engine.hpp", CPP_BEFORE + CPP_OF_ENGINE),
+    "docs/live.md": ("engine.hpp", CPP_BEFORE + CPP_OF_LIVE),
+}
+"""A page with blocks of C++: the header and the names that its sentences take for granted."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["README.md", "docs/controller.md"])
-def test_blocks_of_cpp_compile(name, tmp_path):
-    blocks = CPP.findall((ROOT / name).read_text())
-    includes = []
-    functions = []
-    for number, block in enumerate(blocks):
-        lines = block.splitlines()
-        includes += [line for line in lines if line.startswith("#include")]
-        body = [line for line in lines if not line.startswith("#include")]
-        functions.append([f"void block_{number}() {{", CPP_BEFORE, *body, "}"])
-    if len(functions) > 1:  # a later block goes on with the engine of an earlier one
-        joined = [line for function in functions for line in function[2:-1]]
-        joined = [re.sub(r"for \(;;\) \{.*", "{", line) for line in joined]
-        functions = [["void blocks() {", CPP_BEFORE, *joined, "}"]]
-    source = tmp_path / "blocks.cpp"
-    code = [*includes, *(line for function in functions for line in function)]
-    source.write_text("\n".join(code) + "\n")
-    include = vfplan.cmake_dir().parents[2] / "include"
-    compiler = shutil.which("g++")
-    assert compiler, "g++ is needed"
-    run = subprocess.run(
-        [compiler, "-std=c++20", "-fsyntax-only", "-ffp-contract=off", f"-I{include}", source],
+def run_shell(script, folder):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-e", "-c", script],
+        cwd=folder,
+        env={**os.environ, "PATH": path},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert run.returncode == 0, run.stderr
+    assert done.returncode == 0, done.stderr + done.stdout
+    return done.stdout
+
+
+def make_files(folder):
+    for name in ("samples", "tests"):
+        (folder / name).symlink_to(ROOT / name)
+    run_shell(transcripts.PLAN + SIGNED, folder)
+
+
+def test_every_block_of_cpp_stands_on_a_page_that_is_tried():
+    with_cpp = {str(page.relative_to(ROOT)) for page in PAGES if CPP.search(page.read_text())}
+    assert with_cpp == set(CPP_PAGES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CPP_PAGES)
+def test_blocks_of_cpp_run(name, tmp_path):
+    make_files(tmp_path)
+    header, before = CPP_PAGES[name]
+    includes = [f'#include "vfplan/{header}"']
+    code = []
+    for block in CPP.findall((ROOT / name).read_text()):
+        lines = block.splitlines()
+        includes += [line for line in lines if line.startswith("#include")]
+        body = [line for line in lines if not line.startswith("#include")]
+        if name == "docs/controller.md":  # its second block goes on with the engine of the first
+            code += [re.sub(r"for \(;;\) \{.*", "{", line) for line in body]
+        else:
+            code += ["{", *body, "}"]
+    source = tmp_path / "blocks.cpp"
+    source.write_text("\n".join([*includes, before, "int main() {", *code, "}"]) + "\n")
+    flags = f"-std=c++20 -O0 -ffp-contract=off -I{INCLUDE}"
+    run_shell(f"g++ {flags} blocks.cpp -o blocks -lcrypto && ./blocks", tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["docs/controller.md"])
+def test_blocks_of_cmake_configure_and_build(name, tmp_path):
+    (tmp_path / "main.cpp").write_text('#include "vfplan/version.hpp"\nint main() {}\n')
+    blocks = CMAKE.findall((ROOT / name).read_text())
+    assert blocks
+    for number, block in enumerate(blocks):
+        head = "cmake_minimum_required(VERSION 3.20)\nproject(controller CXX)\n"
+        target = "add_executable(my_controller main.cpp)\n"
+        (tmp_path / "CMakeLists.txt").write_text(head + target + block)
+        run_shell(
+            f"cmake -S . -B {number} -Dvfplan_DIR=$(vfplan --cmake-dir) && cmake --build {number}",
+            tmp_path,
+        )
+
+
+@pytest.mark.slow
+def test_the_shell_block_of_the_tutorial_builds_the_samples(tmp_path):
+    make_files(tmp_path)
+    (block,) = SHELL.findall((ROOT / "docs" / "tutorial.md").read_text())
+    in_cpp = run_shell(block, tmp_path).splitlines()[-1]
+    in_python = run_shell("python samples/02_render.py elbow.h5", tmp_path).splitlines()[-1]
+    assert in_cpp == in_python
