@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import tracemalloc
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,6 +33,8 @@ END_PX = 6.0
 """Pixels of line at an open end that the error across the line leaves out."""
 WRONG_PX = 1.0
 """Pixels from the true curve from which a point is wrong."""
+MISSING_PX = 2.5
+"""Pixels from the measured points from which a place of the true curve is missing."""
 WRONG_SHARE = 0.05
 """Of the curve: more wrong or missing than this is a wrong curve."""
 WRONG_END_PX = 5.0
@@ -44,32 +47,41 @@ QUIET = ("plain", "words", "crosses", "linear light")
 
 @dataclass
 class Answer:
-    """What an extraction said of one slice."""
+    """What an extraction answered for one slice.
+
+    findings: (code, (u, v) or None)
+    account: (u, v, half of its size)
+    """
 
     points: np.ndarray | None = None
     sigma: np.ndarray | None = None
     closed: bool = False
     refusal: str = ""
-    findings: list = field(default_factory=list)  # (code, (u, v) or None)
-    account: list = field(default_factory=list)  # (u, v, half of its size)
+    findings: list = field(default_factory=list)
+    account: list = field(default_factory=list)
     seconds: float = 0.0
 
 
 @dataclass
 class Result:
-    """The judgement on one slice."""
+    """The judgement on one slice.
+
+    outcome: "right", "refused", "told" or "silent"
+    errors: across the line, of a right answer [px]
+    z: the errors over the stated deviation
+    ends: distances of both ends from the true ones [px]
+    """
 
     kind: str
     seed: int
     how: str
     clear: bool
-    outcome: str  # "right", "refused", "told", "silent"
+    outcome: str
     why: str = ""
     findings: list = field(default_factory=list)
-    errors: np.ndarray | None = None  # across the line, of a right answer [px]
-    z: np.ndarray | None = None  # the same over the stated deviation
-    ends: list = field(default_factory=list)  # distances of both ends [px]
-    end_kinds: list = field(default_factory=list)
+    errors: np.ndarray | None = None
+    z: np.ndarray | None = None
+    ends: list = field(default_factory=list)
     seconds: float = 0.0
 
 
@@ -85,66 +97,71 @@ def main() -> None:
     parser.add_argument("--cache", help="a folder that keeps the drawn slices")
     parser.add_argument("--verbose", action="store_true", help="name each slice that is not right")
     parser.add_argument("--no-speed", action="store_true")
-    given = parser.parse_args()
-    if given.answer:
-        answer_all(*given.answer, given.package)
+    options = parser.parse_args()
+    if options.answer:
+        answer_all(*options.answer, options.package)
         return
-    kinds = given.kinds or [*extraction_kinds.CLEAR, *extraction_kinds.AMBIGUOUS]
-    quiet = QUIET
-    if given.kinds:
-        quiet = [kind for kind in given.kinds if kind in QUIET and kind not in kinds]
+    kinds = [*extraction_kinds.CLEAR, *extraction_kinds.AMBIGUOUS]
+    quiet_kinds = QUIET
+    if options.kinds:
+        kinds = options.kinds
+        quiet_kinds = ()
     with tempfile.TemporaryDirectory() as folder:
-        drawn = drawings(kinds, given.seed, given.slices, given.cache or folder)
-        drawn += quiet_drawings(quiet, given.seed, 2 * given.slices, given.cache or folder)
+        cache = options.cache or folder
+        drawings = draw_kinds(kinds, options.seed, options.slices, cache)
+        drawings += draw_quiet_kinds(quiet_kinds, options.seed, 2 * options.slices, cache)
         pictures = Path(folder) / "pictures"
         with pictures.open("wb") as file:
-            pickle.dump([each.image for each in drawn], file)
-        builds = {"this build": (sys.executable, given.package)}
-        if given.beside:
-            builds["beside"] = (given.beside, "vfplan")
+            pickle.dump([drawing.image for drawing in drawings], file)
+        builds = {"this build": (sys.executable, options.package)}
+        if options.beside:
+            builds["beside"] = (options.beside, "vfplan")
         results = {}
         for name, (python, package) in builds.items():
-            answers = run_build(python, package, pictures, not given.no_speed)
-            results[name] = [judge(*pair) for pair in zip(drawn, answers["slices"], strict=True)]
-            if given.verbose:
+            answers = run_build(python, package, pictures, not options.no_speed)
+            results[name] = []
+            for drawing, answer in zip(drawings, answers["slices"], strict=True):
+                results[name].append(judge(drawing, answer))
+            if options.verbose:
                 print_not_right(name, results[name])
             print_summary(name, results[name], answers)
     for clear in (True, False):
         print_kinds(results, clear)
 
 
-def drawings(kinds, seed, count, folder):
-    """The slices of some kinds, drawn or taken from the folder."""
-    found = []
+def draw_kinds(kinds, seed, count, folder):
+    """The slices of some kinds, drawn or read from the folder."""
+    drawings = []
     for kind in kinds:
         for k in range(seed, seed + count):
             path = Path(folder) / f"{kind.replace(' ', '_')}_{k}.pickle"
-            if path.exists():
-                drawn = pickle.loads(path.read_bytes())
-            else:
-                drawn = extraction_kinds.draw(kind, k)
-                path.write_bytes(pickle.dumps(drawn))
-            found.append(drawn)
-    return found
+            if not path.exists():
+                path.write_bytes(pickle.dumps(extraction_kinds.draw(kind, k)))
+            drawings.append(pickle.loads(path.read_bytes()))
+    return drawings
 
 
-def quiet_drawings(kinds, seed, count, folder):
-    """Quiet slices of the table of kinds."""
-    found = []
+def draw_quiet_kinds(kinds, seed, count, folder):
+    """Quiet slices of the table of kinds, drawn or read from the folder."""
+    drawings = []
     for kind in kinds:
         for k in range(seed, seed + count):
             path = Path(folder) / f"quiet_{kind.replace(' ', '_')}_{k}.pickle"
-            if path.exists():
-                drawn = pickle.loads(path.read_bytes())
-            else:
-                old = slices.draw(kind, k)
-                drawn = extraction_kinds.Drawing(
-                    f"quiet: {kind}", k, old.rasteriser, old.quality, old.image, old.truth,
-                    old.closed, True,
-                )  # fmt: skip
-                path.write_bytes(pickle.dumps(drawn))
-            found.append(drawn)
-    return found
+            if not path.exists():
+                drawn = slices.draw(kind, k)
+                drawing = extraction_kinds.Drawing(
+                    f"quiet: {kind}",
+                    k,
+                    drawn.rasteriser,
+                    drawn.quality,
+                    drawn.image,
+                    drawn.truth,
+                    drawn.closed,
+                    True,
+                )
+                path.write_bytes(pickle.dumps(drawing))
+            drawings.append(pickle.loads(path.read_bytes()))
+    return drawings
 
 
 def run_build(python, package, pictures, speed):
@@ -157,7 +174,7 @@ def run_build(python, package, pictures, speed):
     return pickle.loads(out.read_bytes())
 
 
-# In the process of the build that is measured.
+# --- In the process of the build that is measured ------------------------------------------------
 
 
 def answer_all(pictures, out, package):
@@ -168,18 +185,18 @@ def answer_all(pictures, out, package):
     answers = []
     with open(pictures, "rb") as file:
         images = pickle.load(file)
-    module.extract_curve(images[0], stroke="longest")  # loads the libraries
+    # The first extraction loads the libraries.
+    module.extract_curve(images[0], stroke="longest")
     for image in images:
-        answers.append(answer(module, image))
-    kept = {"slices": answers}
+        answers.append(answer_of(module, image))
+    result = {"slices": answers}
     if "--no-speed" not in sys.argv:
-        kept["speed"] = speed_of(module)
-    # By plain types, so that the other process needs no class of this one.
-    Path(out).write_bytes(pickle.dumps(kept))
+        result["speed"] = speed_of(module)
+    Path(out).write_bytes(pickle.dumps(result))
 
 
-def answer(module, image):
-    """What a build says of one picture."""
+def answer_of(module, image):
+    """What a build answers for one picture."""
     from vfplan.errors import CurveError
 
     start = time.process_time()
@@ -190,20 +207,22 @@ def answer(module, image):
         return Answer(refusal=f"{getattr(error, 'code', '')}: {error}", seconds=seconds)
     seconds = time.process_time() - start
     stroke = extraction.strokes[0]
-    said = Answer(stroke.points_px, stroke.sigma_px, stroke.closed, seconds=seconds)
+    answer = Answer(stroke.points_px, stroke.sigma_px, stroke.closed, seconds=seconds)
     if hasattr(extraction, "account"):
         for finding in extraction.findings:
             if finding.severity == "doubt":
-                said.findings.append((finding.code, finding.place_px))
+                answer.findings.append((finding.code, finding.place_px))
         for item in extraction.account:
             half = float(getattr(item, "size_px", 0.0)) / 2
-            said.account.append((item.u, item.v, half))
-    else:  # 2dd7600: sentences, and marks with their boxes
-        said.findings = [(words, place_in(words)) for words in extraction.warnings]
+            answer.account.append((item.u, item.v, half))
+    else:
+        # Builds before 1.0 gave sentences, and marks with their boxes.
+        for sentence in extraction.warnings:
+            answer.findings.append((sentence, place_in(sentence)))
         for mark in extraction.set_aside:
             u, v, width, height = mark["box"]
-            said.account.append((u + width / 2, v + height / 2, max(width, height) / 2))
-    return said
+            answer.account.append((u + width / 2, v + height / 2, max(width, height) / 2))
+    return answer
 
 
 def place_in(words):
@@ -223,7 +242,8 @@ def speed_of(module):
     tile = small[:683, :683].mean(2).astype(np.uint8)
     large = np.repeat(np.tile(tile, (6, 6))[:4096, :4096, None], 3, axis=2)
     large[:786, :871] = small
-    large[4080:4082, 4080:4082] = (255, 0, 0)  # the pen's box is the whole picture
+    # A speck in the corner makes the pen's bounding box the whole picture.
+    large[4080:4082, 4080:4082] = (255, 0, 0)
     rows = []
     for name, image in {"871 x 786": small, "4096 x 4096": large}.items():
         times = []
@@ -239,53 +259,59 @@ def speed_of(module):
     return rows
 
 
-# The judgement.
+# --- The judgement -------------------------------------------------------------------------------
 
 
-def judge(drawn, said):
+def judge(drawn, answer):
     """Hold an answer against what was drawn."""
     how = f"{drawn.rasteriser} {drawn.quality or 'PNG'}"
-    result = Result(drawn.kind, drawn.seed, how, drawn.clear, "right", seconds=said.seconds)
-    result.findings = [code for code, _ in said.findings]
-    if said.refusal:
+    result = Result(drawn.kind, drawn.seed, how, drawn.clear, "right", seconds=answer.seconds)
+    result.findings = [code for code, _ in answer.findings]
+    if answer.refusal:
         result.outcome = "refused"
-        result.why = said.refusal
+        result.why = answer.refusal
         return result
-    wrong, places = faults(drawn, said)
+    wrong, places = faults(drawn, answer)
     if wrong:
         result.why = wrong
-        result.outcome = "told" if is_told(said, places) else "silent"
+        result.outcome = "silent"
+        if is_told(answer, places):
+            result.outcome = "told"
         return result
-    inner = inner_points(said)
-    error = normal_errors(said.points[inner], drawn.truth, drawn.closed)
+    inner = inner_points(answer)
+    error = normal_errors(answer.points[inner], drawn.truth, drawn.closed)
     result.errors = error
-    result.z = error / said.sigma[inner]
+    result.z = error / answer.sigma[inner]
     if not drawn.closed:
-        result.ends = end_distances(drawn, said)
+        result.ends = end_distances(drawn, answer)
     return result
 
 
-def faults(drawn, said):
+def faults(drawn, answer):
     """What is wrong with the curve, and the places where it is; "" where it is right."""
     if drawn.truth is None:
         return "no curve is right here", np.array(drawn.places)
-    error = normal_errors(said.points, drawn.truth, drawn.closed)
+    error = normal_errors(answer.points, drawn.truth, drawn.closed)
     dense = polyline(drawn.truth, drawn.closed, 0.5)
-    distance = cKDTree(said.points).query(dense)[0]
-    off = np.abs(error) > WRONG_PX
-    missing = distance > 2.5
-    faults, places = [], [said.points[off], dense[missing]]
+    distance = cKDTree(answer.points).query(dense)[0]
+    is_wrong = np.abs(error) > WRONG_PX
+    missing = distance > MISSING_PX
+    faults = []
+    places = [answer.points[is_wrong], dense[missing]]
     # The points beyond a true end are judged as the end is.
-    inner = inner_points(said)
-    if off[inner].mean() > WRONG_SHARE:
+    inner = inner_points(answer)
+    if is_wrong[inner].mean() > WRONG_SHARE:
         faults.append(f"{np.abs(error).max():.1f} px off")
     if missing.mean() > WRONG_SHARE:
         faults.append(f"{missing.mean():.0%} missing")
-    if said.closed != drawn.closed:
-        faults.append("closed" if said.closed else "open")
+    if answer.closed != drawn.closed:
+        if answer.closed:
+            faults.append("closed")
+        else:
+            faults.append("open")
         places.append(dense[[0, -1]])
     elif not drawn.closed:
-        ends = end_distances(drawn, said)
+        ends = end_distances(drawn, answer)
         if max(ends) > WRONG_END_PX:
             faults.append(f"an end {max(ends):.1f} px off")
             places.append(dense[[0, -1]])
@@ -294,18 +320,18 @@ def faults(drawn, said):
     return ", ".join(faults), np.vstack(places)
 
 
-def inner_points(said):
+def inner_points(answer):
     """(M,) bool: the points that are not close to an open end."""
-    if said.closed:
-        return np.ones(len(said.points), bool)
-    ends = said.points[[0, -1]]
-    away = np.hypot(*np.moveaxis(said.points[:, None] - ends, 2, 0)).min(1)
-    return away > END_PX
+    if answer.closed:
+        return np.ones(len(answer.points), bool)
+    ends = answer.points[[0, -1]]
+    distance = np.hypot(*np.moveaxis(answer.points[:, None] - ends, 2, 0)).min(1)
+    return distance > END_PX
 
 
-def end_distances(drawn, said):
+def end_distances(drawn, answer):
     """How far both ends lie from the true ones, matched to each other [px]."""
-    ends = said.points[[0, -1]]
+    ends = answer.points[[0, -1]]
     truth = drawn.truth[[0, -1]]
     forward = np.hypot(*(ends - truth).T)
     backward = np.hypot(*(ends - truth[::-1]).T)
@@ -314,16 +340,16 @@ def end_distances(drawn, said):
     return backward.tolist()
 
 
-def is_told(said, places):
+def is_told(answer, places):
     """Whether a finding or an entry of the account lies close to a place."""
     tree = cKDTree(places)
-    for _, place in said.findings:
+    for _, place in answer.findings:
         if place is None or tree.query(place)[0] <= WORD_PX:
             return True
-    return any(tree.query((u, v))[0] <= WORD_PX + half for u, v, half in said.account)
+    return any(tree.query((u, v))[0] <= WORD_PX + half for u, v, half in answer.account)
 
 
-# The tables.
+# --- The tables ----------------------------------------------------------------------------------
 
 
 def root_mean_square(arrays):
@@ -331,6 +357,14 @@ def root_mean_square(arrays):
     if not arrays:
         return np.nan
     return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2)))
+
+
+def end_distances_of(results):
+    """The distances of all ends from the true ones [px]."""
+    distances = []
+    for r in results:
+        distances += r.ends
+    return distances
 
 
 def print_not_right(name, results):
@@ -353,7 +387,7 @@ def print_summary(name, results, answers):
 
 
 def share(part, whole):
-    """ "3 of 8 = 37.5%"."""
+    """As "3 of 8 = 37.5%"."""
     return f"{len(part)} of {len(whole)} = {len(part) / max(len(whole), 1):.1%}"
 
 
@@ -373,13 +407,13 @@ def clear_figures(results):
         pooled = root_mean_square([r.errors for r in part])
         name = f"RMS across, {label}: mean of slices, pooled"
         rows.append((name, f"{mean:.3f}, {pooled:.3f} px"))
-    ends = [e for r in right for e in r.ends]
+    ends = end_distances_of(right)
     rows.append(("ends: median, 95 %", f"{np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px"))
     ratio = np.median([np.sqrt(np.mean(r.z**2)) for r in right])
     pooled = root_mean_square([r.z for r in right])
     rows.append(("true error over stated: median of slices, pooled", f"{ratio:.2f}, {pooled:.2f}"))
-    told = [r for r in right if r.findings]
-    rows.append(("right clear slices with a finding", share(told, right)))
+    with_findings = [r for r in right if r.findings]
+    rows.append(("right clear slices with a finding", share(with_findings, right)))
     return rows
 
 
@@ -418,25 +452,34 @@ def print_kinds(results, clear):
     print(f"\n| kind ({' / '.join(results)}) | {' | '.join(heads)} |")
     print("|---" * (len(heads) + 1) + "|")
     for kind in kinds:
-        cells = [kind_cells([r for r in rows if r.kind == kind]) for rows in results.values()]
+        cells = []
+        for rows in results.values():
+            cells.append(kind_cells([r for r in rows if r.kind == kind]))
         joined = [" / ".join(values) for values in zip(*cells, strict=True)]
         print(f"| {kind} | {' | '.join(joined)} |")
 
 
 def kind_cells(rows):
     """The cells of one kind and one build."""
-    cells = [
-        str(sum(r.outcome == outcome for r in rows))
-        for outcome in ("right", "refused", "told", "silent")
-    ]
+    outcomes = Counter(r.outcome for r in rows)
     right = [r for r in rows if r.outcome == "right"]
-    cells.append(str(sum(bool(r.findings) for r in right)))
-    if not right:
-        return [*cells, "-", "-"]
-    cells.append(f"{root_mean_square([r.errors for r in right]):.3f}")
-    ends = [e for r in right for e in r.ends]
-    cells.append(f"{np.median(ends):.2f}" if ends else "-")
-    return cells
+    with_findings = [r for r in right if r.findings]
+    error_cell = "-"
+    ends_cell = "-"
+    if right:
+        error_cell = f"{root_mean_square([r.errors for r in right]):.3f}"
+    ends = end_distances_of(right)
+    if ends:
+        ends_cell = f"{np.median(ends):.2f}"
+    return [
+        str(outcomes["right"]),
+        str(outcomes["refused"]),
+        str(outcomes["told"]),
+        str(outcomes["silent"]),
+        str(len(with_findings)),
+        error_cell,
+        ends_cell,
+    ]
 
 
 if __name__ == "__main__":

@@ -25,15 +25,13 @@ sys.path.insert(0, str(ROOT / "tests" / "making"))
 from drawing import anatomy  # noqa: E402
 
 PICTURE = ROOT / "docs" / "pictures" / "findings.png"
-SHAPE = (150, 220)
-RED = (255, 0, 0)
-BLUE = (40, 60, 220)
-YELLOW = (255, 220, 0)
-BLACK = (0, 0, 0)
+HEIGHT_PX = 150
+WIDTH_PX = 220
+COLOURS = {"red": (255, 0, 0), "blue": (40, 60, 220), "yellow": (255, 220, 0), "black": (0, 0, 0)}
 PEN_PX = 3
 COLUMNS = 4
 FRACTION_BITS = 4
-"""Of the coordinates that OpenCV draws at: 1/16 of a pixel."""
+"""Bits behind the point of the coordinates that OpenCV draws at: 1/16 of a pixel."""
 
 
 def main(arguments: list[str]) -> None:
@@ -52,9 +50,9 @@ def main(arguments: list[str]) -> None:
     for axis in axes.flat:
         axis.set_axis_off()
     for axis, (code, picture) in zip(axes.flat, slices.items(), strict=False):
-        given, place = verdict(picture)
-        if given != code:
-            raise SystemExit(f"The slice drawn for {code} got {given}.")
+        answer, place = verdict(picture)
+        if answer != code:
+            raise SystemExit(f"The slice drawn for {code} got {answer}. Draw another one.")
         axis.imshow(picture)
         axis.set_title(code, fontsize=9, family="monospace")
         if place is not None:
@@ -85,18 +83,20 @@ def drawn_slices() -> dict[str, np.ndarray]:
     curve = wave(20, 200)
     end = curve[-1]
     beyond = end + np.array([12.0, 6.0])
+    wide = slice_with(wave(20, 120))
+    draw_line(wide, wave(119, 200), width_px=2 * PEN_PX)
     return {
-        "line-forks": drawn((curve, RED), (branch(curve[100], (30, 45)), RED)),
-        "several-candidates": drawn((wave(20, 90), RED), (wave(120, 200), RED)),
-        "double-line": drawn((wave(20, 200, 70), RED), (wave(20, 200, 76), RED)),
-        "runs-side-by-side": drawn((wave(20, 120), RED), (wave(119, 200), RED, 2 * PEN_PX)),
-        "no-line": drawn((curve, BLUE)),
-        "only-a-frame": drawn((frame(), RED)),
-        "image-grey": drawn((curve, BLACK)),
-        "ink-at-end": drawn((curve, RED), (branch(beyond, (8, 0)), RED)),
-        "end-other-colour": covered(curve, end, (16, 16), YELLOW),
-        "stretch-hidden": covered(curve, curve[90], (16, 26), YELLOW),
-        "width-changes": drawn((curve, RED), (branch(curve[60], (2, -6)), RED)),
+        "line-forks": slice_with(curve, branch(curve[100], (30, 45))),
+        "several-candidates": slice_with(wave(20, 90), wave(120, 200)),
+        "double-line": slice_with(wave(20, 200, 70), wave(20, 200, 76)),
+        "runs-side-by-side": wide,
+        "no-line": slice_with(curve, colour="blue"),
+        "only-a-frame": slice_with(frame()),
+        "image-grey": slice_with(curve, colour="black"),
+        "ink-at-end": slice_with(curve, branch(beyond, (8, 0))),
+        "end-other-colour": covered(curve, end, (16, 16)),
+        "stretch-hidden": covered(curve, curve[90], (16, 26)),
+        "width-changes": slice_with(curve, branch(curve[60], (2, -6))),
     }
 
 
@@ -113,29 +113,36 @@ def branch(start: np.ndarray, step: tuple[float, float]) -> np.ndarray:
 
 def frame() -> np.ndarray:
     """A rectangle along the border of the picture."""
-    height, width = SHAPE
-    return np.array([(4, 4), (width - 5, 4), (width - 5, height - 5), (4, height - 5), (4, 4)])
+    right = WIDTH_PX - 5
+    bottom = HEIGHT_PX - 5
+    return np.array([(4, 4), (right, 4), (right, bottom), (4, bottom), (4, 4)])
 
 
-def drawn(*lines: tuple) -> np.ndarray:
-    """A slice with lines, each given by its points, its colour and, if it differs, its width."""
-    grey = np.clip(anatomy(SHAPE, seed=3), 0, 255).astype(np.uint8)
-    picture = np.repeat(grey[..., None], 3, axis=2) if grey.ndim == 2 else grey.copy()
-    for points, colour, *width in lines:
-        places = np.rint(np.asarray(points) * 2**FRACTION_BITS).astype(np.int32)[:, None]
-        thickness = width[0] if width else PEN_PX
-        cv2.polylines(picture, [places], False, colour, thickness, cv2.LINE_AA, FRACTION_BITS)
+def slice_with(*lines: np.ndarray, colour: str = "red") -> np.ndarray:
+    """A slice with lines, each given by its points."""
+    grey = np.clip(anatomy((HEIGHT_PX, WIDTH_PX), seed=3), 0, 255).astype(np.uint8)
+    picture = grey.copy()
+    if grey.ndim == 2:
+        picture = np.repeat(grey[..., None], 3, axis=2)
+    for points in lines:
+        draw_line(picture, points, colour)
     return picture
 
 
-def covered(
-    curve: np.ndarray, middle: np.ndarray, size: tuple[int, int], colour: tuple[int, int, int]
-) -> np.ndarray:
-    """A slice whose line has a box of another colour over a part of it."""
-    picture = drawn((curve, RED))
+def draw_line(
+    picture: np.ndarray, points: np.ndarray, colour: str = "red", width_px: int = PEN_PX
+) -> None:
+    """Draw a line onto a slice."""
+    places = np.rint(np.asarray(points) * 2**FRACTION_BITS).astype(np.int32)[:, None]
+    cv2.polylines(picture, [places], False, COLOURS[colour], width_px, cv2.LINE_AA, FRACTION_BITS)
+
+
+def covered(curve: np.ndarray, middle: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A slice whose line has a yellow box over a part of it."""
+    picture = slice_with(curve)
     low = np.rint(middle - np.divide(size, 2)).astype(int)
     high = low + size
-    cv2.rectangle(picture, low.tolist(), high.tolist(), colour, cv2.FILLED)
+    cv2.rectangle(picture, low.tolist(), high.tolist(), COLOURS["yellow"], cv2.FILLED)
     return picture
 
 

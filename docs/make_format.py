@@ -15,25 +15,36 @@ PAGE = ROOT / "docs" / "format.md"
 HEADER = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle" / "schema.hpp"
 
 
-def _shape(row: Row) -> str:
+def shape_cell(row: Row) -> str:
+    """Type and shape, the shape as Python writes it."""
     if row.kind == "group":
         return "group"
     if row.kind == "attribute":
         return f"{row.type}"
-    return f"{row.type} ({', '.join(map(str, row.shape))}{',' if len(row.shape) == 1 else ''})"
+    shape = ", ".join(map(str, row.shape))
+    if len(row.shape) == 1:
+        shape += ","
+    return f"{row.type} ({shape})"
 
 
-def _range(row: Row) -> str:
+def range_cell(row: Row) -> str:
+    """What is allowed."""
     if row.allowed:
         return " \\| ".join(f"`{value}`" for value in row.allowed)
-    parts = [f"> {row.above:g}"] if row.above is not None else []
-    parts += [f"≥ {row.min:g}"] if row.min is not None else []
-    parts += [f"≤ {row.max:g}"] if row.max is not None else []
-    parts += [f"abs ≤ {cap:g} {unit}" for unit, cap in (row.max_abs or {}).items()]
+    parts = []
+    if row.above is not None:
+        parts.append(f"> {row.above:g}")
+    if row.min is not None:
+        parts.append(f"≥ {row.min:g}")
+    if row.max is not None:
+        parts.append(f"≤ {row.max:g}")
+    for unit, limit in (row.max_abs or {}).items():
+        parts.append(f"abs ≤ {limit:g} {unit}")
     return ", ".join(parts)
 
 
-def _needed(row: Row) -> str:
+def required_cell(row: Row) -> str:
+    """Whether it must be held, in the words of the specification."""
     if row.required == "optional":
         return "MAY"
     if row.required == "rendering":
@@ -48,8 +59,16 @@ def rows_table() -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for row in table():
-        cells = (_shape(row), row.unit or "", row.frame or "", _range(row), _needed(row))
-        lines.append(f"| `{row.path}` | " + " | ".join(cells) + f" | {row.meaning} |")
+        cells = [
+            f"`{row.path}`",
+            shape_cell(row),
+            row.unit or "",
+            row.frame or "",
+            range_cell(row),
+            required_cell(row),
+            row.meaning,
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -57,62 +76,81 @@ def sizes_table() -> str:
     """The sizes that shapes name, and the limits a reader holds to."""
     data = document()
     lines = ["| size | meaning | at most |", "|---|---|---|"]
-    lines += [f"| {s} | {e['meaning']} | {e['max']} |" for s, e in data["sizes"].items()]
-    lines += [f"| | {n.replace('_', ' ')} | {v} |" for n, v in data["limits"].items()]
+    for letter, size in data["sizes"].items():
+        lines.append(f"| {letter} | {size['meaning']} | {size['max']} |")
+    for name, limit in data["limits"].items():
+        lines.append(f"| | {name.replace('_', ' ')} | {limit} |")
     return "\n".join(lines)
 
 
 def page(text: str) -> str:
     """The page with the text between its markers replaced."""
-    for name, made in (("rows", rows_table()), ("sizes", sizes_table())):
-        pattern = rf"(<!-- {name}: made by docs/make_format.py -->\n).*?(\n<!-- end -->)"
-        text, found = re.subn(pattern, lambda m, made=made: m[1] + made + m[2], text, flags=re.S)
-        if found != 1:
-            raise ValueError(f"{found} places for the table of {name} in the page; 1 wanted")
+    text = with_table(text, "rows", rows_table())
+    return with_table(text, "sizes", sizes_table())
+
+
+def with_table(text: str, name: str, lines: str) -> str:
+    """The page with a table in its place."""
+    pattern = rf"(<!-- {name}: made by docs/make_format.py -->\n).*?(\n<!-- end -->)"
+    text, count = re.subn(pattern, lambda match: match[1] + lines + match[2], text, flags=re.S)
+    if count != 1:
+        raise ValueError(f"The page has {count} places for the table of {name}. Give it one.")
     return text
 
 
-def _number(value: float | None, absent: str) -> str:
-    return absent if value is None else repr(float(value))
+def cpp_number(value: float | None, absent: str) -> str:
+    """A number in C++; `absent` where there is none."""
+    if value is None:
+        return absent
+    return repr(float(value))
 
 
-def _quoted(text: str | None) -> str:
-    return '""' if text is None else f'"{text}"'
+def cpp_text(text: str | None) -> str:
+    """A text in C++; an empty one where there is none."""
+    if text is None:
+        text = ""
+    return f'"{text}"'
 
 
-def _version(text: str) -> str:
+def cpp_version(text: str) -> str:
+    """A version in C++."""
     return "{" + ", ".join(text.split(".")) + "}"
 
 
-def _cpp_row(row: Row) -> str:
-    shape = [str(s) if isinstance(s, str) else str(int(s)) for s in row.shape] + ["", ""]
+def cpp_row(row: Row) -> str:
+    """One line of the table in C++."""
+    shape = [*map(str, row.shape), "", ""]
+    largest = row.max_abs or {}
     cells = [
-        _quoted(row.path),
+        cpp_text(row.path),
         f"Kind::{row.kind}",
         f"Type::{row.type or 'none'}",
         f"Required::{row.required}",
-        f"{{{_quoted(shape[0])}, {_quoted(shape[1])}}}",
-        _quoted(row.unit),
-        _quoted(row.frame),
-        _quoted("|".join(row.allowed or ())),
-        _number(row.min, "-infinity"),
-        _number(row.max, "infinity"),
-        _number(row.above, "-infinity"),
-        _number((row.max_abs or {}).get("m"), "infinity"),
-        _number((row.max_abs or {}).get("px"), "infinity"),
-        _version(row.since),
+        f"{{{cpp_text(shape[0])}, {cpp_text(shape[1])}}}",
+        cpp_text(row.unit),
+        cpp_text(row.frame),
+        cpp_text("|".join(row.allowed or ())),
+        cpp_number(row.min, "-infinity"),
+        cpp_number(row.max, "infinity"),
+        cpp_number(row.above, "-infinity"),
+        cpp_number(largest.get("m"), "infinity"),
+        cpp_number(largest.get("px"), "infinity"),
+        cpp_version(row.since),
     ]
     return "    Row{" + ", ".join(cells) + "},"
 
 
 def header() -> str:
     """The C++ constants: the whole of vfplan/bundle/schema.hpp."""
-    data, rows = document(), table()
-    limits = "\n".join(
-        f"inline constexpr std::uint64_t {name} = {value};"
-        for name, value in data["limits"].items()
-    )
-    sizes = "\n".join(f"    Size{{'{s}', {e['max']}}}," for s, e in data["sizes"].items())
+    data = document()
+    rows = table()
+    limits = []
+    for name, value in data["limits"].items():
+        limits.append(f"inline constexpr std::uint64_t {name} = {value};")
+    sizes = []
+    for letter, size in data["sizes"].items():
+        sizes.append(f"    Size{{'{letter}', {size['max']}}},")
+    newline = "\n"
     return f"""// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // Made by docs/make_format.py from schemas/bundle-{data["version"]}.json: do not edit.
@@ -163,18 +201,18 @@ struct Size {{
 
 inline constexpr std::string_view format_name = "{data["format"]}";
 inline constexpr std::string_view format_version = "{data["version"]}";
-inline constexpr Version newest{_version(data["version"])};
+inline constexpr Version newest{cpp_version(data["version"])};
 
 namespace limits {{
-{limits}
+{newline.join(limits)}
 }}  // namespace limits
 
 inline constexpr std::array<Size, {len(data["sizes"])}> sizes{{
-{sizes}
+{newline.join(sizes)}
 }};
 
 inline constexpr std::array<Row, {len(rows)}> rows{{
-{chr(10).join(map(_cpp_row, rows))}
+{newline.join(map(cpp_row, rows))}
 }};
 
 }}  // namespace vfplan::bundle

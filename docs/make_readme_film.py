@@ -24,8 +24,12 @@ from vfplan.palette import CLOUD, CONTACT, FORCE, HIP
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "samples"
 FILM = ROOT / "docs" / "pictures" / "draw_plan_push.gif"
-VIEW_PX = (195, 535, 350, 620)
-"""The part of the slice that is shown: left, right, top, bottom [px]."""
+# The part of the slice that is shown [px].
+LEFT_PX = 195
+RIGHT_PX = 535
+TOP_PX = 350
+BOTTOM_PX = 620
+
 FRAMES_DRAWN = 14
 FRAMES_PLANNED = 12
 FRAMES_PUSHED = 44
@@ -77,12 +81,14 @@ def pushed(plan: vfplan.PlanResult, line: np.ndarray) -> tuple[np.ndarray, np.nd
     hips_px = along + normal * (shape / MM_PER_PX)[:, None]
     # Twenty ticks a frame are enough for the engine; the film is slower than the hand.
     ticks = np.linspace(0, FRAMES_PUSHED - 1, 20 * FRAMES_PUSHED)
-    fine = np.column_stack([np.interp(ticks, range(FRAMES_PUSHED), hips_px[:, k]) for k in (0, 1)])
+    u = np.interp(ticks, range(FRAMES_PUSHED), hips_px[:, 0])
+    v = np.interp(ticks, range(FRAMES_PUSHED), hips_px[:, 1])
     engine = vfplan.ProxyEngine.of(plan.fixture)
     registration = plan.registered.registration
-    trace = engine.run(registration.apply(fine))
+    trace = engine.run(registration.apply(np.column_stack([u, v])))
     origin = registration.apply(np.zeros((1, 2)))
-    axes = (registration.apply(np.eye(2)) - origin).T  # (3, 2) [m a pixel]
+    # (3, 2) the slice's axes in the robot's frame [m a pixel].
+    axes = (registration.apply(np.eye(2)) - origin).T
     proxies_px = (np.linalg.pinv(axes) @ (trace.proxy - origin).T).T
     forces = np.linalg.norm(trace.force, axis=1)
     frames = np.linspace(0, len(ticks) - 1, FRAMES_PUSHED).astype(int)
@@ -97,10 +103,10 @@ def arc_length(line: np.ndarray) -> np.ndarray:
 def drawn_frame(empty: np.ndarray, line: np.ndarray, share: float) -> Image.Image:
     """The slice with a part of the line drawn."""
     figure, axis = stage(empty, "1  Draw a red line on the slice.")
-    inside = line[shown(line)]
-    part = inside[: max(2, round(share * len(inside)))]
+    line = line[is_shown(line)]
+    part = line[: max(2, round(share * len(line)))]
     axis.plot(part[:, 0], part[:, 1], color=PEN, linewidth=2.6)
-    return taken(figure)
+    return picture_of(figure)
 
 
 def planned_frame(picture: np.ndarray, line: np.ndarray, plan: vfplan.PlanResult) -> Image.Image:
@@ -112,10 +118,10 @@ def planned_frame(picture: np.ndarray, line: np.ndarray, plan: vfplan.PlanResult
     axis.plot(line[:, 0], line[:, 1], color="white", linewidth=4.5)
     axis.plot(line[:, 0], line[:, 1], color=CLOUD, linewidth=2.2)
     for label, (u, v) in zip(registration.labels, registration.source[:, :2], strict=True):
-        if shown(np.array([[u, v]]))[0]:
+        if is_shown(np.array([[u, v]]))[0]:
             axis.plot(u, v, "+", color=CONTACT, markersize=13, markeredgewidth=2)
             axis.annotate(label, (u, v), (7, -4), textcoords="offset points", color=CONTACT)
-    return taken(figure)
+    return picture_of(figure)
 
 
 def pushed_frame(
@@ -131,19 +137,18 @@ def pushed_frame(
     circle = plt.Circle(proxy, 5 / MM_PER_PX, fill=False, color=CONTACT, linewidth=2)
     axis.add_patch(circle)
     axis.plot(*hips[-1], "o", color=HIP, markersize=8)
-    way = proxy - hips[-1]
     if force > 0.05:
-        tip = hips[-1] + way / np.linalg.norm(way) * force / N_PER_FORCE_PX
+        direction = (proxy - hips[-1]) / np.linalg.norm(proxy - hips[-1])
+        tip = hips[-1] + direction * force / N_PER_FORCE_PX
         arrow = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}
         axis.annotate("", tip, hips[-1], arrowprops=arrow)
-    return taken(figure)
+    return picture_of(figure)
 
 
-def shown(points: np.ndarray) -> np.ndarray:
+def is_shown(points: np.ndarray) -> np.ndarray:
     """Which of the points lie in the part of the slice that is shown."""
-    left, right, top, bottom = VIEW_PX
     u, v = points.T
-    return (u > left) & (u < right) & (v > top) & (v < bottom)
+    return (u > LEFT_PX) & (u < RIGHT_PX) & (v > TOP_PX) & (v < BOTTOM_PX)
 
 
 def stage(picture: np.ndarray, text: str) -> tuple[plt.Figure, Axes]:
@@ -151,14 +156,13 @@ def stage(picture: np.ndarray, text: str) -> tuple[plt.Figure, Axes]:
     figure = plt.figure(figsize=(6.4, 5.5), dpi=80)
     axis = figure.add_axes((0, 0.07, 1, 0.93))
     axis.imshow(picture)
-    left, right, top, bottom = VIEW_PX
-    axis.set(xlim=(left, right), ylim=(bottom, top), xticks=[], yticks=[])
+    axis.set(xlim=(LEFT_PX, RIGHT_PX), ylim=(BOTTOM_PX, TOP_PX), xticks=[], yticks=[])
     axis.set_frame_on(False)
     figure.text(0.02, 0.022, text, fontsize=12)
     return figure, axis
 
 
-def taken(figure: plt.Figure) -> Image.Image:
+def picture_of(figure: plt.Figure) -> Image.Image:
     """The figure as a picture."""
     figure.canvas.draw()
     picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3].copy())

@@ -31,8 +31,9 @@ PICTURES = ROOT / "docs" / "pictures"
 SLICE = ROOT / "samples" / "elbow.png"
 MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
 TRUTH = np.array(json.loads((ROOT / "samples" / "elbow_truth.json").read_text())["curve_px"])
-PEN = (32, 25, 232)  # of the sample, blue first
-QUALITY = 88
+PEN_BGR = [32, 25, 232]
+"""Colour of the sample's pen, blue first."""
+JPEG_QUALITY = 88
 
 
 class Film:
@@ -59,7 +60,9 @@ class Film:
         path = self._folder / f"{name}.png"
         self.browser.picture(path)
         picture = cv2.imread(str(path))
-        cv2.imwrite(str(PICTURES / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        cv2.imwrite(
+            str(PICTURES / f"{name}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        )
         print(f"wrote {PICTURES / name}.jpg")
 
 
@@ -68,7 +71,7 @@ def drawn(folder: Path, name: str, *lines: np.ndarray, box: tuple[int, ...] = ()
     picture = cv2.imread(str(SLICE))
     for line in lines:
         places = np.rint(line * 16).astype(np.int32)[:, None]
-        cv2.polylines(picture, [places], False, PEN, 3, cv2.LINE_AA, shift=4)
+        cv2.polylines(picture, [places], False, PEN_BGR, 3, cv2.LINE_AA, shift=4)
     if box:
         u, v, width, height = box
         picture[v : v + height, u : u + width] = 96
@@ -80,8 +83,10 @@ def drawn(folder: Path, name: str, *lines: np.ndarray, box: tuple[int, ...] = ()
 def bend(start: np.ndarray, *steps: tuple[float, float]) -> np.ndarray:
     """A smooth line from a place by steps [px]."""
     corners = np.vstack([start, start + np.cumsum(steps, axis=0)])
-    at = np.linspace(0, len(corners) - 1, 200)
-    line = np.column_stack([np.interp(at, range(len(corners)), corners[:, k]) for k in (0, 1)])
+    places = np.linspace(0, len(corners) - 1, 200)
+    u = np.interp(places, range(len(corners)), corners[:, 0])
+    v = np.interp(places, range(len(corners)), corners[:, 1])
+    line = np.column_stack([u, v])
     return cv2.GaussianBlur(line, (1, 41), 0, borderType=cv2.BORDER_REPLICATE)
 
 

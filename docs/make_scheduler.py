@@ -26,78 +26,127 @@ from distributed.protocol.pickle import dumps
 from distributed.worker import get_versions
 
 VERSIONS = get_versions()
-METRICS: dict[str, Any] = {
-    "bandwidth": {"total": 1e8, "workers": {}, "types": {}},
-    "digests_total_since_heartbeat": {}, "memory": 10**8, "cpu": 100.0,
-    "spilled_bytes": {"memory": 0, "disk": 0}, "managed_bytes": 0, "task_counts": {},
-}  # fmt: skip
+IGNORED_MESSAGES = [
+    "free-keys",
+    "remove-replicas",
+    "acquire-replicas",
+    "refresh-who-has",
+    "cancel-compute",
+    "worker-status-change",
+]
+"""Messages of a scheduler that a worker without work need not answer."""
 
 
-class Idle(Server):
-    """A worker of one thread for which every task is nothing."""
+def worker_metrics() -> dict[str, Any]:
+    """What an idle worker reports of itself."""
+    return {
+        "bandwidth": {"total": 1e8, "workers": {}, "types": {}},
+        "digests_total_since_heartbeat": {},
+        "memory": 10**8,
+        "cpu": 100.0,
+        "spilled_bytes": {"memory": 0, "disk": 0},
+        "managed_bytes": 0,
+        "task_counts": {},
+    }
+
+
+class IdleWorker(Server):
+    """A worker of one thread that reports every task as done at once."""
 
     def __init__(self, scheduler: str, number: int) -> None:
-        self.scheduler_address, self.number = scheduler, number
+        self.scheduler_address = scheduler
+        self.number = number
         self.stream = BatchedSend(interval="2ms")
-        ignored = dict.fromkeys(
-            ("free-keys", "remove-replicas", "acquire-replicas", "refresh-who-has",
-             "cancel-compute", "worker-status-change"), lambda **_: None)  # fmt: skip
-        super().__init__(
-            handlers={"update_data": self._update, "gather": self._gather, "get_data": self._give},
-            stream_handlers={
-                **ignored,
-                "compute-task": self._compute,
-                "steal-request": self._stolen,
-            },
-        )
+        handlers = {
+            "update_data": self.update_data,
+            "gather": self.gather,
+            "get_data": self.get_data,
+        }
+        stream_handlers = dict.fromkeys(IGNORED_MESSAGES, lambda **_: None)
+        stream_handlers["compute-task"] = self.finish_task
+        stream_handlers["steal-request"] = self.refuse_to_give
+        super().__init__(handlers=handlers, stream_handlers=stream_handlers)
 
-    async def _update(self, data: dict) -> dict:
+    async def update_data(self, data: dict) -> dict:
+        """Take data that are scattered."""
         return {"nbytes": dict.fromkeys(data, 10**5), "status": "OK"}
 
-    async def _gather(self, who_has: dict) -> dict:
+    async def gather(self, who_has: dict) -> dict:
+        """Take data from other workers."""
         return {"status": "OK"}
 
-    async def _give(self, comm: Any, keys: list, who: Any = None, **_: Any) -> Status:
-        await comm.write({"status": "OK", "data": {key: to_serialize(0) for key in keys}})
+    async def get_data(self, comm: Any, keys: list, who: Any = None, **_: Any) -> Status:
+        """Hand over results."""
+        await comm.write({"status": "OK", "data": dict.fromkeys(keys, to_serialize(0))})
         await comm.read()
         return Status.dont_reply
 
-    def _compute(self, key: Any, run_id: int, stimulus_id: str, **_: Any) -> None:
+    def finish_task(self, key: Any, run_id: int, stimulus_id: str, **_: Any) -> None:
+        """Report a task as done."""
         now = time.time()
-        self.stream.send({
-            "op": "task-finished", "status": "OK", "key": key, "run_id": run_id, "nbytes": 28,
-            "type": dumps(int), "typename": "int", "metadata": {}, "thread": 1,
-            "startstops": [{"action": "compute", "start": now, "stop": now}],
-            "stimulus_id": stimulus_id,
-        })  # fmt: skip
+        self.stream.send(
+            {
+                "op": "task-finished",
+                "status": "OK",
+                "key": key,
+                "run_id": run_id,
+                "nbytes": 28,
+                "type": dumps(int),
+                "typename": "int",
+                "metadata": {},
+                "thread": 1,
+                "startstops": [{"action": "compute", "start": now, "stop": now}],
+                "stimulus_id": stimulus_id,
+            }
+        )
 
-    def _stolen(self, key: Any, stimulus_id: str) -> None:
-        self.stream.send({"op": "steal-response", "key": key, "state": "memory",
-                          "stimulus_id": stimulus_id})  # fmt: skip
+    def refuse_to_give(self, key: Any, stimulus_id: str) -> None:
+        """Answer that a task cannot be stolen, because it is done."""
+        self.stream.send(
+            {"op": "steal-response", "key": key, "state": "memory", "stimulus_id": stimulus_id}
+        )
 
-    async def start_unsafe(self) -> Idle:
+    async def start_unsafe(self) -> IdleWorker:
         """Register with the scheduler."""
         await super().start_unsafe()
         await self.listen("tcp://127.0.0.1:0")
         comm = await self.rpc.connect(self.scheduler_address)
-        await comm.write({
-            "op": "register-worker", "reply": False, "address": self.address, "status": "running",
-            "nthreads": 1, "name": self.number, "now": time.time(), "resources": {},
-            "memory_limit": 2**32, "local_directory": "", "services": {}, "nanny": None,
-            "pid": os.getpid(), "versions": VERSIONS, "metrics": METRICS, "extra": {},
-            "stimulus_id": "begin", "server_id": self.id,
-        })  # fmt: skip
-        beat = (await comm.read())["heartbeat-interval"]
+        await comm.write(
+            {
+                "op": "register-worker",
+                "reply": False,
+                "address": self.address,
+                "status": "running",
+                "nthreads": 1,
+                "name": self.number,
+                "now": time.time(),
+                "resources": {},
+                "memory_limit": 2**32,
+                "local_directory": "",
+                "services": {},
+                "nanny": None,
+                "pid": os.getpid(),
+                "versions": VERSIONS,
+                "metrics": worker_metrics(),
+                "extra": {},
+                "stimulus_id": "begin",
+                "server_id": self.id,
+            }
+        )
+        interval_s = (await comm.read())["heartbeat-interval"]
         self.stream.start(comm)
-        self.living = [asyncio.create_task(self.handle_stream(comm)),
-                       asyncio.create_task(self._beat(max(5.0, beat)))]  # fmt: skip
+        self.tasks = [
+            asyncio.create_task(self.handle_stream(comm)),
+            asyncio.create_task(self.send_heartbeats(max(5.0, interval_s))),
+        ]
         return self
 
-    async def _beat(self, every: float) -> None:
+    async def send_heartbeats(self, interval_s: float) -> None:
+        """Tell the scheduler again and again that this worker lives."""
         while True:
-            await asyncio.sleep(every)
+            await asyncio.sleep(interval_s)
             await self.rpc(self.scheduler_address).heartbeat_worker(
-                address=self.address, now=time.time(), metrics=METRICS, executing={}
+                address=self.address, now=time.time(), metrics=worker_metrics(), executing={}
             )
 
 
@@ -105,7 +154,7 @@ async def serve(scheduler: str, count: int) -> None:
     """Be that many workers until killed."""
     logging.getLogger("distributed").setLevel(logging.WARNING)
     for number in range(count):
-        await Idle(scheduler, number)
+        await IdleWorker(scheduler, number)
     await asyncio.Event().wait()
 
 
@@ -116,42 +165,60 @@ def seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def nothing(held: bytes, block: int) -> int:
-    """What is said to be done."""
+def no_work(data: bytes, block: int) -> int:
+    """The task that is reported as done."""
     return 0
 
 
 def measure(workers: int, tasks: int) -> None:
     """Print what these tasks cost."""
     with tempfile.TemporaryDirectory() as folder:
-        place = os.path.join(folder, "s.json")
-        words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard",
-                 "--host", "127.0.0.1", "--port", "0", "--scheduler-file", place]  # fmt: skip
-        boss = subprocess.Popen(words, stderr=subprocess.DEVNULL)
-        while not os.path.exists(place):
+        address_file = os.path.join(folder, "s.json")
+        command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+        command += ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", address_file]
+        scheduler = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        while not os.path.exists(address_file):
             time.sleep(0.1)
-        with Client(scheduler_file=place, timeout="60s") as client:
+        with Client(scheduler_file=address_file, timeout="60s") as client:
             address = client.scheduler.address
             idle = subprocess.Popen([sys.executable, __file__, "--serve", address, str(workers)])
             try:
                 client.wait_for_workers(workers)
-                began = seconds(boss.pid), seconds(os.getpid())
-                held = client.scatter(bytes(10**5), broadcast=True, hash=False)
-                spread = seconds(boss.pid)
-                futures = [client.submit(nothing, held, k, pure=False, retries=4)
-                           for k in range(tasks)]  # fmt: skip
+                scheduler_start_s = seconds(scheduler.pid)
+                caller_start_s = seconds(os.getpid())
+                data = client.scatter(bytes(10**5), broadcast=True, hash=False)
+                scattered_s = seconds(scheduler.pid)
+                futures = []
+                for k in range(tasks):
+                    futures.append(client.submit(no_work, data, k, pure=False, retries=4))
                 count = sum(1 for _ in as_completed(futures, with_results=True))
-                ended = seconds(boss.pid), seconds(os.getpid())
+                scheduler_end_s = seconds(scheduler.pid)
+                caller_end_s = seconds(os.getpid())
             finally:
                 idle.kill()
-                boss.kill()
-    print(f"{workers} workers, {count} tasks: scheduler {1e3 * (ended[0] - spread) / count:.2f} ms "
-          f"a task, caller {1e3 * (ended[1] - began[1]) / count:.2f} ms; "
-          f"sending 100 kB to all {spread - began[0]:.1f} s of the scheduler")  # fmt: skip
+                scheduler.kill()
+    scheduler_ms = 1e3 * (scheduler_end_s - scattered_s) / count
+    caller_ms = 1e3 * (caller_end_s - caller_start_s) / count
+    print(
+        f"{workers} workers, {count} tasks: scheduler {scheduler_ms:.2f} ms a task, "
+        f"caller {caller_ms:.2f} ms; sending 100 kB to all "
+        f"{scattered_s - scheduler_start_s:.1f} s of the scheduler"
+    )
+
+
+def main(words: list[str]) -> None:
+    """Serve workers, or measure what tasks cost."""
+    if words[:1] == ["--serve"]:
+        asyncio.run(serve(words[1], int(words[2])))
+        return
+    workers = 1000
+    tasks = 20_000
+    if len(words) > 0:
+        workers = int(words[0])
+    if len(words) > 1:
+        tasks = int(words[1])
+    measure(workers, tasks)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--serve"]:
-        asyncio.run(serve(sys.argv[2], int(sys.argv[3])))
-    else:
-        measure(*map(int, sys.argv[1:3]), *(1000, 20_000)[len(sys.argv) - 1 :])
+    main(sys.argv[1:])

@@ -23,35 +23,46 @@ OUTCOMES = ("right", "silent", "warned", "refused", "falsely refused", "falsely 
 
 def row(kind, count, verbose):
     """Outcomes of a kind, with the RMS of its errors and of their z."""
-    tally, errors, z = Counter(), [], []
+    outcomes = Counter()
+    errors = []
+    z = []
     for seed in range(count):
         drawn = draw(kind, seed, {**KINDS, **TRAPS, **HIDDEN})
         verdict = judge(drawn)
-        tally[verdict.outcome] += 1
+        outcomes[verdict.outcome] += 1
         if verdict.z is not None:
             errors.append(verdict.rms)
             z.append(verdict.z)
         if verbose and verdict.outcome != "right":
             how = f"{drawn.rasteriser}, {drawn.quality or 'PNG'}"
             print(f"# {kind} {seed} ({how}): {verdict.outcome}: {verdict.why}")
-    spread = f"{np.sqrt(np.mean(np.concatenate(z) ** 2)):.1f}" if z else ""
-    error = f"{np.sqrt(np.mean(np.square(errors))):.3f}" if z else ""
-    counts = " | ".join(str(tally[name] or "") for name in OUTCOMES)
-    print(f"| {kind} | {counts} | {error} | {spread} |", flush=True)
-    return tally
+    error_cell = ""
+    z_cell = ""
+    if z:
+        error_cell = f"{np.sqrt(np.mean(np.square(errors))):.3f}"
+        z_cell = f"{np.sqrt(np.mean(np.concatenate(z) ** 2)):.1f}"
+    counts = " | ".join(str(outcomes[name] or "") for name in OUTCOMES)
+    print(f"| {kind} | {counts} | {error_cell} | {z_cell} |", flush=True)
+    return outcomes
 
 
-def main(given):
+def main(words):
     """Print the table."""
-    verbose = "-v" in given
-    given = [g for g in given if g != "-v"]
-    count = int(given[0]) if given else 20
+    is_verbose = "-v" in words
+    words = [word for word in words if word != "-v"]
+    count = 20
+    if words:
+        count = int(words[0])
+    kinds = words[1:]
+    if not kinds:
+        kinds = [*KINDS, *TRAPS, *HIDDEN]
     print(f"| kind | {' | '.join(OUTCOMES)} | RMS error [px] | RMS z |")
     print("|" + "---|" * (len(OUTCOMES) + 3))
     total = Counter()
-    for kind in given[1:] or [*KINDS, *TRAPS, *HIDDEN]:
-        total += row(kind, count, verbose)
-    print(f"| all | {' | '.join(str(total[name]) for name in OUTCOMES)} | | |")
+    for kind in kinds:
+        total += row(kind, count, is_verbose)
+    counts = " | ".join(str(total[name]) for name in OUTCOMES)
+    print(f"| all | {counts} | | |")
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAMS = ("vfplan", "python", "printf")
@@ -32,7 +33,8 @@ PLAN = (
     "vfplan plan samples/elbow.png samples/elbow_markers_image.csv"
     " samples/elbow_markers_robot.csv --pixel-spacing 0.5 -q -o fixture.h5"
 )
-BEFORE = {  # what a page takes for granted in its folder
+# What the commands of a page need in their folder, made by a command before them.
+BEFORE = {
     "bundles.md": f"{PLAN} && cp tests/data/bundles/0.1-everything.h5 old.h5",
     "registration.md": "cp samples/elbow* . && awk -F, -v OFS=, '/^x4/ {$2 += 0.006} 1'"
     " elbow_markers_robot.csv > moved.csv",
@@ -48,7 +50,8 @@ PLACEHOLDER = re.compile(r"(?<![\w'\"-])[A-Z]{3,}(\.\w+)?(?![\w-])")
 MISSING = re.compile(r"no such file|command not found|no module named", re.IGNORECASE)
 TIMED = re.compile(r"time a tick|times real time")
 ANEW = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ|key [0-9a-f]{32}")
-ALIKE = 0.6  # least likeness, of 1, of a line beside `...` to the one that stood there
+MIN_LIKENESS = 0.6
+"""How alike, of 1, a line beside `...` must at least be to the line that it takes the place of."""
 
 
 class LeftAloneError(Exception):
@@ -57,19 +60,25 @@ class LeftAloneError(Exception):
 
 def main(arguments: list[str]) -> int:
     """Go through the pages; returns 1 when one that is only checked differs, else 0."""
-    check = "--check" in arguments
-    named = [Path(a).resolve() for a in arguments if a != "--check"]
-    differ = False
-    for page in named or [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+    is_check = "--check" in arguments
+    pages = [Path(argument).resolve() for argument in arguments if argument != "--check"]
+    if not pages:
+        pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    is_current = True
+    for page in pages:
         old = page.read_text()
         new = renewed(page.name, old)
-        if check:
-            texts = (text.splitlines(True) for text in (old, new))
-            sys.stdout.writelines(difflib.unified_diff(*texts, page.name, "printed now"))
-        elif new != old:
+        if new == old:
+            continue
+        is_current = False
+        if is_check:
+            difference = difflib.unified_diff(
+                old.splitlines(True), new.splitlines(True), page.name, "printed now"
+            )
+            sys.stdout.writelines(difference)
+        else:
             page.write_text(new)
-        differ |= new != old
-    return int(check and differ)
+    return int(is_check and not is_current)
 
 
 def renewed(name: str, text: str) -> str:
@@ -81,50 +90,70 @@ def renewed(name: str, text: str) -> str:
             Path(folder, shared).symlink_to(ROOT / shared)
         if name in BEFORE:
             run(BEFORE[name], folder, check=True)
-        return BLOCK.sub(lambda match: _block(name, match, folder), text)
+        return BLOCK.sub(lambda match: renewed_block(name, match, folder), text)
 
 
-def _block(name: str, match: re.Match, folder: str) -> str:
+def renewed_block(name: str, match: re.Match, folder: str) -> str:
     """The block of a match, renewed; named on stderr as far as it is left alone."""
     kind = match.lastgroup
-    text, margin = match[kind], " " * 4 * (kind == "indented")
+    text = match[kind]
+    margin = ""
+    if kind == "indented":
+        margin = " " * 4
     line = match.string.count("\n", 0, match.start(kind)) + 1
-    entries = list(commands([row.removeprefix(margin) for row in text.splitlines()]))
-    if reason := unfit([command for command, _ in entries]):
+    commands = list(commands_of([row.removeprefix(margin) for row in text.splitlines()]))
+    reason = reason_to_leave(commands)
+    if reason:
         print(f"{name}:{line}: block left alone: {reason}", file=sys.stderr)
         return match[0]
-    found = []
-    for command, shown in entries:
+    rows = []
+    for command in commands:
+        rows += command.rows
         try:
-            found += [*command, *merged(shown, run(_shell(command), folder))]
+            rows += merged(command.shown, run(command.shell, folder))
         except LeftAloneError as why:
-            print(f"{name}:{line}: left alone: {command[0]}: {why}", file=sys.stderr)
-            found += [*command, *shown]
-        line += len(command) + len(shown)
-    return match[0].replace(text, "".join(f"{margin}{row}".rstrip() + "\n" for row in found))
+            print(f"{name}:{line}: left alone: {command.rows[0]}: {why}", file=sys.stderr)
+            rows += command.shown
+        line += len(command.rows) + len(command.shown)
+    new_text = ""
+    for row in rows:
+        new_text += f"{margin}{row}".rstrip() + "\n"
+    return match[0].replace(text, new_text)
 
 
-def commands(rows: list[str]) -> Iterator[tuple[list[str], list[str]]]:
-    """The lines of each command, and those shown below it."""
+class Command(NamedTuple):
+    """A command of a block: its own lines, and those shown below it."""
+
+    rows: list[str]
+    shown: list[str]
+
+    @property
+    def shell(self) -> str:
+        """What a shell is given."""
+        return "\n".join(self.rows).removeprefix("$ ")
+
+
+def commands_of(rows: list[str]) -> Iterator[Command]:
+    """The commands of a block's lines."""
     starts = [k for k, row in enumerate(rows) if row.startswith("$ ")]
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
-        below = next(k for k in range(start, end) if not rows[k].endswith("\\")) + 1
-        yield rows[start:below], rows[below:end]
+        # A command goes on in the next line after a backslash.
+        last = start
+        while rows[last].endswith("\\"):
+            last += 1
+        yield Command(rows[start : last + 1], rows[last + 1 : end])
 
 
-def unfit(block: list[list[str]]) -> str:
+def reason_to_leave(commands: list[Command]) -> str:
     """Why none of a block's commands may run, or nothing."""
-    for command in block:
-        shell = _shell(command)
-        if shell.split()[0] not in PROGRAMS:
-            return f"calls {shell.split()[0]}"
-        if place := PLACEHOLDER.search(shell):
+    for command in commands:
+        program = command.shell.split()[0]
+        if program not in PROGRAMS:
+            return f"calls {program}"
+        place = PLACEHOLDER.search(command.shell)
+        if place:
             return f"{place[0]} stands for something"
     return ""
-
-
-def _shell(command: list[str]) -> str:
-    return "\n".join(command).removeprefix("$ ")
 
 
 def run(shell: str, folder: str, check: bool = False) -> list[str]:
@@ -156,48 +185,67 @@ def merged(shown: list[str], printed: list[str]) -> list[str]:
         raise LeftAloneError(missing[-1])
     if not shown:
         return []
-    standing = {_lasting(row): row for row in shown}
-    return [standing.get(_lasting(row), row) for row in _abridged(shown, printed)]
+    old_rows = {lasting_part(row): row for row in shown}
+    return [old_rows.get(lasting_part(row), row) for row in abridged(shown, printed)]
 
 
-def _lasting(row: str) -> str:
+def lasting_part(row: str) -> str:
     """A line without what every run prints anew."""
-    return _figureless(row) if TIMED.search(row) else ANEW.sub("#", row)
+    if TIMED.search(row):
+        return without_figures(row)
+    return ANEW.sub("#", row)
 
 
-def _figureless(row: str) -> str:
+def without_figures(row: str) -> str:
+    """A line with a sign in place of each figure."""
     return re.sub(r" *-?\d+(\.\d+)?", "#", row)
 
 
-def _abridged(shown: list[str], printed: list[str]) -> list[str]:
+def abridged(shown: list[str], printed: list[str]) -> list[str]:
     """The printed lines without those that `...` stands for."""
     gaps = [k for k, row in enumerate(shown) if row.strip() == "..."]
-    found, at = [], 0
-    for start, end in zip([0, *(k + 1 for k in gaps)], [*gaps, len(shown)], strict=True):
-        if part := shown[start:end]:
-            first = _nearest(part[0], printed, at) if start else 0
-            at = _last(part, printed, first) + 1 if end < len(shown) else len(printed)
-            found += printed[first:at]
-        found += shown[end : end + 1]
-    return found
+    starts = [0]
+    for gap in gaps:
+        starts.append(gap + 1)
+    rows = []
+    position = 0
+    for start, end in zip(starts, [*gaps, len(shown)], strict=True):
+        part = shown[start:end]
+        if part:
+            first = 0
+            if start > 0:
+                first = most_alike(part[0], printed, position)
+            position = len(printed)
+            if end < len(shown):
+                position = end_of_part(part, printed, first)
+            rows += printed[first:position]
+        # The line `...` itself stays.
+        rows += shown[end : end + 1]
+    return rows
 
 
-def _last(part: list[str], printed: list[str], first: int) -> int:
-    """The place of a part's last line: as far from its first as it was, if that suits."""
+def end_of_part(part: list[str], printed: list[str], first: int) -> int:
+    """The place after a part's last line: as far from its first as it was, if that suits."""
     place = first + len(part) - 1
     if place < len(printed):
-        for without in (_figureless, _lasting):
-            if without(printed[place]) == without(part[-1]):
-                return place
-    return _nearest(part[-1], printed, first)
+        for strip in (without_figures, lasting_part):
+            if strip(printed[place]) == strip(part[-1]):
+                return place + 1
+    return most_alike(part[-1], printed, first) + 1
 
 
-def _nearest(row: str, printed: list[str], begin: int) -> int:
+def most_alike(row: str, printed: list[str], begin: int) -> int:
     """The place, from `begin` on, of the printed line most like a line shown before."""
-    likeness = [difflib.SequenceMatcher(None, row, other).ratio() for other in printed[begin:]]
-    if max(likeness, default=0) < ALIKE:
+    best_place = begin
+    best_likeness = 0.0
+    for place in range(begin, len(printed)):
+        likeness = difflib.SequenceMatcher(None, row, printed[place]).ratio()
+        if likeness > best_likeness:
+            best_place = place
+            best_likeness = likeness
+    if best_likeness < MIN_LIKENESS:
         raise LeftAloneError(f"prints nothing like {row!r} any more; its last line: {printed[-1:]}")
-    return begin + likeness.index(max(likeness))
+    return best_place
 
 
 if __name__ == "__main__":

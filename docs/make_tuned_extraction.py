@@ -28,40 +28,42 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--slices", type=int, default=3, help="of each kind")
     parser.add_argument("--cache", help="a folder that keeps the drawn slices")
-    given = parser.parse_args()
+    options = parser.parse_args()
     kinds = table.extraction_kinds
     with tempfile.TemporaryDirectory() as folder:
-        where = given.cache or folder
-        every = [*kinds.CLEAR, *kinds.AMBIGUOUS]
-        drawn = table.drawings(every, FIRST_SEED, given.slices, where)
-    before = figures(drawn)
+        drawings = table.draw_kinds(
+            [*kinds.CLEAR, *kinds.AMBIGUOUS], FIRST_SEED, options.slices, options.cache or folder
+        )
+    before = judgements(drawings)
     heads = "right | findings | silent | PNG px | JPEG px | ends 95 % | slices moved"
     print(f"| number | value | {heads} |")
     print("|---" * 9 + "|")
     print(row("as they are", "", before, 0))
-    for name in given.names or numbers():
+    names = options.names
+    if not names:
+        names = [name for name in vars(tuned) if name.isupper()]
+    for name in names:
         value = getattr(tuned, name)
-        moved_by_any = False
+        moves_something = False
         for factor in (0.5, 2.0):
             changed = type(value)(value * factor)
             setattr(tuned, name, changed)
-            after = figures(drawn)
+            after = judgements(drawings)
             moved = count_moved(before, after)
-            moved_by_any |= moved > 0
+            if moved > 0:
+                moves_something = True
             print(row(name, f"{changed:g}", after, moved), flush=True)
         setattr(tuned, name, value)
-        if not moved_by_any:
+        if not moves_something:
             print(f"| **{name} moves nothing** | | | | | | | | |", flush=True)
 
 
-def numbers() -> list[str]:
-    """The names of all numbers, in their order."""
-    return [name for name in vars(tuned) if name.isupper()]
-
-
-def figures(drawn) -> list:
-    """The judgements on all slices."""
-    return [table.judge(each, table.answer(curve, each.image)) for each in drawn]
+def judgements(drawings) -> list:
+    """The judgement on each slice."""
+    results = []
+    for drawing in drawings:
+        results.append(table.judge(drawing, table.answer_of(curve, drawing.image)))
+    return results
 
 
 def count_moved(before: list, after: list) -> int:
@@ -86,18 +88,25 @@ def row(name: str, value: str, results: list, moved: int) -> str:
     """One line of the table."""
     clear = [r for r in results if r.clear]
     right = [r for r in clear if r.outcome == "right"]
-    silent = sum(r.outcome == "silent" for r in results if not r.clear)
-    errors = []
-    for is_png in (True, False):
-        part = [rms(r.errors) for r in right if r.how.endswith("PNG") == is_png]
-        errors.append(f"{np.mean(part):.3f}" if part else "-")
-    distances = [e for r in right for e in r.ends]
-    ends = np.quantile(distances, 0.95) if distances else np.nan
-    found = sum(bool(r.findings) for r in right)
+    with_findings = [r for r in right if r.findings]
+    silent = [r for r in results if r.outcome == "silent" and not r.clear]
+    png_px = mean_error([r for r in right if r.how.endswith("PNG")])
+    jpeg_px = mean_error([r for r in right if not r.how.endswith("PNG")])
+    ends_px = np.nan
+    distances = table.end_distances_of(right)
+    if distances:
+        ends_px = np.quantile(distances, 0.95)
     return (
-        f"| {name} | {value} | {len(right)} of {len(clear)} | {found} | {silent} | {errors[0]} | "
-        f"{errors[1]} | {ends:.2f} | {moved} |"
+        f"| {name} | {value} | {len(right)} of {len(clear)} | {len(with_findings)} | "
+        f"{len(silent)} | {png_px} | {jpeg_px} | {ends_px:.2f} | {moved} |"
     )
+
+
+def mean_error(results: list) -> str:
+    """The mean RMS error across the line [px], or a dash where there is no slice."""
+    if not results:
+        return "-"
+    return f"{np.mean([rms(r.errors) for r in results]):.3f}"
 
 
 if __name__ == "__main__":

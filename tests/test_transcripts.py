@@ -66,7 +66,7 @@ def test_what_cannot_be_run_is_left_alone_and_named(block, reason, capfd):
 def test_an_error_that_the_page_shows_is_renewed():
     page = "```\n$ vfplan info nowhere.h5\nvfplan: error: there is no such file\n```\n"
     now = transcripts.renewed("page.md", page)
-    assert "\nvfplan: error: nowhere.h5: cannot be read: there is no such file\n" in now
+    assert "\nvfplan: error: nowhere.h5: cannot be read: there is no such file" in now
 
 
 @pytest.mark.parametrize(
