@@ -45,6 +45,12 @@ from marker_sets import (  # noqa: E402
 SAMPLES = ROOT / "samples"
 PAGE = ROOT / "docs" / "registration.md"
 MODELS = ("affine", "similarity", "rigid")
+CAMERA_M = 0.6
+"""Distance of the camera from the plate that is photographed [m]."""
+FOCAL_LENGTH_PX = 1200
+"""Focal length of that camera [px]."""
+REPEATS = 7
+"""Times that a processor time is measured; the median is printed."""
 
 
 def curve_of(markers: MarkerSet) -> NDArray[np.float64]:
@@ -72,7 +78,8 @@ def judge(markers: MarkerSet, target: NDArray[np.float64], model: str) -> tuple[
     if doubts:
         return "doubt", " ".join(doubts)
     if findings:
-        return "note", " ".join(finding.code for finding in findings)
+        notes = [finding.code for finding in findings]
+        return "note", " ".join(notes)
     return "silent", ""
 
 
@@ -111,22 +118,28 @@ def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
             if len(markers.source) == 3:
                 name = "one outlier, 3 markers"
             verdicts[name].append(judge(markers, with_outlier(rng, markers.target), model))
-        for name, given in verdicts.items():
-            if given:
-                lines.append(row(name, model, given))
+        for name, verdicts_of_row in verdicts.items():
+            if verdicts_of_row:
+                lines.append(row(name, model, verdicts_of_row))
     return lines
 
 
 def reading_rows() -> list[str]:
     """The sample's markers, read wrongly in 24 ways, by what `plan` says of them."""
+    labels = []
+    pixels = []
     with open(SAMPLES / "elbow_markers_image.csv") as file:
-        rows = list(csv.DictReader(file))
-    labels = [line["label"] for line in rows]
-    pixels = np.array([[float(line["u_px"]), float(line["v_px"])] for line in rows])
+        for line in csv.DictReader(file):
+            labels.append(line["label"])
+            pixels.append([float(line["u_px"]), float(line["v_px"])])
+    pixels = np.array(pixels)
+    robot = []
     with open(SAMPLES / "elbow_markers_robot.csv") as file:
-        rows = list(csv.DictReader(file))
-    robot = np.array([[float(line[name]) for name in ("x_m", "y_m", "z_m")] for line in rows])
-    width, height = 871, 786
+        for line in csv.DictReader(file):
+            robot.append([float(line["x_m"]), float(line["y_m"]), float(line["z_m"])])
+    robot = np.array(robot)
+    width = 871
+    height = 786
     views = {
         "v from below": np.column_stack([pixels[:, 0], height - 1 - pixels[:, 1]]),
         "u from the right": np.column_stack([width - 1 - pixels[:, 0], pixels[:, 1]]),
@@ -160,41 +173,54 @@ def reading_rows() -> list[str]:
         "another case": robot[[2, 0, 1, 5, 3, 4, 8, 6, 7]] * [1.02, 0.97, 1],
     }
     by_verdict: dict[str, list[str]] = {}
-    for name, given in views.items():
-        by_verdict.setdefault(_planned(labels, given, robot), []).append(name)
-    for name, given in places.items():
-        by_verdict.setdefault(_planned(labels, pixels, given), []).append(name)
-    return [f"| {verdict} | {'; '.join(names)} |" for verdict, names in sorted(by_verdict.items())]
+    for name, wrong_pixels in views.items():
+        verdict = verdict_of_plan(labels, wrong_pixels, robot)
+        by_verdict.setdefault(verdict, []).append(name)
+    for name, wrong_places in places.items():
+        verdict = verdict_of_plan(labels, pixels, wrong_places)
+        by_verdict.setdefault(verdict, []).append(name)
+    lines = []
+    for verdict, names in sorted(by_verdict.items()):
+        lines.append(f"| {verdict} | {'; '.join(names)} |")
+    return lines
 
 
-def _planned(labels: list[str], pixels: NDArray[np.float64], robot: NDArray[np.float64]) -> str:
+def verdict_of_plan(
+    labels: list[str], pixels: NDArray[np.float64], robot: NDArray[np.float64]
+) -> str:
     """What `plan` says of the sample with these markers."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "markers.csv"
         table = ["label,u_px,v_px,x_m,y_m,z_m"]
         for label, place, touched in zip(labels, pixels, robot, strict=True):
-            table.append(",".join([label, *(repr(float(x)) for x in (*place, *touched))]))
+            numbers = [repr(float(number)) for number in (*place, *touched)]
+            table.append(",".join([label, *numbers]))
         path.write_text("\n".join(table))
         try:
-            made = vfplan.plan(SAMPLES / "elbow.png", path)
+            result = vfplan.plan(SAMPLES / "elbow.png", path)
         except VfplanError as refusal:
             return f"refused: {refusal.code}"
-    codes = [f.code for f in made.registered.findings if f.severity == "doubt"]
-    return f"doubt: {', '.join(codes)}" if codes else "SILENT"
+    doubts = [f.code for f in result.registered.findings if f.severity == "doubt"]
+    if not doubts:
+        return "SILENT"
+    return f"doubt: {', '.join(doubts)}"
 
 
 def coverage_row(model: str, sets: int) -> str:
     """How often the bounds hold, over sets that the model describes."""
-    point, whole = [], []
+    holds_at_points = []
+    holds_everywhere = []
     for markers in marker_sets(sets, model=model, seed=3):
         r: Registration = fit_registration(
             markers.source, markers.target, model=model, pixel_spacing=SPACING_M
         )
         curve = curve_of(markers)
         error = np.linalg.norm(r.apply(curve) - markers.true_place(curve), axis=1)
-        point.append((error <= r.tre95_m(curve)).mean())
-        whole.append((error <= r.tre95_curve_m(curve)).all())
-    return f"| {model} | {sets} | {np.mean(point):.1%} | {np.mean(whole):.1%} |"
+        holds_at_points.append((error <= r.tre95_m(curve)).mean())
+        holds_everywhere.append((error <= r.tre95_curve_m(curve)).all())
+    return (
+        f"| {model} | {sets} | {np.mean(holds_at_points):.1%} | {np.mean(holds_everywhere):.1%} |"
+    )
 
 
 def photographed_sets(tilt_deg: float, sets: int) -> Iterator[tuple[Registration, bool]]:
@@ -280,7 +306,9 @@ def rectified_row(view: int) -> str | None:
     pixels = np.loadtxt(folder / f"calib.image_points.{view}.txt")
     board_m = np.loadtxt(folder / f"calib.object_points.{view}.txt") / 1e3
     flat_mm = 1e3 * board_m[:, :2]
-    corners = [int(np.argmax(flat_mm @ side)) for side in ([-1, -1], [1, -1], [1, 1], [-1, 1])]
+    corners = []
+    for side in ([-1, -1], [1, -1], [1, 1], [-1, 1]):
+        corners.append(int(np.argmax(flat_mm @ side)))
     rectified = rectified_px(pixels, pixels[corners], flat_mm[corners])
     others = np.setdiff1d(np.arange(len(pixels)), corners)
     as_it_is = fit_registration(pixels[others], board_m[others])
@@ -294,48 +322,45 @@ def rectified_px(
     """Where places (N, 2) of a photograph come to lie once four corners are where they belong."""
     import cv2
 
-    turn = cv2.getPerspectiveTransform(np.float32(corners_px), np.float32(corners_mm))
-    return cv2.perspectiveTransform(places_px[None], turn)[0]
+    transform = cv2.getPerspectiveTransform(np.float32(corners_px), np.float32(corners_mm))
+    return cv2.perspectiveTransform(places_px[None], transform)[0]
 
 
 def photographed(plate: NDArray[np.float64], tilt_deg: float) -> NDArray[np.float64]:
     """(N, 2) pixels of points (N, 2) [m] of a plate tilted about an axis across the picture."""
-    turn = np.radians(tilt_deg)
+    tilt = np.radians(tilt_deg)
     along = 0.8 * plate[:, 0] + 0.6 * plate[:, 1]
     across = 0.8 * plate[:, 1] - 0.6 * plate[:, 0]
-    depth = 0.6 + np.sin(turn) * along  # a camera at 0.6 m with a focal length of 1200 px
-    seen = np.cos(turn) * along
-    return (
-        1200
-        * np.column_stack([0.8 * seen - 0.6 * across, 0.6 * seen + 0.8 * across])
-        / (depth[:, None])
-    )
+    depth = CAMERA_M + np.sin(tilt) * along
+    foreshortened = np.cos(tilt) * along
+    x = 0.8 * foreshortened - 0.6 * across
+    y = 0.6 * foreshortened + 0.8 * across
+    return FOCAL_LENGTH_PX * np.column_stack([x, y]) / (depth[:, None])
 
 
 def processor_time() -> str:
     """Processor time of `register`'s work in a plan of the sample, modules loaded."""
     from vfplan.planning import extract, register
-
-    files = SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv"
-    extracted = extract(SAMPLES / "elbow.png")
-    times = []
-    for _ in range(7):
-        started = time.process_time()
-        register(extracted.fixture, *files, image=extracted.image)
-        times.append(time.process_time() - started)
-    whole = sorted(times)[3]
     from vfplan.planning.match import match
     from vfplan.planning.settings import FixtureSettings
 
-    times = []
-    for _ in range(7):
+    files = SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv"
+    extracted = extract(SAMPLES / "elbow.png")
+    whole_s = []
+    for _ in range(REPEATS):
+        started = time.process_time()
+        register(extracted.fixture, *files, image=extracted.image)
+        whole_s.append(time.process_time() - started)
+    match_s = []
+    for _ in range(REPEATS):
         started = time.process_time()
         matched = match(extracted.fixture, *files, FixtureSettings(), extracted.image)
         target_error(matched.registration, extracted.fixture.points)
-        times.append(time.process_time() - started)
+        match_s.append(time.process_time() - started)
     return (
-        f"register: {whole:.3f} s of processor time, of these {sorted(times)[3]:.3f} s markers, "
-        "fit, checks and error; the rest is sampling, lines and arcs"
+        f"register: {np.median(whole_s):.3f} s of processor time, of these "
+        f"{np.median(match_s):.3f} s markers, fit, checks and error; the rest is sampling, lines "
+        "and arcs"
     )
 
 
@@ -355,7 +380,11 @@ def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     )
     tilts = [tilt_row(markers) for markers in (6, 8, 10, 12)]
     yield "| markers | FLE 0.1 mm | 0.3 mm | 0.5 mm | 1 mm |", tilts
-    rectified = [line for line in map(rectified_row, (0, 3)) if line is not None]
+    rectified = []
+    for view in (0, 3):
+        line = rectified_row(view)
+        if line is not None:
+            rectified.append(line)
     if rectified:
         yield "| photograph | as it is | rectified by four corners |", rectified
 
@@ -371,13 +400,21 @@ def write_table(header: str, lines: list[str]) -> None:
     PAGE.write_text("\n".join(page) + "\n")
 
 
-if __name__ == "__main__":
-    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    for HEADER, ROWS in tables(numbers[0] if numbers else 600):
-        COLUMNS = HEADER.count("|") - 1
-        TABLE = [HEADER, f"|{'---|' * COLUMNS}", *ROWS]
-        print("\n".join(TABLE), flush=True)
+def main(words: list[str]) -> None:
+    """Print all tables, and write them to the page if asked for."""
+    sets = 600
+    for word in words:
+        if word.isdigit():
+            sets = int(word)
+    for header, rows in tables(sets):
+        columns = header.count("|") - 1
+        table = [header, f"|{'---|' * columns}", *rows]
+        print("\n".join(table), flush=True)
         print()
-        if "--write" in sys.argv:
-            write_table(HEADER, TABLE)
+        if "--write" in words:
+            write_table(header, table)
     print(processor_time())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
