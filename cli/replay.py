@@ -59,7 +59,7 @@ LINK_OPTIONS = options_in_order(
     option("--quantise", "quantum_m", type=DecimalNumber(0, min_open=True), metavar="UM",
            callback=micrometres_to_metres,
            help="Lossy link: round positions to multiples of this [µm]."),
-    option("--seed", type=WholeNumber(0), default=0,
+    option("--seed", type=WholeNumber(0), metavar="N", default=0,
            help="Lossy link: seed of its random numbers."),
 )  # fmt: skip
 MOTION_OPTIONS = options_in_order(
@@ -77,7 +77,8 @@ MOTION_OPTIONS = options_in_order(
 )  # fmt: skip
 SESSION_OPTIONS = options_in_order(
     options.UNITS,
-    option("--frame", default="robot_base", help="Frame of the session's positions."),
+    option("--frame", metavar="NAME", default="robot_base",
+           help="Frame of the session's positions."),
     option("--topic", metavar="NAME",
            help="Read this topic of a ROS bag; needed when several hold positions."),
     option("--field", metavar="NAME",

@@ -127,11 +127,15 @@ def test_mirrored_markers(vfplan_cli, curve, tmp_path):
     bad = write(tmp_path / "bad.csv", head, mirrored)
     out = tmp_path / "f.h5"
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--seen-from", "0,0,1").code == 0
-    run = vfplan_cli(
-        "register", curve, PIXELS, bad, "-o", out, "--overwrite", "--seen-from", "0,0,1"
-    )
-    assert run.code == 3
-    assert "mirrored" in run.error_line
+    for side in ("0,0,1", "above"):
+        run = vfplan_cli(
+            "register", curve, PIXELS, bad, "-o", out, "--overwrite", "--seen-from", side
+        )
+        assert run.code == 3
+        assert "mirrored" in run.error_line
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--seen-from", "left")
+    assert run.code == 2
+    assert "above, below" in run.error_line
 
 
 @pytest.mark.parametrize(

@@ -167,6 +167,7 @@ def test_settings_are_checked():
         ({"pixel_spacing": (1e-3, np.nan)}, "pixel-spacing-range"),
         ({"seen_from": [0, 0, 0]}, "seen-from-range"),
         ({"seen_from": [1, 2]}, "seen-from-range"),
+        ({"seen_from": "left"}, "seen-from-range"),
         ({"seen_from": [np.nan, 0, 1]}, "seen-from-range"),
     ):
         assert code_of(SettingError, source, target, **settings) == code
@@ -249,6 +250,8 @@ def test_a_mirrored_slice_is_refused_where_the_side_is_known(model):
     np.testing.assert_allclose(r.image_faces, [0, 0, 1], atol=1e-9)
     assert describe(r)["seen_from"] == "above (robot +z)"
     assert code_of(MarkerError, source, flat * [-1, 1, 1], **known) == "mirrored"
+    fit_registration(source, flat, **known | {"seen_from": "above"})
+    assert code_of(MarkerError, source, flat, **known | {"seen_from": "below"}) == "mirrored"
 
 
 def test_scale_anisotropy_shear_normal():
