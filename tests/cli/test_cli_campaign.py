@@ -50,6 +50,7 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     [
         (("--fle-robot", "nan"), 2, "'nan' is no number"),
         (("--margin-for", "2"), 2, "2 is no probability"),
+        (("--beyond=-1",), 2, "-1 mm is below 0"),
         (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "exclude each other"),
     ],
 )

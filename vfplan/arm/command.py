@@ -26,10 +26,6 @@ if TYPE_CHECKING:
 LISTED_PLACES = 5
 """Number of places out of reach that are printed; `--json` has all."""
 
-SAME_RATE = 0.01
-"""Share by which a session's rate may differ from the arm's; clocks of two computers differ by
-less."""
-
 
 @command(
     "rehearse",
@@ -135,6 +131,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
     """The whole session at the arm's rate, and a warning where it was resampled for that."""
     import numpy as np
 
+    from vfplan.arm.rehearsal import SAME_RATE
     from vfplan.session import open_session, resampled
 
     source = open_session(path, units=units, frame=frame)

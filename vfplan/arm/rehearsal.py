@@ -19,7 +19,7 @@ from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import CurveRuler
-from vfplan.replaying.quantities import overlap, penetration, row_norms
+from vfplan.replaying.quantities import CONTACT_M, overlap, penetration, row_norms
 from vfplan.session import Session, TickBlock
 from vfplan.stability.gate import largest_rendered_stiffness
 from vfplan.stability.theory import Plant, exact_bound
@@ -34,9 +34,6 @@ REACHED_M = 1e-3
 
 MAX_TICKS = 3_600_000
 """Number of ticks of the longest session, an hour at 1 kHz; all of them are kept in memory."""
-
-CONTACT_M = 1e-9
-"""A penetration above this is contact; below it is rounding [m]."""
 
 SAME_RATE = 0.01
 """Share by which a session's rate may differ from the arm's; clocks of two computers differ by

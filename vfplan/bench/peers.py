@@ -35,10 +35,7 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 
 TIMEOUT_S = 120.0
-"""Time after which a peer that still runs has failed [s]."""
-
-BUILD_TIMEOUT_S = 120.0
-"""Time after which building the shipped peer has failed [s]."""
+"""Time after which a peer that still runs has failed [s], and so has building the shipped one."""
 
 QUOTED_CHARACTERS = 200
 """Length of a peer's own message in an error."""
@@ -177,7 +174,7 @@ def build_nanoflann(folder: Path) -> Peer:
         command = [compiler, "-std=c++20", "-O3", "-o", str(program), str(source)]
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
+                command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SettingError(

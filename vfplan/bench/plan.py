@@ -18,13 +18,10 @@ from typing import Any, NamedTuple
 
 from scipy.spatial import cKDTree
 
-from vfplan.bench.cases import Elbow, elbow_map
+from vfplan.bench.cases import Elbow, R, elbow_map
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed
 from vfplan.bench.sample import Line, planned_surface
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
-
-R = 5e-3
-"""Contact radius [m], as in the paper."""
 
 STRIDE = 5
 """Every so many places of the true surface count, 0.1 mm apart."""

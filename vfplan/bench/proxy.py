@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vfplan.bench.cases import Case, NoisySheet, cases, chosen_points, fitted, is_drawn, is_mesh
+from vfplan.bench.cases import Case, NoisySheet, R, cases, chosen_points, fitted, is_drawn, is_mesh
 from vfplan.bench.peers import NearestPointPenalty, Peer
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.parameters import ProxyParameters
@@ -37,9 +37,6 @@ from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
 from vfplan.vectors.read import FINE_M
-
-R = 5e-3
-"""Contact radius [m], as in the paper."""
 
 STIFFNESS = 1000.0
 """Stiffness of every engine [N/m]; errors in metres do not depend on it."""

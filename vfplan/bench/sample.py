@@ -16,13 +16,11 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial import cKDTree
 
+from vfplan.bench.cases import R
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.tolerance import choose, sample_curve
 from vfplan.scenes.outline import Run, arc, segment
-
-R = 5e-3
-"""Contact radius [m], as in the paper."""
 
 FINE_M = 20e-6
 """Arc between the true curve's vertices [m]."""

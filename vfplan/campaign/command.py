@@ -77,6 +77,13 @@ def command(
                 f"{probability:g} is no probability. Give --margin-for numbers between 0 and 1",
                 code="no-probability",
             )
+    for depth_mm in beyond:
+        if depth_mm < 0:
+            raise SettingError(
+                f"a depth of {depth_mm:g} mm is below 0. Give --beyond depths of 0 mm or more",
+                code="depth-negative",
+                numbers={"depth_mm": depth_mm, "depth_min_mm": 0},
+            )
     from vfplan.bundle import read_fixture
     from vfplan.campaign import CampaignSettings, read_campaign, run_campaign
     from vfplan.campaign.statistics import summary

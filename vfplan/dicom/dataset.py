@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VfplanError, requires_extra
 
-MAX_BYTES_BESIDE_PIXELS = 24 << 20
+MAX_PARSED_BYTES = 24 << 20
 """Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time."""
 MAX_ITEMS = 200_000
 """Items of sequences that are parsed outside the sandbox: contours and frames."""
@@ -90,7 +90,7 @@ def open_dataset(
     with requires_extra("reading DICOM needs pydicom", extra, where):
         import pydicom
     try:
-        with _silent_pydicom():
+        with silent_pydicom():
             yield pydicom.dcmread(file, force=not needs_preamble)
     except (VfplanError, MemoryError):
         raise
@@ -109,7 +109,7 @@ def open_dataset(
 
 
 @contextmanager
-def _silent_pydicom() -> Iterator[None]:
+def silent_pydicom() -> Iterator[None]:
     """Let pydicom neither log nor warn."""
     log = logging.getLogger("pydicom")
     level = log.level
@@ -133,16 +133,16 @@ def refuse_costly(data: bytes, where: str) -> None:
             where=where,
             code="dicom-costly",
         )
-    beside = _pixels_begin(data)
-    if beside > MAX_BYTES_BESIDE_PIXELS:
+    parsed_bytes = pixels_begin(data)
+    if parsed_bytes > MAX_PARSED_BYTES:
         raise InputError(
-            f"holds {beside} bytes beside pixels; at most {MAX_BYTES_BESIDE_PIXELS} are read. "
+            f"holds {parsed_bytes} bytes beside pixels; at most {MAX_PARSED_BYTES} are read. "
             "Export fewer structures.",
             where=where,
             code="dicom-costly",
-            numbers={"bytes": beside, "bytes_max": MAX_BYTES_BESIDE_PIXELS},
+            numbers={"bytes": parsed_bytes, "bytes_max": MAX_PARSED_BYTES},
         )
-    items = data.count(ITEM, 0, beside)
+    items = data.count(ITEM, 0, parsed_bytes)
     if items > MAX_ITEMS:
         raise InputError(
             f"has {items} items; at most {MAX_ITEMS} are read. Export fewer structures.",
@@ -152,7 +152,7 @@ def refuse_costly(data: bytes, where: str) -> None:
         )
 
 
-def _pixels_begin(data: bytes) -> int:
+def pixels_begin(data: bytes) -> int:
     """Where the pixels begin that reach to the end of the file; its end where there are none."""
     for tag in PIXEL_DATA:
         start = data.find(tag)

@@ -163,8 +163,8 @@ def _find_marker(
     local = (u - column, v - row)
 
     best: DrawnMarker | None = None
-    for coverage in coverages_near(picture, local, search_px):
-        for mark in marks_near(coverage, local, search_px):
+    for coverage in coverages_around(picture, local, search_px):
+        for mark in marks_around(coverage, local, search_px):
             fit = fit_mark(mark, picture)
             moved = float(np.hypot(fit.u - local[0], fit.v - local[1]))
             if fit.misfit > MAX_MISFIT or moved > search_px:
@@ -183,18 +183,18 @@ def _find_marker(
     return best
 
 
-def coverages_near(picture: Array, place: tuple[float, float], search_px: float) -> list[Array]:
+def coverages_around(picture: Array, place: tuple[float, float], search_px: float) -> list[Array]:
     """Coverage maps (H, W), 0 to 1, one for each colour drawn near a place.
 
     A grey background has no chroma, so the coverage of a coloured marker is the chroma along its
     own, whatever the grey under it. A grey marker shows by its brightness against the median.
     """
     v, u = np.indices(picture.shape[:2])
-    is_near = np.hypot(u - place[0], v - place[1]) <= search_px
+    is_close = np.hypot(u - place[0], v - place[1]) <= search_px
     chroma = picture - picture.mean(axis=2, keepdims=True)
     strength = np.linalg.norm(chroma, axis=2)
     maps = []
-    remaining = is_near.copy()
+    remaining = is_close.copy()
     for _ in range(3):
         strongest = np.unravel_index(np.argmax(np.where(remaining, strength, 0)), strength.shape)
         if strength[strongest] < MIN_CONTRAST:
@@ -207,13 +207,13 @@ def coverages_near(picture: Array, place: tuple[float, float], search_px: float)
     grey = picture.mean(axis=2)
     deviation = grey - np.median(grey)
     for sign in (1, -1):
-        peak = (sign * deviation[is_near]).max()
+        peak = (sign * deviation[is_close]).max()
         if peak > MIN_CONTRAST:
             maps.append(sign * deviation / peak)
     return [np.clip(coverage, 0, 1.2) for coverage in maps]
 
 
-def marks_near(coverage: Array, place: tuple[float, float], search_px: float) -> list[Mark]:
+def marks_around(coverage: Array, place: tuple[float, float], search_px: float) -> list[Mark]:
     """The connected marks that reach within `search_px` of a place, none cut by the window."""
     from scipy import ndimage
 

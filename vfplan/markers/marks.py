@@ -278,7 +278,7 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     is_on_line = np.abs(foot[:, None] - foot[None]) <= 1
     is_mark &= ~(is_on_line & (gap >= 0) & (gap < height[:, None])).any(axis=1)
 
-    kinds = []
+    types = []
     while is_mark.sum() >= 3:
         # The spot with the most spots of about its own size around it.
         best = np.zeros(0, dtype=np.intp)
@@ -289,9 +289,9 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
                 best = alike
         if len(best) < 3:
             break
-        kinds.append(DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1)))
+        types.append(DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1)))
         is_mark[best] = False
-    return kinds
+    return types
 
 
 def are_stamped(

@@ -37,18 +37,18 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
     Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
         that is not three finite numbers
     """
-    labels, positions, kinds = [], [], []
+    labels, positions, types = [], [], []
     for markup in markups_of(text, where):
-        kinds.append(repr(markup.get("type")))
+        types.append(repr(markup.get("type")))
         if markup.get("type") != "Fiducial":
             continue
         for point, position in defined_points(markup, where):
             name = f"control point {point.get('id')!r}"
             labels.append(label_of(point.get("label"), name, where))
             positions.append(position)
-    if "'Fiducial'" not in kinds:
+    if "'Fiducial'" not in types:
         raise MarkerError(
-            f"holds {', '.join(kinds) or 'nothing'}. Give a markup of type Fiducial",
+            f"holds {', '.join(types) or 'nothing'}. Give a markup of type Fiducial",
             where=where,
             code="no-fiducials",
         )

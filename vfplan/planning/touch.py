@@ -14,10 +14,10 @@ from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.io.table import read_table
+from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.registration import Registration
 
 COLUMNS = ("x_m", "y_m", "z_m")
-MAX_BYTES = 16 * 2**20
 
 # The largest ball that a probe has [m].
 MAX_TIP_RADIUS_M = 0.05

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
 from vfplan.registration.error import TargetError
-from vfplan.registration.fit import fit_model
+from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model
 from vfplan.registration.labels import SURE_PROBABILITY, UNSURE_PROBABILITY, label_mistakes
 from vfplan.registration.models import Array, Orthogonal
 from vfplan.registration.perspective import perspective_test
@@ -44,9 +44,6 @@ LARGE_LAYOUT_M = 1.0
 
 # Share of the curve that may lie beyond the markers before a person has to look.
 EXTRAPOLATED_SHARE = 0.05
-
-# Residuals of good markers exceed their stated sigmas by as much once in a hundred sets.
-SIGMA_PROBABILITY = 0.01
 
 
 def refuse_wrong_markers(
@@ -316,7 +313,7 @@ def sigma_findings(registration: Registration) -> list[Finding]:
     if unit_m is None:
         return []
     ratio = registration.sigma_m / unit_m
-    if chdtrc(registration.dof, registration.dof * ratio**2) >= SIGMA_PROBABILITY:
+    if chdtrc(registration.dof, registration.dof * ratio**2) >= GOOD_SET_PROBABILITY:
         return []
     text = (
         f"The residuals are {ratio:.1f} times what the stated sigmas allow. Touch the worst "

@@ -11,7 +11,7 @@ from vfplan.registration.models import Affine, Array, marker_rows, root_of_inver
 from vfplan.registration.problem import Problem
 
 # Of an F test on any of the markers: a set of good markers has an outlier once in a hundred.
-OUTLIER_PROBABILITY = 0.01
+GOOD_SET_PROBABILITY = 0.01
 
 # Markers whose width beside their best line is less, relative to the layout, lie on a line.
 MIN_WIDTH = 1e-6
@@ -77,8 +77,8 @@ def leave_one_out(fit: Fit) -> Array:
     """
     problem, used = fit.problem, fit.used
     if isinstance(problem.model, Affine):
-        own_share = fit.hat * used[:, None, None]
-        return np.linalg.norm(_solve_blocks(np.eye(3) - own_share, fit.vectors), axis=1)
+        self_share = fit.hat * used[:, None, None]
+        return np.linalg.norm(_solve_blocks(np.eye(3) - self_share, fit.vectors), axis=1)
     errors = np.linalg.norm(fit.vectors, axis=1)
     for i in np.flatnonzero(used):
         others = used & (np.arange(len(used)) != i)
@@ -115,7 +115,7 @@ def studentised_f(fit: Fit) -> Array:
     return f
 
 
-def f_limit(n: int, dof: int, probability: float = OUTLIER_PROBABILITY) -> float:
+def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> float:
     """F of 3 and `dof` degrees of freedom that any of n good markers exceeds so seldom.
 
     The probability is shared evenly among the markers (Bonferroni).

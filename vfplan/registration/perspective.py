@@ -23,9 +23,6 @@ SURE_PROBABILITY = 1 / 200
 # more sets of a slice tilted by 1 or 2 degrees would pass, although their bound does not hold.
 POSSIBLE_PROBABILITY = 0.1
 
-# Parameters of a homography of a plane into space.
-PARAMETERS = 11
-
 # Fewer markers leave the two parameters of perspective hardly a residual to be judged by.
 MIN_MARKERS = 6
 
@@ -70,7 +67,7 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
         return None  # A marker would lie behind the camera.
 
     mapped = _homography(h, problem.s)
-    dof = 3 * n - PARAMETERS
+    dof = 3 * n - len(h)
     squares = float((problem.weights * (problem.y - mapped) ** 2).sum())
     squares = max(squares, problem.rounding_floor_m**2)
     f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
@@ -101,7 +98,7 @@ def fit_homography(problem: Problem, m: Array) -> Array:
         bend = -mapped[:, :, None] * problem.s[:, None, :] / depth
         rows = np.concatenate([linear, bend], axis=2) * root[:, :, None]
         error = root * (problem.y - mapped)
-        step = np.linalg.lstsq(rows.reshape(-1, PARAMETERS), error.ravel(), rcond=None)[0]
+        step = np.linalg.lstsq(rows.reshape(-1, len(h)), error.ravel(), rcond=None)[0]
         h = h + step
         if np.abs(step[9:]).max() < 1e-12:
             break

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
 from vfplan.io.json_types import to_json_types
+from vfplan.replaying.clearance import PAIRS_AT_ONCE
 from vfplan.replaying.quantities import PEAKS, SUMS, Steps, flattened
 
 Array = NDArray[np.float64]
@@ -21,9 +22,6 @@ hand lets go and touches again as fast."""
 MAX_EPISODES = 1000
 """The deepest episodes that are reported one by one. Of the others the report has their number and
 their largest values, so that a report stays readable and bounded."""
-
-PAIRS_AT_ONCE = 4_000_000
-"""Distances that the search for a nearest planned point holds in memory at a time, 100 MB."""
 
 # What is known of an episode and not reported as it is.
 UNREPORTED = ("press_path", "drag_work", "touch", "leave")

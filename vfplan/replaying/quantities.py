@@ -19,8 +19,8 @@ from vfplan.session.result import concatenate_ticks
 
 Array = NDArray[np.float64]
 
-# The proxy counts as held away from the HIP beyond this [m]: p + (x - p) need not give x exactly.
 CONTACT_M = 1e-9
+"""A penetration above this is contact [m]; below it is the rounding of p + (x - p)."""
 SUMS = (
     "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
 )  # fmt: skip

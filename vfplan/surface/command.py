@@ -50,25 +50,25 @@ def command(sources, output, picture_out, **options) -> CommandResult:
 
     settings = settings_from_options(SurfaceSettings, options)
     with announce_if_slow("meshing"):
-        made = surface(
+        result = surface(
             *sources,
             structure=options["structure"],
             colour=options["colour"],
             settings=settings,
         )
     with outputs(output, picture_out) as (path, picture):
-        write_fixture(made.fixture, path)
+        write_fixture(result.fixture, path)
         if picture is not None:
             from vfplan.surface.figures import draw_surface
 
-            draw_surface(made, picture)
+            draw_surface(result, picture)
     verdict = "meshed, closed"
-    if made.report["open_edges"]:
-        verdict = f"meshed, with {made.report['open_edges']} open edges"
+    if result.report["open_edges"]:
+        verdict = f"meshed, with {result.report['open_edges']} open edges"
     return CommandResult(
-        made.report,
-        f"{surface_text(made.report)}\nwrote {output}",
-        findings=made.findings,
+        result.report,
+        f"{surface_text(result.report)}\nwrote {output}",
+        findings=result.findings,
         verdict=verdict,
         next_step=f"vfplan register {output} MARKERS --model rigid -o FIXTURE.h5",
     )

@@ -13,8 +13,6 @@ from vfplan.io.files import read_whole
 from vfplan.surface.contours import Contours, Structure
 
 Array = NDArray[np.float64]
-MAX_MARKUPS_BYTES = 1 << 26
-"""Largest file of curves [bytes]; a curve of a thousand points takes 200 kB."""
 MAX_SLICES = 4096
 """Largest number of files in a folder of slices; a scan has some hundreds."""
 
@@ -25,22 +23,22 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
     from vfplan.markers.slicer import lps_points, markups_of
-    from vfplan.vectors.read import FINE_M, VectorCurve
+    from vfplan.vectors.read import FINE_M, MAX_BYTES, VectorCurve
 
     rings = []
     digest = hashlib.sha256()
     for path in paths:
         where = str(path)
-        data = read_whole(path, MAX_MARKUPS_BYTES, InputError)
+        data = read_whole(path, MAX_BYTES, InputError)
         digest.update(hashlib.sha256(data).digest())
         try:
             markups = markups_of(data.decode("utf-8-sig"), where)
-            kinds = {str(markup.get("type")) for markup in markups}
-            if kinds != {"ClosedCurve"}:
-                kinds.discard("ClosedCurve")
+            types = {str(markup.get("type")) for markup in markups}
+            if types != {"ClosedCurve"}:
+                types.discard("ClosedCurve")
                 content = "nothing"
-                if kinds:
-                    content = repr(min(kinds)[:32])
+                if types:
+                    content = repr(min(types)[:32])
                 raise InputError(
                     f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
                 )

@@ -18,7 +18,14 @@ from vfplan.dicom.dataset import group_value, open_dataset, pixel_axes, refuse_c
 from vfplan.errors import InputError
 from vfplan.io.files import read_bytes
 from vfplan.surface.contours import Contours, Structure, choose_structure
-from vfplan.surface.labels import rings_of_mask, rings_of_share, stairs_remark
+from vfplan.surface.labels import (
+    MAX_VOXEL_M,
+    MIN_VOXEL_M,
+    rings_of_mask,
+    rings_of_share,
+    stairs_remark,
+)
+from vfplan.surface.slicing import SAME_M
 
 Array = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
@@ -29,12 +36,6 @@ MAX_BYTES = 1 << 28
 """Bytes of a file. A segmentation of a whole pelvis has some ten million."""
 MAX_PIXELS = 1 << 28
 """Pixels of all frames together: a thousand slices of 512 x 512."""
-MIN_SPACING_MM = 0.01
-"""Smallest distance between pixels; the finest scans of micro-CT have it."""
-MAX_SPACING_MM = 100.0
-"""Largest distance between pixels. A larger one is a slip of units."""
-SAME_SLICE_M = 1e-6
-"""Frames no farther apart lie in one slice: their places are written in decimals."""
 
 
 def read_dicom_contours(path: Path, structure: str | None) -> Contours:
@@ -56,9 +57,9 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     ) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
-            return _contours_of_rtstruct(dataset, structure, {"contours": digest}, where)
+            return contours_of_rtstruct(dataset, structure, {"contours": digest}, where)
         if kind in SEG:
-            return _contours_of_segmentation(dataset, structure, {"labels": digest}, where)
+            return contours_of_segmentation(dataset, structure, {"labels": digest}, where)
         modality = str(dataset.get("Modality", "")) or "an unknown kind"
         raise InputError(
             f"is DICOM of {modality[:16]}. Give RTSTRUCT, SEG or a folder of drawn slices.",
@@ -86,9 +87,10 @@ def without_patient_names(
     return tuple(structures)
 
 
-def _contours_of_rtstruct(
+def contours_of_rtstruct(
     dataset: Any, wanted: str | None, inputs: dict[str, str], where: str
 ) -> Contours:
+    """The closed contours of one structure of an RTSTRUCT."""
     numbered_names = []
     for roi in dataset.get("StructureSetROISequence") or ():
         numbered_names.append((int(roi.ROINumber), str(roi.get("ROIName", ""))))
@@ -140,9 +142,10 @@ def ring_of_contour(contour: Any, where: str) -> Array:
     return points
 
 
-def _contours_of_segmentation(
+def contours_of_segmentation(
     dataset: Any, wanted: str | None, inputs: dict[str, str], where: str
 ) -> Contours:
+    """The borders of one segment of a SEG, frame by frame."""
     from pydicom.pixels import iter_pixels
 
     numbered_names = []
@@ -160,11 +163,11 @@ def _contours_of_segmentation(
     frames = frames_of_segment(dataset, chosen.number, where)
 
     rings: list[Array] = []
-    shown = set()
+    drawn = set()
     slices_with_stairs = 0
     largest_share = float(dataset.get("MaximumFractionalValue", 1) or 1)
-    own = frames.own
-    for k, pixels in zip(own, iter_pixels(dataset, indices=own), strict=True):
+    members = frames.members
+    for k, pixels in zip(members, iter_pixels(dataset, indices=members), strict=True):
         if kind == "FRACTIONAL":
             borders = rings_of_share(pixels / largest_share)
         else:
@@ -176,7 +179,7 @@ def _contours_of_segmentation(
                 slices_with_stairs += 1
         for border in borders:
             rings.append(frames.corners[k] + border[:, ::-1] @ frames.axes.T)
-            shown.add(k)
+            drawn.add(k)
     if not rings:
         raise InputError(
             f"segment {chosen.number} has no pixels. Choose another with --structure.",
@@ -186,10 +189,10 @@ def _contours_of_segmentation(
         )
 
     heights = frames.corners @ frames.normal
-    shown_heights = heights[sorted(shown)]
+    drawn_heights = heights[sorted(drawn)]
     empty = []
     for corner, height in zip(frames.corners, heights, strict=True):
-        if np.abs(shown_heights - height).min() > SAME_SLICE_M:
+        if np.abs(drawn_heights - height).min() > SAME_M:
             empty.append(corner)
     return Contours(
         tuple(rings),
@@ -212,7 +215,7 @@ class Frames:
     """(3, 2) a step from column to column and from row to row, LPS [m]."""
     normal: Array
     """(3,) unit normal of the frames."""
-    own: list[int]
+    members: list[int]
     """Which frames belong to the segment, from 0."""
 
 
@@ -231,9 +234,9 @@ def frames_of_segment(dataset: Any, segment: int, where: str) -> Frames:
         )
     corners = []
     axes = None
-    own = []
+    members = []
     for k in range(count):
-        corner, frame_axes = _frame_place(dataset, k, where)
+        corner, frame_axes = frame_place(dataset, k, where)
         corners.append(corner)
         if axes is None:
             axes = frame_axes
@@ -246,13 +249,13 @@ def frames_of_segment(dataset: Any, segment: int, where: str) -> Frames:
             )
         number = group_value(dataset, "SegmentIdentificationSequence", "ReferencedSegmentNumber", k)
         if number is None or int(number) == segment:
-            own.append(k)
+            members.append(k)
     corners = np.array(corners)
     normal = np.cross(axes[:, 0], axes[:, 1])
     normal /= np.linalg.norm(normal)
 
-    heights = np.sort(corners[own] @ normal)
-    doubled = np.flatnonzero(np.diff(heights) < SAME_SLICE_M)
+    heights = np.sort(corners[members] @ normal)
+    doubled = np.flatnonzero(np.diff(heights) < SAME_M)
     if len(doubled):
         raise InputError(
             f"two frames of the segment lie in one slice, at {1e3 * heights[doubled[0]]:.3f} mm "
@@ -260,10 +263,10 @@ def frames_of_segment(dataset: Any, segment: int, where: str) -> Frames:
             where=where,
             code="slices-doubled",
         )
-    return Frames(corners, axes, normal, own)
+    return Frames(corners, axes, normal, members)
 
 
-def _frame_place(dataset: Any, k: int, where: str) -> tuple[Array, Array]:
+def frame_place(dataset: Any, k: int, where: str) -> tuple[Array, Array]:
     """Corner (3,) and axes (3, 2) of a frame, LPS [m]."""
     corner = group_value(dataset, "PlanePositionSequence", "ImagePositionPatient", k)
     orientation = group_value(dataset, "PlaneOrientationSequence", "ImageOrientationPatient", k)
@@ -276,10 +279,10 @@ def _frame_place(dataset: Any, k: int, where: str) -> tuple[Array, Array]:
         )
     # DICOM writes the distance between rows first.
     between = [float(x) for x in spacing]
-    if len(between) != 2 or not all(MIN_SPACING_MM < x < MAX_SPACING_MM for x in between):
+    if len(between) != 2 or not all(MIN_VOXEL_M < 1e-3 * x < MAX_VOXEL_M for x in between):
         raise InputError(
-            f"PixelSpacing of frame {k + 1} is not two lengths from {MIN_SPACING_MM:g} to "
-            f"{MAX_SPACING_MM:g} mm. Export it again.",
+            f"PixelSpacing of frame {k + 1} is not two lengths from {1e3 * MIN_VOXEL_M:g} to "
+            f"{1e3 * MAX_VOXEL_M:g} mm. Export it again.",
             where=where,
             code="volume-without-place",
         )

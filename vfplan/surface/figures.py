@@ -32,7 +32,7 @@ MAX_OUTLINES = 60
 """Outlines that are drawn on the surface. More would hide it."""
 
 
-def draw_surface(made: Surface, path: Path) -> None:
+def draw_surface(result: Surface, path: Path) -> None:
     """Write the surface seen from the side with its outlines, and cuts at and between slices.
 
     On the right the outlines of three slices, and the surface's own cut half a gap beyond each, in
@@ -42,29 +42,29 @@ def draw_surface(made: Surface, path: Path) -> None:
     with style():
         grid = figure.add_gridspec(3, 2, width_ratios=(1.5, 1))
         left = figure.add_subplot(grid[:, 0])
-        draw_from_side(left, made)
+        draw_from_side(left, result)
         left.set_title(
-            f"{made.report['slices']} slices, {made.report['spacing_mm']:.3g} mm apart; "
-            f"{made.report['triangles']} triangles"
+            f"{result.report['slices']} slices, {result.report['spacing_mm']:.3g} mm apart; "
+            f"{result.report['triangles']} triangles"
         )
-        stack = max(made.sliced.stacks, key=lambda stack: len(stack.outlines))
+        stack = max(result.sliced.stacks, key=lambda stack: len(stack.outlines))
         count = len(stack.outlines)
         for row, share in enumerate((0.8, 0.5, 0.2)):  # Of the stack's height, from the top.
             axes = figure.add_subplot(grid[row, 1])
-            draw_cut(axes, made, stack, min(int(share * count), count - 2))
+            draw_cut(axes, result, stack, min(int(share * count), count - 2))
             if row == 0:
                 figure.legend(*axes.get_legend_handles_labels(), loc="lower left", ncols=3)
         save_png(figure, path)
 
 
-def draw_cut(axes: Any, made: Surface, stack: Stack, k: int) -> None:
+def draw_cut(axes: Any, result: Surface, stack: Stack, k: int) -> None:
     """The outline of slice k, and the surface's cuts there and half a gap beyond."""
     outline = [1e3 * np.vstack([ring, ring[:1]]) for ring in stack.outlines[k].rings]
     draw_lines(axes, outline, "outline", color=HIP, lw=2.2)
     z = stack.z
-    draw_lines(axes, cut_pieces(made, z[k]), "surface there", color=FORCE, lw=0.9)
+    draw_lines(axes, cut_pieces(result, z[k]), "surface there", color=FORCE, lw=0.9)
     halfway = (z[k] + z[k + 1]) / 2
-    draw_lines(axes, cut_pieces(made, halfway), "half a gap on", color=CONTACT, lw=0.9)
+    draw_lines(axes, cut_pieces(result, halfway), "half a gap on", color=CONTACT, lw=0.9)
     axes.set_aspect("equal")
     axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize=9)
     axes.tick_params(labelsize=7)
@@ -77,15 +77,15 @@ def draw_lines(axes: Any, lines: list[Array], name: str, **look: Any) -> None:
         name = ""
 
 
-def cut_pieces(made: Surface, z: float) -> list[Array]:
+def cut_pieces(result: Surface, z: float) -> list[Array]:
     """(2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
-    local = made.fixture.points @ made.sliced.R_slice_patient.T
+    local = result.fixture.points @ result.sliced.R_slice_patient.T
     # The surface has corners on the slice itself; a nanometre beyond, it is cut between corners.
     height = local[:, 2] - (z + 1e-9)
     is_above = height > 0
-    above_count = is_above[made.fixture.mesh].sum(axis=1)
+    above_count = is_above[result.fixture.mesh].sum(axis=1)
     pieces = []
-    for triangle in made.fixture.mesh[(above_count > 0) & (above_count < 3)]:
+    for triangle in result.fixture.mesh[(above_count > 0) & (above_count < 3)]:
         ends = []
         for start, end in zip(triangle, np.roll(triangle, -1), strict=True):
             if is_above[start] != is_above[end]:
@@ -95,12 +95,12 @@ def cut_pieces(made: Surface, z: float) -> list[Array]:
     return pieces
 
 
-def draw_from_side(axes: Any, made: Surface) -> None:
+def draw_from_side(axes: Any, result: Surface) -> None:
     """The surface from the side and a little above, lit from the eye, with its outlines."""
     from matplotlib.collections import LineCollection, PolyCollection
 
-    mesh = made.fixture.mesh
-    local = 1e3 * made.fixture.points @ made.sliced.R_slice_patient.T
+    mesh = result.fixture.mesh
+    local = 1e3 * result.fixture.points @ result.sliced.R_slice_patient.T
     corners = (local @ VIEW.T)[mesh]
     facing = facing_cosines(corners, mesh, len(local))
     order = np.argsort(corners[:, :, 2].mean(axis=1))
@@ -112,7 +112,7 @@ def draw_from_side(axes: Any, made: Surface) -> None:
         PolyCollection(corners[order, :, :2], facecolors=colours, edgecolors=colours, lw=0.3)
     )
     outlines = []
-    for stack in made.sliced.stacks:
+    for stack in result.sliced.stacks:
         outlines.extend(stack.outlines)
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:

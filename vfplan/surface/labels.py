@@ -17,7 +17,7 @@ from vfplan.surface.contours import Contours, Structure, choose_structure
 Array = NDArray[np.float64]
 SMOOTHING_PX = 1.0
 """Standard deviation of the smoothing: the stairs of a mask are a pixel long."""
-PAD_PX = 4
+PAD_PX = round(4 * SMOOTHING_PX)
 """Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations)."""
 MIN_VOXEL_M = 1e-5
 """Shortest side of a voxel [m]; the finest scans of micro-CT have it."""
@@ -55,9 +55,9 @@ def checked_place(T_lps_voxel: Array, where: str) -> Array:
     sides = np.linalg.norm(columns, axis=0)
     are_sound = ((sides >= MIN_VOXEL_M) & (sides <= MAX_VOXEL_M)).all()
     if not (np.isfinite(T_lps_voxel).all() and are_sound):
-        shown = ", ".join(f"{1e3 * side:.3g}" for side in sides)
+        listed = ", ".join(f"{1e3 * side:.3g}" for side in sides)
         raise InputError(
-            f"its voxels have sides of {shown} mm; {1e3 * MIN_VOXEL_M:g} to "
+            f"its voxels have sides of {listed} mm; {1e3 * MIN_VOXEL_M:g} to "
             f"{1e3 * MAX_VOXEL_M:g} mm are allowed. Check the unit of the file.",
             where=where,
             code="voxel-size",

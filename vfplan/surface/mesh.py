@@ -156,8 +156,8 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
 
 def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
     """(X, Y) signed distances, exact within `reach` of the outline."""
-    x_middles = _block_middles(x)
-    y_middles = _block_middles(y)
+    x_middles = block_middles(x)
+    y_middles = block_middles(y)
     centres = np.stack(np.meshgrid(x_middles, y_middles, indexing="ij"), axis=-1).reshape(-1, 2)
     distance, gradient = outline.signed(centres)
     row = np.arange(len(x)) // BLOCK
@@ -171,7 +171,7 @@ def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
     return values
 
 
-def _block_middles(axis: Array) -> Array:
+def block_middles(axis: Array) -> Array:
     """Coordinates of the middle node of each block along an axis."""
     first = np.arange(0, len(axis), BLOCK)
     return axis[np.minimum(first + BLOCK // 2, len(axis) - 1)]
@@ -191,10 +191,10 @@ def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
 
     # Corners with one key become one, in their middle: the node's number, or a corner's own.
     nearest = np.rint(nodes)
-    is_near = np.abs(nodes - nearest).max(axis=1) < SNAP
+    is_close = np.abs(nodes - nearest).max(axis=1) < SNAP
     size = nearest.max(axis=0) + 1
     key = (nearest[:, 0] * size[1] + nearest[:, 1]) * size[2] + nearest[:, 2]
-    key[~is_near] = -1 - np.flatnonzero(~is_near)
+    key[~is_close] = -1 - np.flatnonzero(~is_close)
     _, merged = np.unique(key, return_inverse=True)
     count = np.bincount(merged)
     middles = np.empty((len(count), 3))
@@ -238,10 +238,10 @@ def moved_onto_level(
         better = moving[is_better]
         best_distance[better] = distance[is_better]
         best_points[better] = points[better]
-        goes_on = is_better & (distance > NEWTON_DONE_M)
-        moving = moving[goes_on]
-        value = value[goes_on]
-        gradient = gradient[goes_on]
+        continues = is_better & (distance > NEWTON_DONE_M)
+        moving = moving[continues]
+        value = value[continues]
+        gradient = gradient[continues]
         if not len(moving):
             break
         # Near a ridge the gradient is small. The step is half a cell at most.
@@ -272,23 +272,23 @@ def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
     triangles: (K, 3) rows of them, alike in orientation
     """
     triangles = triangles.copy()
-    near = np.arange(len(triangles))
+    around = np.arange(len(triangles))
     while True:  # Each flip makes the widest corner of two triangles narrower, so this ends.
-        cosines = corner_cosines(points[triangles[near]])
+        cosines = corner_cosines(points[triangles[around]])
         smallest = cosines.min(axis=1)
         wide = np.flatnonzero(smallest < np.cos(np.radians(WIDE_CORNER_DEG)))
         wide = wide[np.argsort(smallest[wide], kind="stable")]
-        rows = near[wide]
+        rows = around[wide]
         at_wide_corner = np.zeros(len(points), dtype=bool)
         at_wide_corner[triangles[rows]] = True
-        near = np.flatnonzero(at_wide_corner[triangles].any(axis=1))
-        flips = possible_flips(triangles, near, rows, cosines[wide].argmin(axis=1))
+        around = np.flatnonzero(at_wide_corner[triangles].any(axis=1))
+        flips = possible_flips(triangles, around, rows, cosines[wide].argmin(axis=1))
         if not flip_where_better(points, triangles, flips):
             return triangles
 
 
 def possible_flips(
-    triangles: Triangles, near: Indices, rows: Indices, wide_corners: Indices
+    triangles: Triangles, around: Indices, rows: Indices, wide_corners: Indices
 ) -> list[Flip]:
     """The flips opposite wide corners that make a new edge.
 
@@ -298,7 +298,7 @@ def possible_flips(
     No triangle is in two of the flips.
     """
     owner = {}
-    for row, (a, b, c) in zip(near.tolist(), triangles[near].tolist(), strict=True):
+    for row, (a, b, c) in zip(around.tolist(), triangles[around].tolist(), strict=True):
         owner[a, b] = row
         owner[b, c] = row
         owner[c, a] = row

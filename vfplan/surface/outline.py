@@ -78,7 +78,7 @@ class Outline:
 
         # The place on each candidate, as a share t of the edge, that is nearest to the point.
         along = edges.along[candidates]
-        offset = _to_complex(xy)[:, None] - edges.start[candidates]
+        offset = to_complex(xy)[:, None] - edges.start[candidates]
         t = np.clip((offset * along.conj()).real / (along.real**2 + along.imag**2), 0.0, 1.0)
         offset -= t * along
         square = offset.real**2 + offset.imag**2
@@ -90,10 +90,10 @@ class Outline:
 
         at_corner = edges.corner_normal[np.where(t <= 0, edge, edges.after[edge])]
         side = np.where((t > 0) & (t < 1), edges.normal[edge], at_corner)
-        is_apart = distance > 1e-12
+        has_distance = distance > 1e-12
         distance[(offset * side.conj()).real < 0] *= -1
         gradient = np.where(
-            is_apart, offset / np.where(is_apart, distance, 1.0), edges.normal[edge]
+            has_distance, offset / np.where(has_distance, distance, 1.0), edges.normal[edge]
         )
         return distance, gradient.view(np.float64).reshape(-1, 2)
 
@@ -116,7 +116,7 @@ class Outline:
     @cached_property
     def cut_rings(self) -> tuple[Array, ...]:
         """The same with corners at most `MAX_EDGE_M` apart."""
-        return tuple(map(_with_short_edges, self.rings))
+        return tuple(map(with_short_edges, self.rings))
 
     @cached_property
     def _edges(self) -> Edges:
@@ -133,20 +133,18 @@ class Outline:
         before = np.concatenate(before)
         after = np.empty_like(before)
         after[before] = np.arange(count)
-        along = _to_complex(np.concatenate(ends) - start)
+        along = to_complex(np.concatenate(ends) - start)
         normal = -1j * along / np.abs(along)
         corner_normal = normal + normal[before]
-        return Edges(
-            _to_complex(start), along, normal, corner_normal, before, after, cKDTree(start)
-        )
+        return Edges(to_complex(start), along, normal, corner_normal, before, after, cKDTree(start))
 
 
-def _to_complex(xy: Array) -> NDArray[np.complex128]:
+def to_complex(xy: Array) -> NDArray[np.complex128]:
     """(M,) points of the plane (M, 2) as complex numbers."""
     return np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0]
 
 
-def _with_short_edges(ring: Array) -> Array:
+def with_short_edges(ring: Array) -> Array:
     """The ring with corners at most `MAX_EDGE_M` apart."""
     along = np.roll(ring, -1, axis=0) - ring
     pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / MAX_EDGE_M)).astype(int)
@@ -176,11 +174,11 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
         if outer is None:
             parts.append(polygon)
             continue
-        rest = parts.pop(outer).difference(polygon)
-        if isinstance(rest, Polygon):
-            parts.append(rest)
+        remainder = parts.pop(outer).difference(polygon)
+        if isinstance(remainder, Polygon):
+            parts.append(remainder)
         else:
-            parts.extend(rest.geoms)
+            parts.extend(remainder.geoms)
         holes += 1
     return Outline(z, tuple(parts)), holes
 
@@ -192,7 +190,7 @@ def polygon_of(ring: Array, where: str) -> Polygon:
     """
     from shapely import Polygon, get_parts, is_valid_reason, make_valid
 
-    ring = _without_repeated_corners(ring)
+    ring = without_repeated_corners(ring)
     if len(ring) < 3:
         raise CurveError(
             f"an outline has {len(ring)} corners. Draw at least 3.",
@@ -200,7 +198,7 @@ def polygon_of(ring: Array, where: str) -> Polygon:
             code="outline-empty",
             numbers={"corners": len(ring)},
         )
-    ring = _with_closed_channel(ring)
+    ring = with_closed_channel(ring)
     polygon = Polygon(ring)
     ring_area = abs(area(ring))
     if not ring_area > 0:
@@ -236,11 +234,12 @@ def area(ring: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
-def _without_repeated_corners(ring: Array) -> Array:
+def without_repeated_corners(ring: Array) -> Array:
+    """The ring without corners that repeat the one before."""
     return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
 
 
-def _with_closed_channel(ring: Array) -> Array:
+def with_closed_channel(ring: Array) -> Array:
     """The ring with both sides of a keyhole's channel laid on each other."""
     from scipy.spatial import cKDTree
 
@@ -252,7 +251,7 @@ def _with_closed_channel(ring: Array) -> Array:
     ring = ring.copy()
     for first, second in np.sort(pairs[along > MIN_CHANNEL_LENGTH * CHANNEL_M], axis=1):
         ring[second] = ring[first]
-    return _without_repeated_corners(ring)
+    return without_repeated_corners(ring)
 
 
 def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:

@@ -12,7 +12,9 @@ from vfplan.surface.labels import contours_of_volume
 
 HEAD_BYTES = 256
 """Bytes by which a file's kind is told. DICOM's mark ends at byte 132."""
-KINDS = "RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json or a folder of drawn slices"
+SOURCE_TYPES = (
+    "RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json or a folder of drawn slices"
+)
 
 
 def read_contours(
@@ -66,4 +68,6 @@ def read_contours(
             return contours_of_volume(volumes.read_nifti(first), structure)
         if begins_like_dicom(head):
             return dicom.read_dicom_contours(first, structure)
-    raise InputError(f"is no source of outlines. Give {KINDS}.", where=where, code="source-unknown")
+    raise InputError(
+        f"is no source of outlines. Give {SOURCE_TYPES}.", where=where, code="source-unknown"
+    )

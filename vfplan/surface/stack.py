@@ -47,8 +47,10 @@ class Stack:
             for column in range(4):
                 for share, at in ((slope_first, first), (slope_last, first + 1)):
                     step = four[:, column] - at
-                    near = np.abs(step) <= 2
-                    weights[near, column] += (share * gap)[near] * slopes[at[near], step[near] + 2]
+                    is_close = np.abs(step) <= 2
+                    weights[is_close, column] += (share * gap)[is_close] * slopes[
+                        at[is_close], step[is_close] + 2
+                    ]
             return weights
 
         # Hermite's cubics and their derivatives: value and slope at the first, then at the last.

@@ -21,8 +21,6 @@ from vfplan.surface.labels import LabelVolume, checked_place
 
 MAX_HEADER_BYTES = 1 << 20
 """Bytes of a header with its extensions. Slicer writes some thousand a segment."""
-MAX_LABELS = 65536
-"""Labels of a map that names no segments: what 16 bits hold."""
 PLACES_AGREE_M = 1e-5
 """How far NIfTI's sform and qform may differ: single precision and a quaternion round as far."""
 SIGNS_OF_SPACE = {
@@ -43,7 +41,6 @@ NIFTI_HEADS = {
     (540).to_bytes(4, "big"): ("big", 2),
 }
 """A NIfTI file's first bytes, its header's size -> the order of bytes and the version."""
-UNKNOWN_HEAD = ("big", 2)
 GZIP = b"\x1f\x8b"
 
 
@@ -130,7 +127,7 @@ def read_nrrd(path: Path) -> LabelVolume:
             code="volume-unsupported",
         )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
-    _require_size(size, where)
+    require_size(size, where)
     voxels = data[end:]
     compression = COMPRESSIONS[encoding]
     if compression is not None:
@@ -145,14 +142,15 @@ def read_nrrd(path: Path) -> LabelVolume:
     layers = np.frombuffer(voxels, dtype).reshape(sizes, order="F")
     if layers.ndim == 3:
         layers = layers[None]
-    T_lps_voxel = _nrrd_place(header, where)
-    segments = _nrrd_segments(header, where)
+    T_lps_voxel = nrrd_place(header, where)
+    segments = nrrd_segments(header, where)
     if segments:
-        return _segmented_volume(layers, segments, T_lps_voxel, digest, where)
-    return _labelled_volume(layers, T_lps_voxel, digest, where)
+        return segmented_volume(layers, segments, T_lps_voxel, digest, where)
+    return labelled_volume(layers, T_lps_voxel, digest, where)
 
 
-def _require_size(size: int, where: str) -> None:
+def require_size(size: int, where: str) -> None:
+    """Refuse voxels that would fill the memory; raises `InputError`."""
     if size > MAX_DECOMPRESSED_BYTES:
         raise InputError(
             f"says that it holds {size} bytes of voxels; {MAX_DECOMPRESSED_BYTES} are allowed. "
@@ -163,7 +161,7 @@ def _require_size(size: int, where: str) -> None:
         )
 
 
-def _nrrd_place(header: dict[str, Any], where: str) -> NDArray:
+def nrrd_place(header: dict[str, Any], where: str) -> NDArray:
     """(4, 4) T_lps_voxel [m] as the header states it."""
     space = str(header.get("space", "")).lower()
     if space not in SIGNS_OF_SPACE:
@@ -188,7 +186,7 @@ def _nrrd_place(header: dict[str, Any], where: str) -> NDArray:
     return checked_place(T_lps_voxel, where)
 
 
-def _nrrd_segments(header: dict[str, Any], where: str) -> list[Segment]:
+def nrrd_segments(header: dict[str, Any], where: str) -> list[Segment]:
     """The segments as Slicer writes them; none in a plain label map.
 
     Numbered in their order: in two layers the same label may stand for two segments.
@@ -227,9 +225,9 @@ def read_nifti(path: Path) -> LabelVolume:
     with requires_extra("reading NIfTI needs nibabel", "surface", where):
         import nibabel
     if data.startswith(GZIP):
-        data = decompress(data, "gzip", where, _max_nifti_bytes(first_decompressed(data), where))
+        data = decompress(data, "gzip", where, max_nifti_bytes(first_decompressed(data), where))
     kind = nibabel.Nifti2Image
-    if NIFTI_HEADS.get(data[:4], UNKNOWN_HEAD)[1] == 1:
+    if nifti_order_and_version(data)[1] == 1:
         kind = nibabel.Nifti1Image
     log = logging.getLogger("nibabel.global")
     level = log.level
@@ -248,7 +246,7 @@ def read_nifti(path: Path) -> LabelVolume:
                     numbers={"bytes": len(data), "bytes_wanted": size},
                 )
             labels = np.asanyarray(image.dataobj)
-            T_lps_voxel = _nifti_place(image, where)
+            T_lps_voxel = nifti_place(image, where)
     finally:
         log.setLevel(level)
     if labels.ndim == 4 and labels.shape[3] == 1:
@@ -265,12 +263,17 @@ def read_nifti(path: Path) -> LabelVolume:
                 code="not-a-label-map",
             )
         labels = labels.astype(np.int32)
-    return _labelled_volume(labels[None], T_lps_voxel, digest, where)
+    return labelled_volume(labels[None], T_lps_voxel, digest, where)
 
 
-def _max_nifti_bytes(head: bytes, where: str) -> int:
+def nifti_order_and_version(head: bytes) -> tuple[str, int]:
+    """The order of a file's bytes, and 1 or 2; an unknown head is taken for the second version."""
+    return NIFTI_HEADS.get(head[:4], ("big", 2))
+
+
+def max_nifti_bytes(head: bytes, where: str) -> int:
     """The most bytes that a file with this header can want, extensions included."""
-    order, version = NIFTI_HEADS.get(head[:4], UNKNOWN_HEAD)
+    order, version = nifti_order_and_version(head)
     # The number of dimensions, then seven sizes: in the first version of two bytes each.
     first = 40
     width = 2
@@ -282,11 +285,11 @@ def _max_nifti_bytes(head: bytes, where: str) -> int:
         numbers.append(int.from_bytes(head[at : at + width], order))
     dimensions = min(max(numbers[0], 1), 7)
     voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
-    _require_size(voxels, where)  # A voxel has 1 to 8 bytes.
+    require_size(voxels, where)  # A voxel has 1 to 8 bytes.
     return min(8 * voxels + MAX_HEADER_BYTES, MAX_DECOMPRESSED_BYTES)
 
 
-def _nifti_place(image: Any, where: str) -> NDArray:
+def nifti_place(image: Any, where: str) -> NDArray:
     """(4, 4) T_lps_voxel [m] of the file's two places, which must agree if both are given."""
     sform, sform_code = image.get_sform(coded=True)
     qform, qform_code = image.get_qform(coded=True)
@@ -309,9 +312,9 @@ def _nifti_place(image: Any, where: str) -> NDArray:
     metres = metres_of_code[code]
     if sform_code and qform_code:
         corner = np.array([*image.shape[:3], 1.0])
-        at_far_corner = np.abs((sform - qform) @ corner)[:3].max()
-        at_first_voxel = np.abs(sform - qform)[:3, 3].max()
-        distance = max(at_far_corner, at_first_voxel) * metres
+        far_corner_distance = np.abs((sform - qform) @ corner)[:3].max()
+        first_voxel_distance = np.abs(sform - qform)[:3, 3].max()
+        distance = max(far_corner_distance, first_voxel_distance) * metres
         if not distance <= PLACES_AGREE_M:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
@@ -327,7 +330,7 @@ def _nifti_place(image: Any, where: str) -> NDArray:
     return checked_place(T_lps_voxel, where)
 
 
-def _segmented_volume(
+def segmented_volume(
     layers: NDArray, segments: list[Segment], T_lps_voxel: NDArray, digest: str, where: str
 ) -> LabelVolume:
     """A label map with the segments that its header names."""
@@ -346,7 +349,7 @@ def _segmented_volume(
     return LabelVolume(layers, place_of, T_lps_voxel, tuple(structures), {"labels": digest})
 
 
-def _labelled_volume(layers: NDArray, T_lps_voxel: NDArray, digest: str, where: str) -> LabelVolume:
+def labelled_volume(layers: NDArray, T_lps_voxel: NDArray, digest: str, where: str) -> LabelVolume:
     """A plain label map: each label but 0 is a structure."""
     if len(layers) > 1:
         raise InputError(
@@ -356,19 +359,20 @@ def _labelled_volume(layers: NDArray, T_lps_voxel: NDArray, digest: str, where: 
         )
     smallest = int(layers.min())
     largest = int(layers.max())
-    if smallest < 0 or largest >= MAX_LABELS:
+    largest_allowed = np.iinfo(np.uint16).max
+    if smallest < 0 or largest > largest_allowed:
         raise InputError(
-            f"holds labels {smallest} to {largest}; 0 to {MAX_LABELS - 1} are allowed. Give a "
+            f"holds labels {smallest} to {largest}; 0 to {largest_allowed} are allowed. Give a "
             "label map.",
             where=where,
             code="not-a-label-map",
         )
-    is_there = np.zeros(largest + 1, dtype=bool)
+    is_used = np.zeros(largest + 1, dtype=bool)
     for k in range(layers.shape[3]):
-        is_there[layers[0, :, :, k]] = True
+        is_used[layers[0, :, :, k]] = True
     structures = []
     place_of = {}
-    for label in np.flatnonzero(is_there[1:]) + 1:
+    for label in np.flatnonzero(is_used[1:]) + 1:
         structures.append(Structure(int(label)))
         place_of[int(label)] = (0, int(label))
     return LabelVolume(layers, place_of, T_lps_voxel, tuple(structures), {"labels": digest})
