@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vfplan.figures.style import save_png, subplots
-from vfplan.palette import CONTACT, RULE
+from vfplan.palette import CONTACT, FORCE, RULE
 from vfplan.robot import Robot
 from vfplan.stability.contacts import patch
 from vfplan.stability.largest import engine_for, largest_stiffness
@@ -90,31 +90,51 @@ def main(folder: Path) -> None:
     save_png(stability_map(), DOCS / "pictures" / "stability_map.png")
 
 
-# Damping [N·s/m] and rate [Hz] of the places measured, and each delay in ticks with its mark.
-PLACES = ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))
-MARKS = {0: "o", 1: "s", 3: "^"}
+ROBOTS = ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))
+"""Damping [N·s/m] and control rate [Hz] of the robots on the map."""
+
+DELAYS = {0: "no delay", 1: "1 tick", 3: "3 ticks"}
+"""The delays of the map in ticks, and what the picture calls them."""
+
+
+MAX_DAMPING_OVER_TICK = 1e6
+"""Right border of the map [N/m], above the stiffest of the robots."""
 
 
 def stability_map() -> Figure:
-    """K over b/T: the theory's lines, and what is measured on a flat wall."""
-    figure, axes = subplots(7.0, 4.4)
-    over = np.geomspace(500, 1e6, 50)  # b/T [N/m]
-    for delay, shade in zip(MARKS, ("#222222", "#777777", "#aaaaaa"), strict=True):
-        label = f"b / (T/2 + {delay} T)" if delay else "b / (T/2)"
-        axes.plot(over, over / (0.5 + delay), color=shade, lw=1.2, label=label)
-    for rule, size, filled in (("paper", 8, "none"), ("robust", 4, RULE["robust"])):
-        for delay, mark in MARKS.items():
-            robots = [Robot("chart", 1.0, damping, rate, delay) for damping, rate in PLACES]
-            borne = [largest_stiffness(patch(), r, engine_for(patch(), rule)) for r in robots]
-            look = {"color": RULE[rule], "markersize": size, "markerfacecolor": filled}
-            label = f"{rule}, {delay} ticks of delay"
-            bT = [damping * rate for damping, rate in PLACES]
-            axes.plot(bT, [b.measured for b in borne], mark, label=label, **look)
-    axes.fill_between(over, over / 0.5, 4e6, color=CONTACT, alpha=0.07, lw=0)
-    axes.text(1.2e3, 2e5, "unstable whatever the delay", color=CONTACT)
-    axes.set(xscale="log", yscale="log", xlim=(500, 1e6), ylim=(100, 2e6))
-    axes.set(xlabel="b / T, damping over the tick [N/m]", ylabel="largest stable K [N/m]")
-    axes.legend(loc="lower right", ncols=3, fontsize=7)
+    """Largest stable K over b/T on a flat wall: the linear bound, and what was measured."""
+    figure, axes = subplots(7.0, 4.2)
+    damping_over_tick = np.geomspace(500, MAX_DAMPING_OVER_TICK, 50)
+    for delay, name in DELAYS.items():
+        bound = damping_over_tick / (0.5 + delay)
+        axes.plot(damping_over_tick, bound, color=FORCE, linewidth=1.0)
+        at_border = MAX_DAMPING_OVER_TICK / (0.5 + delay)
+        axes.annotate(name, (MAX_DAMPING_OVER_TICK, at_border), (5, 0), va="center",
+                      textcoords="offset points", annotation_clip=False)  # fmt: skip
+    axes.plot([], [], color=FORCE, linewidth=1.0, label="linear bound b / (T/2 + delay)")
+    for rule in ("paper", "robust"):
+        x = []
+        measured = []
+        for delay in DELAYS:
+            for damping, rate in ROBOTS:
+                robot = Robot("map", 1.0, damping, rate, delay)
+                x.append(damping * rate)
+                measured.append(
+                    largest_stiffness(patch(), robot, engine_for(patch(), rule)).measured
+                )
+        if rule == "paper":
+            axes.plot(x, measured, "o", color=RULE[rule], markersize=9, markerfacecolor="none",
+                      label="measured, rule paper")  # fmt: skip
+        else:
+            axes.plot(x, measured, "o", color=RULE[rule], markersize=4,
+                      label="measured, rule robust")  # fmt: skip
+    axes.fill_between(
+        damping_over_tick, damping_over_tick / 0.5, 4e6, color=CONTACT, alpha=0.07, linewidth=0
+    )
+    axes.text(1.2e3, 3e5, "unstable, whatever the delay", color=CONTACT)
+    axes.set(xscale="log", yscale="log", xlim=(500, MAX_DAMPING_OVER_TICK), ylim=(100, 2e6))
+    axes.set(xlabel="damping b over the tick T [N/m]", ylabel="largest stable K [N/m]")
+    axes.legend(loc="lower right")
     return figure
 
 

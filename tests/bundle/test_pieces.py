@@ -78,7 +78,7 @@ def test_arcs_that_a_margin_or_a_gate_does_not_count_are_refused(vfplan_cli, tmp
     for words in (("--margin", "tre95"), ("--max-tre", 0.5)):
         run = vfplan_cli(*command, *words, "--pixel-spacing", 0.5)
         assert (run.code, run.stdout) == (2, "")
-        assert "does not count" in run.error_line
+        assert "lines and arcs" in run.error_line
         assert not (tmp_path / "f.h5").exists()
     assert vfplan_cli(*command, "--pixel-spacing", 0.5).code == 0
     session = SAMPLES / "elbow_session.csv"

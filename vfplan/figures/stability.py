@@ -1,4 +1,4 @@
-"""Stability in a picture: work against the passivity bound."""
+"""The energy balance of the stability study, as a picture."""
 
 from __future__ import annotations
 
@@ -9,27 +9,56 @@ from vfplan.figures.style import subplots
 from vfplan.palette import CONTACT, RULE
 from vfplan.stability import CaseResult
 
+RULE_OFFSET = {"robust": -0.25, "paper": 0.0, "exact": 0.25}
+"""Where the dots of a rule stand beside the scene's place, in distances of the scenes."""
+
+RULE_WIDTH = 0.2
+"""How wide the dots of a rule are spread, in distances of the scenes."""
+
+LINEAR_UP_TO = 1e-3
+"""Up to this excess the axis is linear; beyond it, it is logarithmic on both sides."""
+
 
 def passivity_plot(rows: list[CaseResult]) -> Figure:
-    """Net work less the bound of each random cycle, from the rows of part "passivity"."""
+    """Net work less the bound of each random cycle, from the results of part "passivity".
+
+    One dot a cycle, above 0 where the fixture gave the hand more than sampling explains.
+    """
+    cases = [row for row in rows if row.case.startswith("passivity/")]
     scenes: list[str] = []
-    figure, axes = subplots(7.0, 3.6)
-    shifts = dict(zip(RULE, (-0.27, 0.0, 0.27), strict=True))
-    for row in rows:
-        if not row.case.startswith("passivity/"):
-            continue
-        scene, rule = row.values["scene"], row.values["rule"]
+    drawn_rules: list[str] = []
+    largest = 0.1
+    figure, axes = subplots(7.0, 3.8)
+    for row in cases:
+        scene = row.values["scene"]
+        rule = row.values["rule"]
         if scene not in scenes:
             scenes.append(scene)
+        label = None
+        if rule not in drawn_rules:
+            drawn_rules.append(rule)
+            label = f"rule {rule}"
         excess = np.array(row.values["excess"])
-        x = scenes.index(scene) + shifts[rule] + np.linspace(-0.1, 0.1, len(excess))
-        axes.plot(x, excess, ".", color=RULE[rule], markersize=4)
-    for rule, colour in RULE.items():
-        axes.plot([], [], "o", color=colour, label=rule)
-    axes.axhline(0.0, color=CONTACT, lw=1.0, label="bound: above it the fixture is active")
-    axes.set_yscale("symlog", linthresh=1e-3)
-    axes.set_xticks(range(len(scenes)), scenes, rotation=20)
+        largest = max(largest, float(excess.max()))
+        middle = scenes.index(scene) + RULE_OFFSET[rule]
+        x = middle + np.linspace(-RULE_WIDTH / 2, RULE_WIDTH / 2, len(excess))
+        axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=label)
+
+    axes.set_yscale("symlog", linthresh=LINEAR_UP_TO)
+    top = 10 * largest
+    axes.axhspan(0.0, top, color=CONTACT, alpha=0.07, linewidth=0)
+    axes.axhline(0.0, color=CONTACT, linewidth=1.2)
+    axes.text(0.99, 0.97, "active: the fixture gives energy", color=CONTACT,
+              ha="right", va="top", transform=axes.transAxes)  # fmt: skip
+    axes.margins(y=0.08)
+    axes.set_ylim(top=top)
+    # Each scene has a column of its own.
+    for column in range(1, len(scenes)):
+        axes.axvline(column - 0.5, color="black", alpha=0.12, linewidth=0.8)
+    axes.set_xlim(-0.5, len(scenes) - 0.5)
+    axes.set_xticks(range(len(scenes)), scenes)
+    axes.tick_params(axis="x", length=0)
     axes.grid(False, axis="x")
-    axes.set_ylabel("(net work on the hand − bound) / stored")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=4)
+    axes.set_ylabel("(net work on the hand − bound) / stored energy")
+    figure.legend(loc="outside upper center", ncols=3, markerscale=2, frameon=False)
     return figure

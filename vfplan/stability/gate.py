@@ -57,15 +57,15 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
     SceneError
         A curve that is no fixture yet, or a rendering that no engine takes.
     """
-    if fixture.rendering is None:
-        raise SceneError(
-            f"frame {fixture.frame!r} without rendering parameters: only a fixture that a robot "
-            "can render has a stiffness. Make one with `vfplan plan`."
-        )
     if fixture.frame != "robot_base":
         raise SceneError(
-            f"frame {fixture.frame!r}: a fixture must lie in 'robot_base'. Make one with "
-            "`vfplan plan`."
+            f"frame {fixture.frame!r}: only a fixture in 'robot_base' has a stiffness to judge. "
+            "Make one of it with `vfplan register`."
+        )
+    if fixture.rendering is None:
+        raise SceneError(
+            "the bundle has no rendering parameters, so that there is no stiffness to judge. Make "
+            "a fixture with `vfplan plan`."
         )
     check_renderable(fixture)
     axis = fixture.ignore_axis
