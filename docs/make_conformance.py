@@ -5,6 +5,7 @@ python docs/make_conformance.py
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -33,13 +34,29 @@ def matrix() -> str:
     """A line for each rule, a column for each reader."""
     second = [sys.executable, str(ROOT / "samples" / "reader" / "vfplan_reader.py")]
     with tempfile.TemporaryDirectory() as folder:
-        kit = Path(folder)
+        kit = Path(folder) / "kit"
         write_kit(kit)
+        program = Path(folder) / "bundle_info"
+        source = ROOT / "samples" / "bundle_info" / "main.cpp"
+        include = ROOT / "vfplan" / "native" / "include"
+        subprocess.run(["g++", "-std=c++20", f"-I{include}", source, "-o", program], check=True)
+        plain = runner.command_reader([str(program), "--values"], refused=(3, 4))
         results = {
             "package": runner.judge(kit, by_the_package, verified_by_the_package),
+            "bundle_info": runner.judge(kit, plain),
             "vfplan_reader.py": runner.judge(kit, runner.command_reader(second)),
         }
-    return runner.matrix(results)
+    return runner.matrix(results) + "\n" + sums(results)
+
+
+def sums(results: dict[str, list[runner.Result]]) -> str:
+    """The last line: how many of its files each reader judged as it must."""
+    cells = []
+    for judged in results.values():
+        right = [result for result in judged if not result.problem]
+        cells.append(f"{len(right)} of {len(judged)}")
+    most = max(len(judged) for judged in results.values())
+    return f"| all files | {most} | " + " | ".join(cells) + " |"
 
 
 def by_the_package(path: Path) -> dict[str, object] | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import random
 import struct
 import sys
+from functools import lru_cache
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "hostile"))
@@ -52,10 +53,16 @@ def repaired(payload: bytes) -> bytes:
     return bytes(data)
 
 
+@lru_cache(maxsize=16)
+def spans_of(payload: bytes) -> tuple[tuple[int, int], ...]:
+    """The checked spans of a sound payload, of which many mutants are made."""
+    return tuple(checked_spans(payload))
+
+
 def mutated(payload: bytes, draw: random.Random) -> bytes:
     """A few random edits, most of them in the metadata, checksums repaired."""
     data = bytearray(payload)
-    spans = list(checked_spans(payload))
+    spans = spans_of(payload)
     for _ in range(draw.choice((1, 1, 1, 2, 3, 8))):
         first, end = draw.choice(spans) if draw.random() < 0.9 else (0, len(data))
         at = draw.randrange(first, end)

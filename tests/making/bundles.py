@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfplan.conformance import scenes
+from vfplan.conformance import fixtures
 from vfplan.findings import doubt, note
 from vfplan.fixture import (
     Curve,
@@ -51,7 +51,7 @@ def large(count=100_000):
 
 def sheet():
     """A square of triangles, 3 mm a side of each, with an open rim."""
-    made = scenes.mesh(side=8)
+    made = fixtures.mesh(side=8)
     return replace(small(), points=made.points, mesh=made.mesh)
 
 
@@ -136,7 +136,7 @@ def whole():
 
 def drawn():
     """A line that goes on in a quarter circle, and a circle, as pieces and as points on them."""
-    made = scenes.pieces(line=30, arc=17, circle=50)
+    made = fixtures.pieces(line=30, arc=17, circle=50)
     return replace(made, provenance=PROVENANCE)
 
 

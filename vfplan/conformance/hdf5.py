@@ -108,7 +108,7 @@ def to_payload(items: dict[str, Item]) -> bytes:
     headers, data = {}, {}
     for path, item in items.items():
         headers[path] = at
-        at += len(_header(item, nowhere, 0))
+        at += len(header_of(item, nowhere, 0))
         at += -at % 8
     for path, item in items.items():
         data[path] = at if item.data else UNDEFINED
@@ -122,7 +122,7 @@ def to_payload(items: dict[str, Item]) -> bytes:
             address = data[item.data_at]
         elif item.data_at is not None:
             address = item.data_at
-        header = _header(item, headers, address)
+        header = header_of(item, headers, address)
         payload[headers[path] : headers[path] + len(header)] = header
         if item.data:
             payload[data[path] : data[path] + len(item.data)] = item.data
@@ -151,7 +151,8 @@ def soft_link(name: bytes, target: bytes) -> bytes:
     return head + name + struct.pack("<H", len(target)) + target
 
 
-def _header(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
+def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
+    """The object header of an item whose data lie at `data_at`."""
     messages: list[tuple[int, int, bytes]] = []
     if item.data is None:
         messages.append((LINK_INFO, 0, struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED)))

@@ -15,7 +15,7 @@ from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.io.json_types import to_json_types
 
-SCENES = (
+FIXTURES = (
     "minimal",
     "cloud",
     "curve",
@@ -37,7 +37,7 @@ RENDERED = {
     "mesh": ("paper", "robust", "exact"),
     "drawn_mesh": ("paper", "robust", "exact"),
 }
-"""Scene -> rules by which a path is rendered."""
+"""Fixture -> rules by which a path is rendered."""
 TICKS = 60
 
 
@@ -49,37 +49,37 @@ def write_kit(folder: Path) -> int:
     for name, data in valid_files():
         path = folder / "valid" / f"{name}.h5"
         path.write_bytes(data)
-        _write_json(path.with_suffix(".json"), {"values": to_json_types(read_bundle(path)[0])})
+        write_json(path.with_suffix(".json"), {"values": to_json_types(read_bundle(path)[0])})
         count += 2
     for vector in vectors.VECTORS:
         path = folder / "invalid" / f"{vector.name}.h5"
         path.write_bytes(vector.make())
-        _write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
+        write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
         count += 2
     for vector in vectors.UNTRUSTED:
         path = folder / "signed" / f"{vector.name}.h5"
         path.write_bytes(vector.make())
-        _write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
+        write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
         count += 2
     trusted = folder / "signed" / "trusted.h5"
     trusted.write_bytes(vectors.signed("reviewed", despite_findings=False))
     values = to_json_types(read_bundle(trusted)[0])
-    _write_json(trusted.with_suffix(".json"), {"rule": "S7", "values": values})
+    write_json(trusted.with_suffix(".json"), {"rule": "S7", "values": values})
     (folder / "signed" / "keys.pub").write_bytes(trusted_key())
     count += 3
-    for scene, rules in RENDERED.items():
+    for name, rules in RENDERED.items():
         for rule in rules:
-            rendered = render(folder / "valid" / f"{scene}.h5", rule)
-            _write_json(folder / "render" / f"{scene}-{rule}.json", rendered)
+            rendered = render(folder / "valid" / f"{name}.h5", rule)
+            write_json(folder / "render" / f"{name}-{rule}.json", rendered)
             count += 1
     guided = render_guide(folder / "valid" / "guided.h5")
-    _write_json(folder / "render" / "guided-guide.json", guided)
+    write_json(folder / "render" / "guided-guide.json", guided)
     return count + 1
 
 
 def valid_files() -> Iterator[tuple[str, bytes]]:
-    """(name, bytes) of the sound files: each scene as libhdf5 and as plain bytes lay it out."""
-    for name in SCENES:
+    """(name, bytes) of the sound files: each fixture as libhdf5 and as plain bytes lay it out."""
+    for name in FIXTURES:
         content = vectors.content_of(name)
         yield name, b"".join(seal.unsigned(to_payload(content)))
         yield f"{name}_plain", vectors.of_content(content)
@@ -152,5 +152,6 @@ def path_between(corners: np.ndarray) -> np.ndarray:
     return start + steps * np.array([0.004, -0.001, -0.011])
 
 
-def _write_json(path: Path, value: object) -> None:
+def write_json(path: Path, value: object) -> None:
+    """Write a value as a line of JSON."""
     path.write_text(json.dumps(value, ensure_ascii=False) + "\n", encoding="utf-8")

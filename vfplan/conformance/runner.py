@@ -59,7 +59,7 @@ def judge(kit: Path, reader: Reader, verifier: Reader | None = None) -> list[Res
             except ReaderError as error:
                 problem = str(error)
             else:
-                problem = _problem(values, expected)
+                problem = problem_of(values, expected)
             results.append(Result(kind, path.stem, expected.get("rule", ""), problem))
     return results
 
@@ -98,7 +98,7 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
     return values
 
 
-def _problem(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
+def problem_of(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
     """What is wrong with the values that were read, or the refusal; empty if nothing is."""
     if "values" not in stated:
         if values is None:
@@ -122,7 +122,7 @@ def matrix(results: dict[str, list[Result]]) -> str:
     readers = list(results)
     lines = ["| rule | files | " + " | ".join(readers) + " |", "|---" * (2 + len(readers)) + "|"]
     rules = {result.rule or "valid files" for result in results[readers[0]]}
-    for rule in sorted(rules, key=_rule_order):
+    for rule in sorted(rules, key=rule_order):
         cells = []
         count = 0
         for reader in readers:
@@ -139,7 +139,8 @@ def matrix(results: dict[str, list[Result]]) -> str:
     return "\n".join(lines)
 
 
-def _rule_order(rule: str) -> tuple[int, int]:
+def rule_order(rule: str) -> tuple[int, int]:
+    """Where a rule stands in the table: in the order of the page."""
     if not rule[1:].isdigit():
         return 0, 0
     return 1 + "LCVSKM".find(rule[0]), int(rule[1:])

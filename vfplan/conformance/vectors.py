@@ -14,7 +14,7 @@ from vfplan.bundle import seal
 from vfplan.bundle.content import to_content
 from vfplan.bundle.schema import Content
 from vfplan.bundle.write import completed
-from vfplan.conformance import hdf5, scenes
+from vfplan.conformance import fixtures, hdf5
 from vfplan.conformance.hdf5 import Item, add, set_attribute
 
 SEAL = 512
@@ -54,8 +54,8 @@ def vector(rule: str) -> Callable[[Callable[[], bytes]], Callable[[], bytes]]:
 
 
 def content_of(name: str) -> Content:
-    """The complete content of a scene, to be changed."""
-    return completed(to_content(getattr(scenes, name)()))
+    """The complete content of a fixture, to be changed."""
+    return completed(to_content(getattr(fixtures, name)()))
 
 
 def sealed(payload: bytes) -> bytes:
@@ -79,12 +79,12 @@ def of_items(items: dict[str, Item]) -> bytes:
 
 
 def items(name: str) -> dict[str, Item]:
-    """The items of a scene, to be changed."""
+    """The items of a fixture, to be changed."""
     return hdf5.items_of(content_of(name))
 
 
 def changed(name: str, **values: Any) -> bytes:
-    """The bundle of a scene with other values after its id and certificate were made.
+    """The bundle of a fixture with other values after its id and certificate were made.
 
     The path of a keyword is written with `__` for `/` and `_at_` for `@`.
     """
@@ -95,20 +95,20 @@ def changed(name: str, **values: Any) -> bytes:
 
 
 def remade(name: str, change: Callable[[Content], None]) -> bytes:
-    """The bundle of a scene that was changed before its id and certificate were made."""
+    """The bundle of a fixture that was changed before its id and certificate were made."""
     content = content_of(name)
     change(content)
     return of_content(completed(content))
 
 
 def payload_of(name: str) -> bytes:
-    """The payload of a scene, stating the end of the whole file."""
+    """The payload of a fixture, stating the end of the whole file."""
     payload = hdf5.to_payload(items(name))
     return seal.with_end_of_file(payload, len(payload) + SEAL)
 
 
 def sound_file() -> bytes:
-    """The bundle of the minimal scene."""
+    """The bundle of the minimal fixture."""
     return of_content(content_of("minimal"))
 
 
@@ -140,7 +140,7 @@ def signed(
     seed: bytes = KIT_SEED,
     domain: bytes = seal.DOMAIN,
 ) -> bytes:
-    """A scene signed by the key of a seed; `domain` are the first bytes that are signed."""
+    """A fixture signed by the key of a seed; `domain` are the first bytes that are signed."""
     key = key_of(seed)
     payload = payload_of(name)
     unsigned = seal.Seal(
