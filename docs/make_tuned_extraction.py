@@ -1,7 +1,7 @@
 """Halve and double each number of the extraction, and print what each change moves:
 
     python docs/make_tuned_extraction.py            every number; an hour
-    python docs/make_tuned_extraction.py SEEN RISE  only these
+    python docs/make_tuned_extraction.py VISIBLE RISE  only these
     python docs/make_tuned_extraction.py --slices 2 fewer slices of each kind
 
 A number that moves nothing when it is halved and when it is doubled should go. Steps that cost

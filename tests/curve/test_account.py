@@ -63,6 +63,20 @@ def test_ink_that_touches_the_line_is_asked_about():
     assert np.hypot(*np.subtract(place, dot)) < 4
 
 
+@pytest.mark.parametrize(("opacity", "asked"), [(0.0, False), (0.08, True)])
+def test_ink_under_a_veil_is_asked_about_while_it_shows(opacity, asked):
+    image = picture().astype(float)
+    left = (
+        230  # The veil lies over the last 50 px of the curve, and its ink is no part of the mask.
+    )
+    image[120:190, left:] = opacity * image[120:190, left:] + (1 - opacity) * 150.0
+    extraction = extract_curve(to_uint8(image))
+    assert (codes(extraction) == ["ink-at-end"]) == asked
+    assert extraction.account == ()
+    if asked:
+        assert extraction.findings[0].place_px == pytest.approx((left, 170), abs=3)
+
+
 def test_another_colour_at_an_end_is_asked_about():
     image = picture()
     u, v = np.rint(CURVE[-1]).astype(int)

@@ -70,7 +70,7 @@ class Leftover:
     end_distance
         From the closest end of an open curve to its closest pixel [px].
     mirrored
-        Whether there is as much ink on the other side of the curve, no more than two widths away: a
+        Whether there is as much ink on the other side of the curve, within three widths of it: a
         dot on the line, a control point or the head of an arrow.
     """
 
@@ -94,12 +94,12 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
     for curve in curves:
         to_curve, nearest = cKDTree(curve.points).query(pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
-        close = np.flatnonzero(to_curve <= tuned.MIRROR_WIDTHS * curve.width + tuned.BESIDE_PX)
+        close = np.flatnonzero(to_curve <= tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX)
         mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[close])
         if not curve.closed:
             to_end, _ = cKDTree(curve.points[[0, -1]]).query(pixels)
             end_distance = np.minimum(end_distance, to_end)
-    left = edge_distance > tuned.BESIDE_PX
+    left = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance, end_distance = pixels[left], edge_distance[left], end_distance[left]
     mirrored = mirrored[left]
     if len(pixels) == 0:
@@ -110,16 +110,18 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
     _, labels = cv2.connectedComponents(box, connectivity=8)
     label = labels[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]]
     pieces = []
-    for own in np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label)[1:])[:-1]):
-        if len(own) >= tuned.SPECK_PX:
-            low, high = pixels[own].min(0), pixels[own].max(0)
+    for members in np.split(
+        np.argsort(label, kind="stable"), np.cumsum(np.bincount(label)[1:])[:-1]
+    ):
+        if len(members) >= tuned.SPECK_PX:
+            low, high = pixels[members].min(0), pixels[members].max(0)
             piece = Leftover(
                 middle=(low + high) / 2,
-                pixels=len(own),
+                pixels=len(members),
                 size=float((high - low).max() + 1),
-                edge_distance=float(edge_distance[own].min()),
-                end_distance=float(end_distance[own].min()),
-                mirrored=bool(mirrored[own].mean() > tuned.MIRRORED),
+                edge_distance=float(edge_distance[members].min()),
+                end_distance=float(end_distance[members].min()),
+                mirrored=bool(mirrored[members].mean() > tuned.MIRRORED),
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
@@ -132,12 +134,12 @@ def _is_mirrored(
     normal = normals(curve.points, curve.closed)[nearest]
     across = ((pixels - curve.points[nearest]) * normal).sum(1)
     opposite = np.rint(pixels - 2 * across[:, None] * normal).astype(int)
-    shown = np.zeros(len(pixels), bool)
+    has_ink = np.zeros(len(pixels), bool)
     for du in (-1, 0, 1):
         for dv in (-1, 0, 1):
             u, v = np.clip(opposite + np.array([du, dv]), 0, ink.size - 1).T
-            shown |= ink.mask[v, u]
-    return shown
+            has_ink |= ink.mask[v, u]
+    return has_ink
 
 
 def list_account(
@@ -165,25 +167,12 @@ def _stretches(curve: CentreLine) -> Iterator[tuple[str, NDArray[np.int64]]]:
             yield "bridge", run
 
 
-def find_findings(
-    ink: Ink, curves: list[CentreLine], leftover: list[Leftover], max_gap_px: float
-) -> list[Finding]:
-    """What a person should look at before the curve is used."""
-    findings = _leftover_findings(leftover, max_gap_px)
-    for curve in curves:
-        findings += _end_findings(ink, curve)
-        findings += _stretch_findings(curve)
-        if curve.profiles is not None:
-            findings += _width_findings(curve)
-    return findings
-
-
 def _finding(code: str, text: str, place: NDArray) -> Finding:
     u, v = (round(float(x), 1) for x in place)
     return doubt(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
-def _leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
+def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
     """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
     at_end = []
     touching = []
@@ -192,7 +181,7 @@ def _leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Find
             continue
         if piece.end_distance <= tuned.END_REACH_GAPS * max_gap_px:
             at_end.append(piece)
-        elif piece.edge_distance <= 2 * tuned.BESIDE_PX:
+        elif piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
@@ -216,7 +205,8 @@ def _and_more(pieces: list[Leftover]) -> str:
     return f", and {len(pieces) - NAMED} smaller pieces as well"
 
 
-def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
+def end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
+    """Another colour at an end, faint ink beyond it, and an end that is not known well."""
     findings = []
     for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
         reach = curve.width + tuned.FLANK_PX
@@ -227,13 +217,19 @@ def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
             findings.append(_finding("end-other-colour", text, point))
         to_border = np.minimum(point, ink.size - 1 - point).min()
-        if end.sigma > tuned.UNSURE_PX and to_border > tuned.FLANK_PX:
+        if to_border <= tuned.FLANK_PX:
+            continue
+        if end.continues:
+            text = "faint ink goes on beyond the end of the curve. Does the curve go on there?"
+            findings.append(_finding("ink-at-end", text, point))
+        if end.sigma > tuned.UNSURE_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
             findings.append(_finding("end-unsure", text, point))
     return findings
 
 
-def _stretch_findings(curve: CentreLine) -> list[Finding]:
+def stretch_findings(curve: CentreLine) -> list[Finding]:
+    """Long stretches of the curve that another colour hides or that were carried over a gap."""
     findings = []
     for what, run in _stretches(curve):
         if len(run) <= tuned.LONG_STRETCH_PX:
@@ -248,18 +244,18 @@ def _stretch_findings(curve: CentreLine) -> list[Finding]:
     return findings
 
 
-def _width_findings(curve: CentreLine) -> list[Finding]:
+def width_findings(curve: CentreLine) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
     change = np.where(expected, 0.0, sudden_changes(curve))
     change[_is_dot(curve, change)] = 0.0
     largest = float(change.max())
     at = int(change.argmax())
-    plain = np.flatnonzero(~expected)
-    lasting, where = lasting_change(relative_width(curve)[plain], curve.width)
+    unexpected = np.flatnonzero(~expected)
+    lasting, where = lasting_change(relative_width(curve)[unexpected], curve.width)
     if lasting > largest:
         largest = lasting
-        at = plain[where]
+        at = unexpected[where]
     if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
         return []
     text = (
@@ -273,7 +269,7 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     from scipy.ndimage import maximum_filter1d
 
     profiles = curve.profiles
-    expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
+    expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
     at = np.arange(len(expected))
     turn = _turn_deg(curve)
     for end in curve.ends:

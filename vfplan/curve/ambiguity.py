@@ -11,15 +11,6 @@ from vfplan.curve.lines import Line
 from vfplan.errors import CurveError
 
 
-def refuse_ambiguous(curve: CentreLine, line: Line, max_gap_px: float, accept_width: bool) -> None:
-    """Raise `CurveError` for runs side by side, a long bridge, or a fit that left its ink."""
-    if not accept_width:
-        _refuse_wide_run(curve)
-    _refuse_double_line(curve)
-    _refuse_long_bridge(curve, max_gap_px)
-    _refuse_fit_off_ink(curve, line)
-
-
 def relative_width(curve: CentreLine) -> NDArray[np.float64]:
     """(M,) the line's width at each profile over its usual width.
 
@@ -30,19 +21,16 @@ def relative_width(curve: CentreLine) -> NDArray[np.float64]:
 
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
-    plain = curve.whole & ~profiles.hidden & profiles.own[:, profiles.core].all(1)
-    plain = np.flatnonzero(plain)
-    if len(plain) < tuned.MIN_PROFILES:
+    usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
+    usable = np.flatnonzero(usable)
+    if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))
-    ratio = np.minimum(width / np.quantile(width[plain], 0.35), profiles.mass)
-    ratio = np.interp(np.arange(len(ratio)), plain, ratio[plain])
-    return uniform_filter1d(ratio, 5, mode=_beyond_ends(curve))
-
-
-def _beyond_ends(curve: CentreLine) -> str:
+    ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
+    ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
+    mode = "nearest"
     if curve.closed:
-        return "wrap"
-    return "nearest"
+        mode = "wrap"
+    return uniform_filter1d(ratio, round(tuned.INK_HANGS_PX), mode=mode)
 
 
 def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
@@ -66,7 +54,7 @@ def one_sided(curve: CentreLine) -> NDArray[np.float64]:
     from scipy.ndimage import maximum_filter1d
 
     profiles = curve.profiles
-    ink = np.where(profiles.own, np.clip(profiles.coverage, 0, None), 0)
+    ink = np.where(profiles.is_line, np.clip(profiles.coverage, 0, None), 0)
     difference = ink @ np.sign(profiles.x)
     usual = max(float(np.median(ink.sum(1))), 1e-6)
     difference = np.abs(difference - np.median(difference)) / usual
@@ -93,7 +81,8 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     return largest, int(change.argmax()) + reach
 
 
-def _refuse_wide_run(curve: CentreLine) -> None:
+def refuse_wide_run(curve: CentreLine) -> None:
+    """Raise `CurveError` where the line is wider than elsewhere: two runs side by side."""
     from scipy.ndimage import median_filter
 
     if not sudden_changes(curve).any():
@@ -117,7 +106,8 @@ def _refuse_wide_run(curve: CentreLine) -> None:
     )
 
 
-def _refuse_double_line(curve: CentreLine) -> None:
+def refuse_double_line(curve: CentreLine) -> None:
+    """Raise `CurveError` where the mean profile has a valley: two lines side by side."""
     profiles = curve.profiles
     mean = profiles.coverage[profiles.valid].mean(0)[profiles.core]
     left = np.maximum.accumulate(mean)
@@ -135,7 +125,8 @@ def _refuse_double_line(curve: CentreLine) -> None:
     )
 
 
-def _refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
+def refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
+    """Raise `CurveError` where more of the line is hidden than may be bridged."""
     for run in runs(curve.bridged, curve.closed):
         gap = len(run) - curve.width
         if gap > max_gap_px + tuned.FLANK_PX:
@@ -149,16 +140,17 @@ def _refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
             )
 
 
-def _refuse_fit_off_ink(curve: CentreLine, line: Line) -> None:
+def refuse_fit_off_ink(curve: CentreLine, line: Line) -> None:
+    """Raise `CurveError` where the measured line lies off the ink that it was measured from."""
     from scipy.spatial import cKDTree
 
-    seen = curve.points[~curve.bridged]
-    distance, nearest = cKDTree(line.path).query(seen)
+    visible = curve.points[~curve.bridged]
+    distance, nearest = cKDTree(line.path).query(visible)
     if not line.closed:  # Beyond the skeleton's ends the line runs on to the end of its ink.
         distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0
     if distance.max() <= line.width + tuned.FLANK_PX:
         return
-    u, v = (float(x) for x in seen[distance.argmax()])
+    u, v = (float(x) for x in visible[distance.argmax()])
     raise CurveError(
         f"The fitted line lies {distance.max():.1f} px off its ink here. Look at it: "
         "vfplan review IMAGE, or take the ink's skeleton: --method skeleton.",

@@ -45,7 +45,14 @@ def cut_to(curve: CentreLine, start: Place, end: Place) -> CentreLine:
             raise CurveError(
                 "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
             )
-        return _rolled(curve, -_index(curve, start, "--start"))
+        by = -_index(curve, start, "--start")
+        return replace(
+            curve,
+            points=np.roll(curve.points, by, axis=0),
+            sigma=np.roll(curve.sigma, by),
+            bridged=np.roll(curve.bridged, by),
+            hidden=np.roll(curve.hidden, by),
+        )
     last = len(curve.points) - 1
     first = stop = None
     if start is not None:
@@ -91,16 +98,6 @@ def _cut(curve: CentreLine, first: int, stop: int) -> CentreLine:
         bridged=curve.bridged[keep],
         hidden=curve.hidden[keep],
         ends=ends,
-    )
-
-
-def _rolled(curve: CentreLine, by: int) -> CentreLine:
-    return replace(
-        curve,
-        points=np.roll(curve.points, by, axis=0),
-        sigma=np.roll(curve.sigma, by),
-        bridged=np.roll(curve.bridged, by),
-        hidden=np.roll(curve.hidden, by),
     )
 
 

@@ -21,8 +21,6 @@ from vfplan.errors import CurveError
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
-PATH_SMOOTH_PX = 2.0
-"""Pixels (sigma) by which a skeleton's stairs are smoothed before the first profiles are read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def measure(ink: Ink, line: Line) -> CentreLine:
     mode = "nearest"
     if line.closed:
         mode = "wrap"
-    path = gaussian_filter1d(line.path, PATH_SMOOTH_PX, axis=0, mode=mode)
+    path = gaussian_filter1d(line.path, tuned.SMOOTH_PX, axis=0, mode=mode)
     skeleton = cKDTree(path)
     noisy = is_noisy(ink, line)
     smooth_px = tuned.SMOOTH_PX
@@ -82,7 +80,8 @@ def measure(ink: Ink, line: Line) -> CentreLine:
     # Twice: the second time the profiles stand at right angles to the line itself.
     for _ in range(2):
         if not line.closed:
-            path = _carried_on(path)
+            # Carried on beyond both ends, far enough to see the ink end.
+            path = np.vstack([_onward(path[::-1])[::-1], path, _onward(path)])
         path = _evenly(path, line.closed)
         normal = normals(path, line.closed)
         profiles = read_profiles(ink, path, normal, line.width)
@@ -142,7 +141,7 @@ def drawn_length(path: NDArray, closed: bool) -> float:
     mode = "nearest"
     if closed:
         mode = "wrap"
-    return arc_length(gaussian_filter1d(path, PATH_SMOOTH_PX, axis=0, mode=mode), closed)
+    return arc_length(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0, mode=mode), closed)
 
 
 def arc_length(points: NDArray, closed: bool) -> float:
@@ -157,11 +156,11 @@ def is_noisy(ink: Ink, line: Line) -> bool:
     """Whether there is colour a few pixels beside the line, as the noise of JPEG is."""
     from scipy.ndimage import gaussian_filter1d
 
-    normal = normals(gaussian_filter1d(line.path, PATH_SMOOTH_PX, axis=0), False)
+    normal = normals(gaussian_filter1d(line.path, tuned.SMOOTH_PX, axis=0), False)
     away = (line.width + 5.0) * normal
-    beside = np.rint(np.vstack([line.path - away, line.path + away])).astype(int)
-    u, v = np.clip(beside, 0, ink.size - 1).T
-    return 1.5 * float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
+    places = np.rint(np.vstack([line.path - away, line.path + away])).astype(int)
+    u, v = np.clip(places, 0, ink.size - 1).T
+    return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
 
 
 def normals(points: NDArray, closed: bool) -> NDArray[np.float64]:
@@ -201,9 +200,9 @@ def _too_little_error(line: Line, measured_px: int) -> CurveError:
 def _drawn_out(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
     """(M,) bool, the last stretches of drawn out pens: little ink, but no other lies there."""
     at = np.arange(len(valid))
-    seen = np.flatnonzero(valid)
-    before = (at < seen[0]) & (at >= ends[0].whole)
-    return before | ((at > seen[-1]) & (at <= ends[1].whole))
+    visible = np.flatnonzero(valid)
+    before = (at < visible[0]) & (at >= ends[0].whole)
+    return before | ((at > visible[-1]) & (at <= ends[1].whole))
 
 
 def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
@@ -222,11 +221,6 @@ def _without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
         ahead = kept[side][: tuned.TAPER_REACH_PX][::-1]
         ahead[np.argmin(ahead) :] &= bool(ahead.all())
     return kept
-
-
-def _carried_on(path: NDArray) -> NDArray[np.float64]:
-    """The path carried on beyond both ends, far enough to see the ink end."""
-    return np.vstack([_onward(path[::-1])[::-1], path, _onward(path)])
 
 
 def _onward(path: NDArray) -> NDArray[np.float64]:
@@ -325,8 +319,8 @@ def _centre_line(
     nearest = np.clip(np.rint(at).astype(int), 0, len(valid) - 1)
     bridged = ~valid[nearest]
     if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
-        seen = np.flatnonzero(valid)
-        bridged &= (nearest > seen[0]) & (nearest < seen[-1])
+        visible = np.flatnonzero(valid)
+        bridged &= (nearest > visible[0]) & (nearest < visible[-1])
     sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, noise, smooth_px)
     if not line.closed:
         # Beyond the last whole profile the point of a drawn out pen may lie to either side.
@@ -374,7 +368,7 @@ def _deviation(
         x = np.arange(len(run)) + 0.5
         sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
     # Another colour at the edge may hide a part of the line that nobody sees.
-    sigma = np.where(profiles.beside[nearest], np.hypot(sigma, tuned.BESIDE_SIGMA_PX), sigma)
+    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
     # Half of what was added for a side that another colour hides may be wrong.
     return np.hypot(sigma, profiles.covered[nearest] / 4)
 

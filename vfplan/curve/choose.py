@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.curve.coverage import Ink, find_ink
-from vfplan.curve.lines import BOTH_ENDS, Line, find_lines, gap_px
+from vfplan.curve.lines import Line, find_lines, gap_px
 from vfplan.curve.pen import HUES, Pen
 from vfplan.curve.region import Region
 from vfplan.curve.skeleton import find_groups, find_pieces
@@ -109,8 +109,8 @@ def _nearest_ends(lines: list[Line]) -> tuple[float, tuple[float, float]] | None
     nearest = None
     for i, one in enumerate(lines):
         for other in lines[i + 1 :]:
-            for end in BOTH_ENDS:
-                for other_end in BOTH_ENDS:
+            for end in (0, -1):
+                for other_end in (0, -1):
                     gap = gap_px(one, end, other, other_end)
                     if one.may_go_on and other.may_go_on and (nearest is None or gap < nearest[0]):
                         middle = (one.path[end] + other.path[other_end]) / 2

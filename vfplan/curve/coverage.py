@@ -83,7 +83,7 @@ def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
     shape = rgb.shape[:2]
     ink = Ink(rgb, np.zeros(shape, np.float16), np.zeros(shape, np.uint8), np.zeros(shape, bool))
     windows = list(_coloured_windows(rgb))
-    drawn = _own_hue(rgb, pen, region, windows)
+    drawn = _measured_pen(rgb, pen, region, windows)
     if drawn is None:
         return ink
     pen, strength = drawn
@@ -134,13 +134,13 @@ def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
     import cv2
 
     height, width = rgb.shape[:2]
-    least = tuned.CHROMA_FLOOR / _scale(rgb)
+    lowest = tuned.CHROMA_FLOOR / _scale(rgb)
     for top in range(0, height, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, height)
         rows = slice(max(top - HALO_PX, 0), min(bottom + HALO_PX, height))
         red, green, blue = cv2.split(rgb[rows])
         difference = cv2.max(cv2.absdiff(red, green), cv2.absdiff(green, blue))
-        coloured = np.flatnonzero(cv2.reduce(difference, 0, cv2.REDUCE_MAX)[0] > least)
+        coloured = np.flatnonzero(cv2.reduce(difference, 0, cv2.REDUCE_MAX)[0] > lowest)
         if not len(coloured):
             continue
         left = max(int(coloured[0]) - HALO_PX, 0)
@@ -164,7 +164,7 @@ def _gate() -> float:
     return float(np.tan(np.radians(tuned.HUE_GATE_DEG)))
 
 
-def _own_hue(
+def _measured_pen(
     rgb: NDArray, pen: Pen, region: Region, windows: list[Window]
 ) -> tuple[Pen, float] | None:
     """The pen as it is in this picture, and its strength [grey levels]; `None` without ink.
@@ -221,7 +221,7 @@ def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> NDArray[np.bool_
     """Ink above half of the strongest nearby, so that each line keeps its own width."""
     import cv2
 
-    own = np.where(np.abs(across) < 1.5 * _gate() * along, unmixed, 0)
-    smooth = cv2.GaussianBlur(own, (0, 0), tuned.MASK_BLUR_PX)
+    inked = np.where(np.abs(across) < 1.5 * _gate() * along, unmixed, 0)
+    smooth = cv2.GaussianBlur(inked, (0, 0), tuned.MASK_BLUR_PX)
     strongest = cv2.dilate(smooth, np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8))
     return smooth > np.maximum(tuned.CHROMA_FLOOR, tuned.HALF * strongest)

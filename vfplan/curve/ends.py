@@ -2,9 +2,9 @@
 
 Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
 many lengths and places are held against it, and each counts by how well it fits. A short fall is
-a blunt end: the centre of the pen's tip lies a part of the width before the place at which half of
-the ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where
-both fit, the end lies between them, and its deviation says so.
+a blunt end: the centre of the pen's tip lies a part of the width before the middle of the fall. A
+long fall is a pen that was drawn out, and the fall's foot is its point. Where both fit, the end
+lies between them, and its deviation says so.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from vfplan.curve.profiles import Profiles, symmetric
 
 FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
 """Pixels: lengths of the falls that are held against the ink."""
-FOOT_STEP_PX = 0.5
-"""Pixels between the places that are tried for the foot of a fall."""
-GAUSSIAN_WIDTH = 2.09
-"""Width of a Gaussian at half of its height, over the way on which it falls from 0.8 to 0.2."""
+HIGH = tuned.FALL_SHARE
+LOW = 1 - tuned.FALL_SHARE
+GAUSSIAN_WIDTH = 2 * np.sqrt(np.log(2)) / (np.sqrt(-np.log(LOW)) - np.sqrt(-np.log(HIGH)))
+"""Width of a Gaussian at half of its height, over the way on which it falls from high to low."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,18 @@ class End:
         Standard deviation of the place along the line [px].
     fall
         Pixels over which the ink of a drawn out pen falls from full to nothing; 0 of a blunt end.
+    continues
+        Whether faint ink goes on beyond the end, as under a veil.
     """
 
     place: float
     whole: float
     sigma: float
     fall: float
+    continues: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """What a line shows along itself towards one end, which is the last of its N points.
 
@@ -59,12 +62,12 @@ class Run:
         (N, K) across the line, at the places `x`.
     x
         (K,) [px].
-    seen
+    visible
         The last point at which the line was seen.
     width
-        Of the pen's tip [px]: the line's width without what blur adds to it.
+        Of the pen [px]: the line's width without what blur adds to it.
     edge
-        Pixels over which the line's edge falls from 0.8 to 0.2 of its height.
+        Pixels over which the line's edge falls from high to low.
     noisy
         Whether the picture's colour is noisy, as that of JPEG is.
     """
@@ -72,7 +75,7 @@ class Run:
     mass: NDArray[np.float64]
     coverage: NDArray[np.float64]
     x: NDArray[np.float64]
-    seen: int
+    visible: int
     width: float
     edge: float
     noisy: bool
@@ -85,14 +88,14 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
     valid: (M,) bool, where the line was seen
     noisy: whether the picture's colour is noisy, as that of JPEG is
     """
-    seen = np.flatnonzero(valid)
+    visible = np.flatnonzero(valid)
     last = len(valid) - 1
-    width, edge = _width_and_edge(profiles, valid)
+    width, edge = _pen_width(profiles, valid)
     forwards = Run(
         mass=profiles.mass,
         coverage=profiles.coverage,
         x=profiles.x,
-        seen=int(seen[-1]),
+        visible=int(visible[-1]),
         width=width,
         edge=edge,
         noisy=noisy,
@@ -101,37 +104,38 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
         forwards,
         mass=profiles.mass[::-1],
         coverage=profiles.coverage[::-1],
-        seen=int(last - seen[0]),
+        visible=int(last - visible[0]),
     )
     first = _find_end(backwards)
     first = replace(first, place=last - first.place, whole=last - first.whole)
     return first, _find_end(forwards)
 
 
-def _width_and_edge(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
-    """The pen's width without blur, and over how much its edge falls from 0.8 to 0.2 [px].
+def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    """The pen's width without blur, and over how much its edge falls from high to low [px].
 
     Half of the usual profile's height is as wide as the pen only while the pen is broader than the
-    blur. A line that is all blur, a Gaussian, is 2.09 times as wide there as its edge. The fourth
-    powers are subtracted, as a pen that is narrower than the blur shows in the fourth order.
+    blur. A line that is all blur has the width of a Gaussian with such an edge. The fourth powers
+    are subtracted, as a pen that is narrower than the blur shows in the fourth order.
     """
     usual = symmetric(np.median(profiles.coverage[valid], axis=0))[len(profiles.x) // 2 :]
     usual = usual / max(float(usual.max()), 1e-6)
-    high = _crossing(usual, int(usual.argmax()), 0.8)
-    edge = (_crossing(usual, high, 0.2) - high) * tuned.STEP_PX
-    width = 2 * _crossing(usual, high, 0.5) * tuned.STEP_PX
+    high = _crossing(usual, int(usual.argmax()), HIGH)
+    edge = (_crossing(usual, high, LOW) - high) * tuned.STEP_PX
+    width = 2 * _crossing(usual, high, tuned.HALF) * tuned.STEP_PX
     blurred = GAUSSIAN_WIDTH * edge
     sharp = max(width**4 - blurred**4, 0.0) ** 0.25
     return max(sharp, 1.0), edge  # No picture shows a line narrower than its pixels.
 
 
 def _find_end(run: Run) -> End:
+    """The end of a line, from the ink that it shows along itself."""
     from scipy.ndimage import gaussian_filter1d
 
     # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
     # rested the ink is a disc, broader than the line.
-    ink = gaussian_filter1d(run.mass, 0.7)
-    before = ink[max(run.seen - tuned.TANGENT_PX, 0) : run.seen + 1]
+    ink = _smoothed(run.mass)
+    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
     level = max(float(np.median(before)), 1e-6)
     highest = before[-tuned.TANGENT_PX // 2 :].max()
     rested = highest > tuned.WIDE * min(level, 1.0)
@@ -139,41 +143,56 @@ def _find_end(run: Run) -> End:
         level = highest
     ink = ink / level
     width = run.width * level
-    high = _crossing(ink, _last_above(ink, 0.8, run.seen), 0.8)
-    half = _crossing(ink, high, 0.5)
-    low = _crossing(ink, half, 0.2)
-
-    # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
-    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
-    blunt += tuned.BLUNT_ROUGH_PX * _roughness(run)
     noise = tuned.INK_NOISE
     if run.noisy:
         noise = tuned.INK_NOISE_NOISY
+    visible = tuned.VISIBLE_SIGMAS * noise
+    high = _crossing(ink, _last_above(ink, HIGH, run.visible), HIGH)
+    half = _crossing(ink, high, tuned.HALF)
+    low = _crossing(ink, half, LOW)
+
+    # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
+    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
+    inner = run.mass[tuned.TAPER_REACH_PX : run.visible + 1]
+    rough = float(np.median(np.abs(inner - gaussian_filter1d(inner, tuned.TREND_PX / 2))))
+    blunt += tuned.BLUNT_ROUGH_PX * rough
     tapered = _taper_share(FALLS_PX, blunt)
     if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
-        tapered = np.minimum(tapered, _taper_share((half - high) / 0.3, blunt))
+        observed = _taper_share((half - high) / (HIGH - tuned.HALF), blunt)
+        tapered = np.minimum(tapered, observed)
 
     # Each foot and each length of the fall counts by how well it fits the ink.
-    foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, FOOT_STEP_PX)[:, None]
+    foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
     likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
     likely = likely / likely.sum()
-    flat, tip = 0.0, 1.0
+    flat, reach = 0.0, 1.0
     if not rested:
-        flat, tip = _tip_shape(run, width)
-    back = tuned.ROUND_SHARE * width * tip
-    blunt_half = np.clip(foot - FALLS_PX / 2, high, low)
-    blunt_place = blunt_half - back * (1 - flat)
+        flat, reach = _tip_shape(run, width)
+    back = tuned.ROUND_SHARE * width * reach
+    middle = np.clip(foot - FALLS_PX / 2, high, low)
+    blunt_place = middle - back * (1 - flat)
     place = tapered * foot + (1 - tapered) * blunt_place
     mean = float((likely * place).sum())
     variance = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
     variance = float((likely * variance).sum())
-    variance += flat * (1 - flat) * back**2
-    sigma = tuned.END_SIGMA_PX + tuned.END_SIGMA_SHARE * min(width, tuned.FLAT_WIDTH_PX)
+    variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
+
+    is_drawn_out = (likely * tapered).sum() > tuned.HALF
     whole = half
-    if (likely * tapered).sum() > tuned.HALF:
-        whole = _crossing(ink, half, 3 * noise)
-    fall = float((likely * tapered * FALLS_PX).sum())
-    return End(mean, whole, float(np.sqrt(variance + sigma**2)), fall)
+    if is_drawn_out:
+        whole = _crossing(ink, half, visible)
+    beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
+    ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
+    continues = False
+    if len(ahead) == tuned.SUDDEN_PX:  # More ink than that is no faint one; the account lists it.
+        continues = bool(visible < np.median(ahead) <= tuned.VISIBLE)
+    return End(
+        place=mean,
+        whole=whole,
+        sigma=float(np.sqrt(variance)),
+        fall=float((likely * tapered * FALLS_PX).sum()),
+        continues=continues,
+    )
 
 
 def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:
@@ -189,31 +208,21 @@ def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArra
     """
     first = max(int(low - FALLS_PX[-1]), 0)
     at = np.arange(first, min(int(low) + tuned.SUDDEN_PX, len(ink)))
-    shown = ink[at]
+    observed = ink[at]
     ahead = foot[..., None] - at
     fall = np.clip(ahead / FALLS_PX[:, None], 0, 1)
     slope = np.maximum(ahead - FALLS_PX[:, None], 0)
-    # Least squares for the height and the slope; a steep slope is less likely by itself.
-    spread = tuned.INK_HANGS_PX * noise**2
-    prior = spread / tuned.INK_SLOPE**2
-    ff, fs, ss = (fall**2).sum(2) + 1e-9, (fall * slope).sum(2), (slope**2).sum(2) + prior
-    fy, sy = fall @ shown, slope @ shown
+    # Least squares for the height and the slope.
+    ff, fs, ss = (fall**2).sum(2) + 1e-9, (fall * slope).sum(2), (slope**2).sum(2) + 1e-9
+    fy, sy = fall @ observed, slope @ observed
     determinant = ff * ss - fs**2
     height = (ss * fy - fs * sy) / determinant
     steep = (ff * sy - fs * fy) / determinant
-    misfit = shown - height[..., None] * fall - steep[..., None] * slope
-    squares = (misfit**2).sum(2) + prior * steep**2
-    spread = max(spread, tuned.INK_HANGS_PX * squares.min() / len(at))
+    misfit = observed - height[..., None] * fall - steep[..., None] * slope
+    squares = (misfit**2).sum(2)
+    spread = tuned.INK_HANGS_PX * max(noise**2, squares.min() / len(at))
     likely = np.exp((squares.min() - squares) / (2 * spread))
     return likely / likely.sum()
-
-
-def _roughness(run: Run) -> float:
-    """How much the ink varies from point to point, 0 to 1, which noise alone does."""
-    from scipy.ndimage import gaussian_filter1d
-
-    inner = run.mass[tuned.TAPER_REACH_PX : run.seen + 1]
-    return 1.5 * float(np.median(np.abs(inner - gaussian_filter1d(inner, tuned.TREND_PX / 2))))
 
 
 def _tip_shape(run: Run, width: float) -> tuple[float, float]:
@@ -224,42 +233,48 @@ def _tip_shape(run: Run, width: float) -> tuple[float, float]:
     Both sides are averaged, so that a line that does not leave its tip at a right angle looks the
     same. Thin pens do not show it.
     """
-    middle = _end_of_band(run, np.abs(run.x) <= 0.15 * width + tuned.STEP_PX / 2)
-    sides = []
-    for side in (1, -1):
-        at = side * run.x
-        sides.append(_end_of_band(run, (at >= 0.3 * width) & (at <= 0.42 * width)))
-    if middle is None or None in sides:
+    side = tuned.TIP_SIDE
+    band = tuned.TIP_BAND * width
+    middle = _end_of_band(run, np.abs(run.x) <= band + tuned.STEP_PX / 2)
+    left = _end_of_band(run, np.abs(run.x + side * width) <= band)
+    right = _end_of_band(run, np.abs(run.x - side * width) <= band)
+    if middle is None or left is None or right is None:
         return 0.0, 1.0
+    falls_back = max((middle - (left + right) / 2) / width, 1e-6)
+    flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
+    # The radius of the disc through the middle of the tip and both sides; half of the line's ink
+    # is left where that disc is half as broad as the line.
+    radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
+    reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
     from_width = tuned.FLAT_WIDTH_PX
     if run.noisy:
         from_width = tuned.FLAT_WIDTH_NOISY_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
-    falls_back = max((middle - np.mean(sides)) / width, 1e-6)
-    flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
-    # The disc through the middle of the tip and both sides, which lie 0.36 widths off it.
-    radius = np.clip((0.36**2 + falls_back**2) / (2 * falls_back), 0.25, 0.5)
-    # Half of the line's ink is left where the disc is half as broad as the line.
-    tip = np.sqrt((radius**2 - 0.25**2) / (0.5**2 - 0.25**2))
-    return flat * shows, float(1 - (1 - tip) * shows)
+    return flat * shows, float(1 - (1 - reach) * shows)
 
 
 def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
     """Where half of the ink is left in a band along the line; `None` in an empty band."""
-    from scipy.ndimage import gaussian_filter1d
-
     if not band.any():
         return None
-    ink = gaussian_filter1d(run.coverage[:, band].mean(1), 0.5)
-    before = ink[max(run.seen - tuned.TANGENT_PX, 0) : max(run.seen - 3, 1)]
+    ink = _smoothed(run.coverage[:, band].mean(1))
+    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
     ink = ink / max(float(np.median(before)), 1e-6)
-    return _crossing(ink, _last_above(ink, 0.8, run.seen), 0.5)
+    return _crossing(ink, _last_above(ink, HIGH, run.visible), tuned.HALF)
 
 
-def _last_above(ink: NDArray, level: float, seen: int) -> int:
-    above = np.flatnonzero(ink[: seen + 1] >= level)
+def _smoothed(ink: NDArray) -> NDArray[np.float64]:
+    """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return gaussian_filter1d(ink, tuned.MASK_BLUR_PX)
+
+
+def _last_above(ink: NDArray, level: float, visible: int) -> int:
+    """The last point up to `seen` at which the ink has a level."""
+    above = np.flatnonzero(ink[: visible + 1] >= level)
     if len(above) == 0:
-        return seen
+        return visible
     return int(above[-1])
 
 

@@ -11,8 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.account import AccountEntry, find_findings, find_leftover, list_account
-from vfplan.curve.ambiguity import refuse_ambiguous
+from vfplan.curve.account import (
+    AccountEntry,
+    end_findings,
+    find_leftover,
+    leftover_findings,
+    list_account,
+    stretch_findings,
+    width_findings,
+)
+from vfplan.curve.ambiguity import (
+    refuse_double_line,
+    refuse_fit_off_ink,
+    refuse_long_bridge,
+    refuse_wide_run,
+)
 from vfplan.curve.between import cut_to, lines_through, without_cut_off
 from vfplan.curve.centreline import CentreLine, arc_length, drawn_length, measure, skeleton_line
 from vfplan.curve.choose import choose_lines, refuse_junctions
@@ -167,14 +180,23 @@ def extract_curve(
             refuse_junctions(line)
         if method == "ridge":
             curve = measure(ink, line)
-            refuse_ambiguous(curve, line, max_gap_px, accept_width)
+            if not accept_width:
+                refuse_wide_run(curve)
+            refuse_double_line(curve)
+            refuse_long_bridge(curve, max_gap_px)
+            refuse_fit_off_ink(curve, line)
         else:
             curve = skeleton_line(line)
         curves.append(curve)
 
     # All other ink is listed, and what a person should look at is said.
     leftover = find_leftover(ink, curves)
-    findings = find_findings(ink, curves, leftover, max_gap_px)
+    findings = leftover_findings(leftover, max_gap_px)
+    for curve in curves:
+        findings += end_findings(ink, curve)
+        findings += stretch_findings(curve)
+        if curve.profiles is not None:
+            findings += width_findings(curve)
     strokes = []
     for curve, line in zip(curves, chosen, strict=True):
         cut = cut_to(curve, start, end)

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from vfplan.curve import tuned
 from vfplan.curve.skeleton import Piece
 
-BOTH_ENDS = (0, -1)
-
 
 @dataclass(frozen=True, eq=False)
 class Line:
@@ -112,7 +110,7 @@ def _best_gap(lines: list[Line], max_gap_px: float) -> tuple[int, int, int, int]
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
     from scipy.spatial import cKDTree
 
-    ends = [(i, end) for i, line in enumerate(lines) if line.may_go_on for end in BOTH_ENDS]
+    ends = [(i, end) for i, line in enumerate(lines) if line.may_go_on for end in (0, -1)]
     if len(ends) < 2:
         return None
     places = np.array([lines[i].path[end] for i, end in ends])
@@ -163,7 +161,7 @@ def _angle_deg(a: NDArray, b: NDArray) -> float:
 def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[Line]:
     """The lines with two of them joined at these ends, or one closed to a ring."""
     one, other = lines[i], lines[j]
-    rest = [line for k, line in enumerate(lines) if k not in (i, j)]
+    others = [line for k, line in enumerate(lines) if k not in (i, j)]
     if end_i == 0:
         one = one.backwards()
     if end_j == -1:
@@ -182,7 +180,7 @@ def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[L
             closed=True,
             length=one.length + steps,
         )
-        return [*rest, ring]
+        return [*others, ring]
     share = one.length / (one.length + other.length)
     both = Line(
         path=np.vstack([one.path, gap, other.path]),
@@ -194,4 +192,4 @@ def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[L
         strength=share * one.strength + (1 - share) * other.strength,
         pieces=one.pieces + other.pieces,
     )
-    return [*rest, both]
+    return [*others, both]

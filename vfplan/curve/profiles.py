@@ -21,7 +21,7 @@ class Profiles:
         (K,) the places across the path [px].
     coverage
         (M, K) of the pen.
-    own
+    is_line
         (M, K) bool: in the picture, and no ink of a neighbour.
     inside
         (M, K) bool: in the picture.
@@ -31,7 +31,7 @@ class Profiles:
         (M,) bool: the line was seen.
     hidden
         (M,) bool: another colour lies over it.
-    beside
+    has_other
         (M,) bool: another colour lies over it or touches its edge.
     covered
         (M,) how much of the line's width another colour hides, with the sign of its side [px].
@@ -41,12 +41,12 @@ class Profiles:
 
     x: NDArray[np.float64]
     coverage: NDArray[np.float64]
-    own: NDArray[np.bool_]
+    is_line: NDArray[np.bool_]
     inside: NDArray[np.bool_]
     mass: NDArray[np.float64]
     valid: NDArray[np.bool_]
     hidden: NDArray[np.bool_]
-    beside: NDArray[np.bool_]
+    has_other: NDArray[np.bool_]
     covered: NDArray[np.float64]
     width: float
 
@@ -58,7 +58,7 @@ class Profiles:
     @property
     def peak(self) -> NDArray[np.float64]:
         """(M,) the largest coverage across the line."""
-        return np.where(self.own, self.coverage, 0).max(1)
+        return np.where(self.is_line, self.coverage, 0).max(1)
 
     def offset(self, noisy: bool) -> NDArray[np.float64]:
         """(M,) how far off the path the line lies [px].
@@ -67,17 +67,17 @@ class Profiles:
         fits best. The centroid follows a pen whose width changes; the shift is less disturbed by
         noise in the flanks. Where colour is noisy the shift counts, else what scatters less.
         """
-        ink = np.where(self.own, np.clip(self.coverage, 0, None), 0)
+        ink = np.where(self.is_line, np.clip(self.coverage, 0, None), 0)
         centroid = (ink @ self.x) / np.maximum(ink.sum(1), 1e-6)
         # Another colour hides one side: what shows lies half of its width to the other side.
         centroid = np.where(self.valid, centroid + self.covered / 2, 0.0)
-        whole = self.own.all(1) & self.valid
+        whole = self.is_line.all(1) & self.valid
         if whole.sum() < tuned.MIN_PROFILES:
             return centroid
         mean = symmetric(self.coverage[whole].mean(0))
-        shift = fit_shift(self.x, self.coverage, self.own, mean)
-        plain = self.valid & ~self.hidden & (self.mass > tuned.SEEN)
-        usable = plain & (np.abs(shift) <= self.width / 2 + 1)
+        shift = fit_shift(self.x, self.coverage, self.is_line, mean)
+        clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
+        usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
         if noisy or self._scatter(shift) < self._scatter(centroid):
             return shift
@@ -101,20 +101,20 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     other = sample(ink.other, u, v) / OTHER_UNIT
     columns, rows = ink.size
     inside = (u > -0.5) & (u < columns - 0.5) & (v > -0.5) & (v < rows - 0.5)
-    own = ~_beyond_valley(coverage, x, width)
-    mass = np.where(own, np.clip(coverage, 0, None), 0).sum(1) * tuned.STEP_PX
+    is_line = ~_beyond_valley(coverage, x, width)
+    mass = np.where(is_line, np.clip(coverage, 0, None), 0).sum(1) * tuned.STEP_PX
     usual = max(float(np.median(mass[inside[:, len(x) // 2]])), 1e-6)
     mass = mass / usual
     core = np.abs(x) <= width / 2 + tuned.STEP_PX
-    edge = np.abs(x) <= width / 2 + tuned.BESIDE_PX
-    beside = (other[:, edge] > tuned.FOREIGN).any(1)
+    edge = np.abs(x) <= width / 2 + tuned.EDGE_BLUR_PX
+    has_other = (other[:, edge] > tuned.FOREIGN).any(1)
     hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
-    least = np.where(hidden, tuned.HALF, tuned.SEEN)
-    valid = (mass > least) & inside[:, len(x) // 2]
-    own &= inside
-    return Profiles(x, coverage, own, inside, mass, valid, hidden, beside, covered, width)
+    lowest_mass = np.where(hidden, tuned.HALF, tuned.VISIBLE)
+    valid = (mass > lowest_mass) & inside[:, len(x) // 2]
+    is_line &= inside
+    return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 
 
 def symmetric(profile: NDArray) -> NDArray[np.float64]:
@@ -122,7 +122,7 @@ def symmetric(profile: NDArray) -> NDArray[np.float64]:
     return (profile + profile[::-1]) / 2
 
 
-def fit_shift(x: NDArray, values: NDArray, own: NDArray, mean: NDArray) -> NDArray[np.float64]:
+def fit_shift(x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray) -> NDArray[np.float64]:
     """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
 
     A least-squares fit of the profile, its derivative and a level, through the samples that are
@@ -130,10 +130,10 @@ def fit_shift(x: NDArray, values: NDArray, own: NDArray, mean: NDArray) -> NDArr
     """
     basis = np.column_stack([mean, np.gradient(mean, x), np.ones(len(x))])
     fit = values @ np.linalg.pinv(basis).T
-    for row in np.flatnonzero(~own.all(1)):
-        seen = own[row]
-        if seen.sum() > basis.shape[1]:
-            fit[row] = np.linalg.lstsq(basis[seen], values[row, seen], rcond=None)[0]
+    for row in np.flatnonzero(~is_line.all(1)):
+        visible = is_line[row]
+        if visible.sum() > basis.shape[1]:
+            fit[row] = np.linalg.lstsq(basis[visible], values[row, visible], rcond=None)[0]
     height = np.where(fit[:, 0] > tuned.RISE, fit[:, 0], np.inf)
     return -fit[:, 1] / height
 
@@ -174,13 +174,13 @@ def add_brightness(
     line = light - light[:, flank] @ np.linalg.pinv(ramp[flank]).T @ ramp.T
     rough = np.sqrt((line[:, flank] ** 2).mean(1)) + 1.0  # Grey levels are whole numbers.
     depth = line[:, ~flank].mean(1)
-    clear = profiles.valid & ~profiles.hidden & profiles.own.all(1) & (np.abs(depth) > rough)
+    clear = profiles.valid & ~profiles.hidden & profiles.is_line.all(1) & (np.abs(depth) > rough)
     if clear.sum() < tuned.MIN_PROFILES:
         return offset
     depth = np.where(clear, depth, 1.0)
     weight = np.where(clear, depth / rough**2, 0.0)
     mean = symmetric(weight @ line / (weight @ depth))
-    by_light = fit_shift(x, line / depth[:, None], profiles.own | ~clear[:, None], mean)
+    by_light = fit_shift(x, line / depth[:, None], profiles.is_line | ~clear[:, None], mean)
     by_light = np.clip(by_light, x[0], x[-1])
     trend = gaussian_filter1d(offset, tuned.TREND_PX)
     colour_variance = np.median((offset - trend)[profiles.valid] ** 2)

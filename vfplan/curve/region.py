@@ -57,10 +57,10 @@ class Region:
     def border_distance(self, points: NDArray, size: NDArray) -> NDArray[np.float64]:
         """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
         distance = np.full(len(points), np.inf)
-        boxes = list(self.outside)
+        borders = list(self.outside)
         if self.inside is not None:
-            boxes.append(self.inside)
-        for u, v, width, height in boxes:
+            borders.append(self.inside)
+        for u, v, width, height in borders:
             low = np.array([u, v]) - 0.5
             high = np.add(low, (width, height))
             # The picture's own border is no border of the region.

@@ -102,20 +102,20 @@ class Graph:
         for number in np.unique(self.branch[~self.junction]):
             yield self._walk(np.flatnonzero(self.branch == number))
 
-    def _walk(self, own: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
+    def _walk(self, members: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import breadth_first_order
 
-        edges = self.edges[self.branch[self.edges[:, 0]] == self.branch[own[0]]]
-        edges = np.searchsorted(own, edges)
-        ends = np.flatnonzero(np.bincount(edges.ravel(), minlength=len(own)) < 2)
+        edges = self.edges[self.branch[self.edges[:, 0]] == self.branch[members[0]]]
+        edges = np.searchsorted(members, edges)
+        ends = np.flatnonzero(np.bincount(edges.ravel(), minlength=len(members)) < 2)
         closed = len(ends) == 0
         if closed:  # Cut open between two neighbours, and walked the other way round.
             ends = edges[0]
             edges = edges[1:]
-        links = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(own),) * 2)
+        links = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(members),) * 2)
         order = breadth_first_order(links.tocsr(), ends[0], False, return_predecessors=False)
-        return self.pixels[own[order]], closed
+        return self.pixels[members[order]], closed
 
 
 def find_groups(ink: Ink) -> list[NDArray[np.int64]]:
@@ -154,8 +154,8 @@ def pen_mask(ink: Ink, groups: list[NDArray[np.int64]]) -> NDArray[np.bool_]:
     """
     mask = np.zeros(ink.mask.shape, bool)
     for group in groups:
-        own = half_covered(ink, group)
-        mask[own[:, 1], own[:, 0]] = True
+        members = half_covered(ink, group)
+        mask[members[:, 1], members[:, 0]] = True
     return mask
 
 

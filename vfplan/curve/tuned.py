@@ -18,7 +18,7 @@ OTHER_REACH_PX = 2.5
 """Pixels (sigma) around another pen over which its hue is known. A block of JPEG is 2 wide."""
 
 MASK_BLUR_PX = 0.8
-"""Pixels (sigma) by which the mask is smoothed, so that the noise of scans does not fray it."""
+"""Pixels (sigma) by which the mask, and the ink along a line, are smoothed. Noise frays them."""
 
 LOCAL_PX = 15
 """Pixels: the square in which the strongest ink sets the threshold. A pen's edge is narrower."""
@@ -57,7 +57,7 @@ STEP_PX = 0.5
 FLANK_PX = 2.0
 """Pixels beyond the line's edge that a profile reaches: a blur of 1.5 px ends there."""
 
-SEEN = 0.25
+VISIBLE = 0.25
 """Of the line's usual ink: less is a gap."""
 
 HIDDEN = 0.85
@@ -73,7 +73,8 @@ MIN_PROFILES = 8
 """Profiles in which a line must show, so that it can be measured at all."""
 
 SMOOTH_PX = 2.0
-"""Pixels: length of the smoothing spline. Hands bend over 10 px and more; corners are kept."""
+"""Pixels: length of the smoothing spline, and of what smooths a skeleton's stairs. Hands bend over
+10 px and more; corners are kept."""
 
 SMOOTH_NOISY_PX = 3.5
 """The same where colour is noisy. The noise of JPEG hangs together over blocks of 8 px."""
@@ -93,8 +94,8 @@ END_SMOOTH = 0.5
 TREND_PX = 8.0
 """Pixels (sigma): slower changes of the offset are the path's and no noise."""
 
-NOISY = 0.004
-"""Of full coverage: spread of the ground beside the line from which a picture counts as noisy."""
+NOISY = 0.0027
+"""Of full coverage: median beside the line from which a picture counts as noisy. PNG has 0."""
 
 GRID_PX = 0.02
 """Pixels that the pixel grid adds to the error, which no residual shows."""
@@ -108,13 +109,17 @@ CORRELATED_NOISY = 2.7
 END_FACTOR = 4.0
 """Times by which an open end is less sure, as the line is held from one side only."""
 
-BESIDE_SIGMA_PX = 0.15
+OTHER_SIGMA_PX = 0.15
 """Pixels: standard deviation of a line at whose edge another colour lies, over or under it."""
 
 SWAY = 1.5
 """Times its usual curvature that a line may bend where a gap hides it."""
 
 # What is refused.
+
+USUAL_SHARE = 0.35
+"""Of the line, where it is narrowest: the usual width is that of the widest there, so that a second
+run along most of the line is no usual width."""
 
 WIDE = 1.3
 """Times its usual width: two runs side by side, if it lasts."""
@@ -143,8 +148,11 @@ BLUNT_EDGES = 1.8
 BLUNT_SHARE = 0.25
 """Of the width, by which a round tip makes it longer."""
 
-BLUNT_ROUGH_PX = 70.0
+BLUNT_ROUGH_PX = 105.0
 """Pixels by which it is longer for ink that varies from point to point by all of itself."""
+
+FALL_SHARE = 0.8
+"""Of the line's ink, or of its height, from which a fall is measured; it ends at the rest, 0.2."""
 
 TAPER_TIMES = 1.5
 """Times the longest fall of a blunt end: over a fall this long the pen was drawn out."""
@@ -155,14 +163,14 @@ INK_NOISE = 0.02
 INK_NOISE_NOISY = 0.06
 """The same where colour is noisy."""
 
+VISIBLE_SIGMAS = 3.0
+"""Times that noise: as much ink along the line is seen, and less is none."""
+
 INK_HANGS_PX = 5.0
 """Pixels of line over which that noise hangs together, so that they count as one."""
 
 TAPER_PRIOR = 0.1
 """How common pens that were drawn out are, beside blunt ends."""
-
-INK_SLOPE = 0.015
-"""Of the line's ink a pixel: standard deviation of how fast a pressed pen's ink changes."""
 
 FLAT_WIDTH_PX = 2.5
 """Pixels of width from which a flat tip begins to show."""
@@ -170,19 +178,24 @@ FLAT_WIDTH_PX = 2.5
 FLAT_WIDTH_NOISY_PX = 7.0
 """The same where colour is noisy and therefore blurred."""
 
+TIP_SIDE = 0.36
+"""Of the width, from the middle of a tip to the sides at which its shape is read. Farther out the
+line's edge blurs them."""
+
+TIP_BAND = 0.06
+"""Of the width, to either side of these places: a quarter of the line is read."""
+
 ROUND_BACK = 0.04
 """Of the width, by which the sides of a tip end before its middle: a flat one has less, a round one
 twice as much. A disc has 0.14."""
 
-END_SIGMA_PX = 0.2
-"""Pixels: standard deviation of an end on a thin line, along the line."""
-
-END_SIGMA_SHARE = 0.06
-"""Of the width, by which it is larger on a broader one."""
+END_SIGMA_PX = 0.35
+"""Pixels: standard deviation of an end that is plain to see, along the line. On seed 12900 it was
+0.3 with PNG."""
 
 # The account and the findings.
 
-BESIDE_PX = 1.5
+EDGE_BLUR_PX = 1.5
 """Pixels beyond the line's edge: ink that is closer is the blur of the edge."""
 
 SPECK_PX = 4
@@ -212,11 +225,8 @@ LASTING_TIMES = 3.5
 ONE_SIDED = 0.25
 """Of a sudden change of width, on one side of the line only: dots on the line reached 0.2."""
 
-MIRROR_WIDTHS = 2.5
-"""Pen widths from the curve within which ink on both sides is a dot or a head on the line."""
-
 MIRRORED = 0.7
 """Of the pixels of such a piece that have ink on the other side as well."""
 
 DOT_WIDTHS = 3.0
-"""Pen widths: a short swelling on both sides is a dot or a control point. These were 2 to 3."""
+"""Pen widths of a dot, a control point or a head on the line, along and across: 2 to 3 in tests."""

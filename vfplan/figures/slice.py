@@ -49,6 +49,18 @@ USUAL_WIDTH_PX = 4.0
 CAPTIONS = 12
 """Pieces of other ink that have a caption; those of more would write over each other."""
 
+WORD_DISTANCE_PT = 14
+"""Distance [pt] of a word from the place that it speaks of, which a ring of 26 pt marks."""
+
+LETTER_PX = 12.0
+"""Width [px of the picture] of a letter of such a word, as it is printed."""
+
+LINE_PX = 30.0
+"""Height [px of the picture] of such a word with its box, as it is printed."""
+
+COLOURED = 0.15
+"""Of white: the chroma from which a pixel counts as ink that a word should not cover."""
+
 OBLIQUE = 0.38
 """Share of a direction, sin 22 degrees, from which on its side is named too."""
 
@@ -100,19 +112,55 @@ def draw_overlay(
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
-    with _drawing_on(image, path) as (axes, _):
+    with _drawing_on(image, path) as (axes, scale):
         for number, line in enumerate(error.candidates, 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
-            axes.plot(*line.T, color=colour, lw=2.2, label=f"--stroke {number}")
-            where = {"xytext": (8, 8), "textcoords": "offset points", "weight": "bold"}
-            box = {"fc": "white", "ec": colour, "pad": 1.5}
-            axes.annotate(str(number), line[0], color=colour, bbox=box, zorder=7, **where)
+            axes.plot(*line.T, color=colour, lw=1.2, label=f"--stroke {number}")
+            _write_beside(axes, image, line[0], str(number), colour, scale)
         if "u_px" in error.numbers:
             place = error.numbers["u_px"], error.numbers["v_px"]
             axes.plot(*place, "o", ms=26, mfc="none", mec=CONTACT, mew=2, zorder=8)
-            where = {"xytext": (16, 16), "textcoords": "offset points", "weight": "bold"}
-            box = {"fc": "white", "ec": CONTACT, "pad": 1.5}
-            axes.annotate(error.code, place, color=CONTACT, bbox=box, zorder=9, **where)
+            _write_beside(axes, image, place, error.code, CONTACT, scale)
+
+
+def _write_beside(
+    axes: Any, image: PlannedImage, place: Sequence[float], text: str, colour: str, scale: float
+) -> None:
+    """Write a word beside a place, on the side where it covers the least ink."""
+    distance = WORD_DISTANCE_PT * DPI / 72 / scale
+    width, height = len(text) * LETTER_PX / scale, LINE_PX / scale
+    rgb = image.rgb / np.iinfo(image.rgb.dtype).max
+    inked = np.ptp(rgb, axis=2) > COLOURED
+    least_covered = np.inf
+    for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        u = place[0] + right * (distance + width / 2)
+        v = place[1] - up * (distance + height / 2)
+        left, top = round(u - width / 2), round(v - height / 2)
+        if (
+            left < 0
+            or top < 0
+            or u + width / 2 > image.width_px
+            or v + height / 2 > image.height_px
+        ):
+            continue
+        covered = np.count_nonzero(inked[top : round(v + height / 2), left : round(u + width / 2)])
+        if covered < least_covered:
+            least_covered = covered
+            corner = right, up
+    if not np.isfinite(least_covered):  # It has no room on any side.
+        corner = 1, -1
+    axes.annotate(
+        text,
+        place,
+        xytext=(corner[0] * WORD_DISTANCE_PT, corner[1] * WORD_DISTANCE_PT),
+        textcoords="offset points",
+        ha={1: "left", -1: "right"}[corner[0]],
+        va={1: "bottom", -1: "top"}[corner[1]],
+        color=colour,
+        weight="bold",
+        bbox={"fc": "white", "ec": colour, "pad": 1.5},
+        zorder=9,
+    )
 
 
 @contextmanager
