@@ -220,7 +220,7 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
 def worst_tick_time(fixture: Fixture, rule: Rule | None = None) -> float:
     """The longest time that a tick may take [s], with the best rule unless one is given.
 
-    It is 2.5 times the worst that a search over the fixture finds. The C++ header tick_time.hpp
+    It is 2.2 times the worst that a search over the fixture finds. The C++ header tick_time.hpp
     counts what such a tick does, and multiplies by the times of the machine of docs/engine.md. The
     result is therefore the same everywhere.
 

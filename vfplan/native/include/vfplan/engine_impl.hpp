@@ -227,21 +227,28 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
 }
 
 /// The work of the worst tick that a search finds [s]. It tries many places of the geometry for a
-/// few ticks each, the most laborious third of them for twice as long, and so on, to one place in
-/// the end. A HIP starts near a place, perhaps inside, and is led at up to 3 m/s to random places,
-/// most of them close, some far behind. The work is counted and not timed, so that the search finds
-/// the same everywhere.
+/// few ticks each, the more laborious half of them for twice as long, and so on, to one place in
+/// the end. A HIP starts near a place or on it, perhaps inside, and is led at up to 3 m/s to random
+/// goals: most of them close, some far behind, and one in four at another place of the geometry, so
+/// that much may lie between the HIP and its proxy. The work is counted and not timed, so that the
+/// search finds the same everywhere.
 inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geometry) {
     constexpr std::size_t places = 256;
     constexpr int first_ticks = 16;
     constexpr int ticks_a_goal = 30;
-    constexpr double furthest_goal = 8;    // [R]; proxies that turn round a ring need it
-    constexpr double largest_step = 3e-3;  // of a HIP of 3 m/s in a tick [m]
+    constexpr double share_of_far_goals = 0.25;
+    constexpr double share_of_starts_on_it = 0.125;  // where a sum of directions may cancel
+    constexpr double furthest_goal = 8;              // [R]; proxies that turn round a ring need it
+    constexpr double largest_step = 3e-3;            // of a HIP of 3 m/s in a tick [m]
 
     std::uint64_t state = 42;
     const auto random = [&state](double low, double high) {
         state = state * 6364136223846793005ull + 1442695040888963407ull;
         return low + (high - low) * static_cast<double>(state >> 11) * 0x1p-53;
+    };
+    const auto any_place = [&] {
+        const double number = random(0, static_cast<double>(geometry.size()));
+        return geometry[static_cast<std::size_t>(number)];
     };
     const auto around = [&](const Vec3& place, double reach) {
         Vec3 x;
@@ -249,15 +256,20 @@ inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geome
         return x;
     };
     const auto most_work = [&](const Vec3& place, int ticks) {
-        const double start_reach = random(0, 3) * engine.radius;
+        double start_reach = 0;
+        if (random(0, 1) >= share_of_starts_on_it) start_reach = random(0, 3) * engine.radius;
         Vec3 hip = around(place, start_reach);
         Vec3 goal = place;
         double most = 0;
         engine.reset(hip);
         for (int t = 0; t < ticks; ++t) {
             if (t % ticks_a_goal == 0) {
-                const double share = random(0, 1);
-                goal = around(place, furthest_goal * share * share * share * engine.radius);
+                if (random(0, 1) < share_of_far_goals) {
+                    goal = around(any_place(), engine.radius);
+                } else {
+                    const double share = random(0, 1);
+                    goal = around(place, furthest_goal * share * share * share * engine.radius);
+                }
             }
             const Vec3 way = goal - hip;
             hip = hip + along(way, std::min(norm(way), largest_step));
@@ -273,10 +285,7 @@ inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geome
         Vec3 at;
     };
     std::vector<Place> tried;
-    for (std::size_t i = 0; i < places; ++i) {
-        const double number = random(0, static_cast<double>(geometry.size()));
-        tried.push_back({0, geometry[static_cast<std::size_t>(number)]});
-    }
+    for (std::size_t i = 0; i < places; ++i) tried.push_back({0, any_place()});
     double most = 0;
     for (int ticks = first_ticks; !tried.empty(); ticks *= 2) {
         for (Place& place : tried) {
@@ -285,14 +294,14 @@ inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geome
         }
         std::stable_sort(tried.begin(), tried.end(),
                          [](const Place& a, const Place& b) { return a.work > b.work; });
-        tried.resize(tried.size() / 3);
+        tried.resize(tried.size() / 2);
     }
     return most;
 }
 
 /// What a search misses of the worst tick, and what a count misses of its time. docs/engine.md has
 /// the bound over the worst tick measured for it.
-inline constexpr double search_margin = 2.5;
+inline constexpr double search_margin = 2.2;
 
 /// `search_margin` times what the search finds, and the time `besides` of what is not counted, but
 /// no more than is proven [s].
@@ -311,8 +320,10 @@ inline std::vector<Vec3> rows_of(const double* xyz, std::size_t n) {
 /// one by one.
 template <int D>
 double proven_robust_time(const Cloud<D>& cloud, const Parameters& p) {
-    constexpr double an_iteration = 3.5e-6, a_point = 1e-9, a_contact = 8e-9;  // [s]
-    constexpr double beside = 16;  // iterations: what a tick does beside them
+    constexpr double an_iteration = 4.5e-6;  // [s]
+    constexpr double a_point = 1.25e-9;      // in the list [s]
+    constexpr double a_contact = 10e-9;      // [s]
+    constexpr double beside = 16;            // iterations: what a tick does beside them
     const ContactSurfaces<D> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
     const double list = std::max((1 + tuned::list_margin) * p.R(), surfaces.reach());
     const double near = most_within(cloud, list + 0.75 * tuned::list_margin * p.R());
@@ -325,7 +336,8 @@ double proven_robust_time(const Cloud<D>& cloud, const Parameters& p) {
 /// The paper's rule: it gathers its list, and goes through it five times at most.
 template <int D>
 double proven_paper_time(const Cloud<D>& cloud, const Parameters& p) {
-    constexpr double a_tick = 15e-6, a_point = 8e-9;  // [s]
+    constexpr double a_tick = 15e-6;   // [s]
+    constexpr double a_point = 10e-9;  // [s]
     const double reach = p.outer_radius + p.point_radius;
     return a_tick + a_point * most_within(cloud, 1.05 * reach);
 }
@@ -351,7 +363,7 @@ double tick_time_in_space(Space space, const double* xyz, std::size_t n, const P
     const bool has_long_ticks =
         p.rule == Rule::robust && p.max_iterations > max_searched_iterations;
     if (!searches || has_long_ticks) return proven;
-    const double besides = p.rule == Rule::paper ? 2e-6 : 3e-6;
+    const double besides = p.rule == Rule::paper ? 1e-6 : 2e-6;
     return bound_by_search(*engine, rows_of(xyz, n), besides, proven);
 }
 
@@ -374,7 +386,8 @@ VFPLAN_COMPILED_ONCE double proven_tick_time(const double* xyz, std::size_t n,
 
 VFPLAN_COMPILED_ONCE double proven_tick_time(const std::vector<Stroke>& strokes,
                                              const Parameters& p) {
-    constexpr double an_iteration = 7.5e-6, a_feature = 10e-9;  // [s]
+    constexpr double an_iteration = 9.5e-6;  // [s]
+    constexpr double a_feature = 12.5e-9;    // [s]
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());

@@ -56,6 +56,15 @@ bool on_planes(const Vec<D>& u, const ContactPlane<D>* const* planes, int k, dou
 
 }  // namespace detail
 
+/// How many choices of at most D planes `nearest_step` tries of `count` planes, which is what it
+/// costs.
+template <int D>
+constexpr int plane_choices(int count) noexcept {
+    const int pairs = count * (count - 1) / 2;
+    const int triples = D == 3 ? pairs * (count - 2) / 3 : 0;
+    return count + pairs + triples;
+}
+
 /// The nearest step among all choices of at most D planes that it may lie on; 0 when the planes
 /// leave none. `slack`: by how much a step may miss a plane through rounding [m].
 template <int D>

@@ -192,6 +192,25 @@ struct CloudWork {
     std::size_t points = 0;    ///< in these spans
     std::size_t contacts = 0;  ///< points that touched the proxy
     std::size_t fits = 0;      ///< planes fitted to them
+    std::size_t choices = 0;   ///< of planes, tried to find a step that keeps to all of them
+};
+
+/// What each of these costs in one rule [s]: fitted to measured ticks, on the machine of
+/// docs/engine.md.
+struct WorkCosts {
+    double row = 0;
+    double span = 0;
+    double point = 0;
+    double contact = 0;
+    double fit = 0;
+    double choice = 0;
+
+    double time_of(const CloudWork& work) const noexcept {
+        return row * static_cast<double>(work.rows) + span * static_cast<double>(work.spans) +
+               point * static_cast<double>(work.points) +
+               contact * static_cast<double>(work.contacts) + fit * static_cast<double>(work.fits) +
+               choice * static_cast<double>(work.choices);
+    }
 };
 
 /// A reference to a function of a span that does not outlive the call it is given to. It counts the

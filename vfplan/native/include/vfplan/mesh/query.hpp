@@ -110,9 +110,7 @@ class TriangleQuery {
     /// The inner steps of all ticks so far.
     std::size_t steps() const noexcept { return steps_; }
     /// One nearest step to so many planes: eight inner steps for each choice of at most three.
-    void spend_on_planes(int n) const noexcept {
-        spend(8 * (n + n * (n - 1) / 2 + n * (n - 1) * (n - 2) / 6));
-    }
+    void spend_on_planes(int n) const noexcept { spend(8 * plane_choices<3>(n)); }
     bool is_budget_spent() const noexcept { return budget_ <= 0; }
 
     /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance

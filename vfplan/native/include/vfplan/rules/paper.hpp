@@ -27,15 +27,14 @@ class PaperRule {
     }
     void continue_from(const FreeBefore<D>*) noexcept { reset(); }
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
-    /// Time that all ticks so far take [s]: costs fitted to measured ticks, on the machine of
-    /// docs/engine.md.
+    /// Time that the work of all ticks so far takes [s].
     double work_time() noexcept {
-        constexpr double a_row = 50e-9, a_span = 50e-9, a_point = 1.2e-9;
-        constexpr double a_point_alone = 8e-9;  // where the direction is summed up point by point
-        const CloudWork& work = neighbours_.index().work();
-        return a_row * static_cast<double>(work.rows) + a_span * static_cast<double>(work.spans) +
-               a_point * static_cast<double>(work.points) +
-               a_point_alone * static_cast<double>(work.contacts);
+        WorkCosts costs;
+        costs.row = 50e-9;
+        costs.span = 30e-9;
+        costs.point = D == 2 ? 0.7e-9 : 1.5e-9;
+        costs.contact = 7e-9;  // one of those that are summed up one by one
+        return costs.time_of(neighbours_.index().work());
     }
 
     /// Algorithm 1, one servo loop.
@@ -99,11 +98,11 @@ class PaperRule {
         Vec<D> sum;
         double weights = 0;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            neighbours_.index().work().contacts += s.n;
             for (std::size_t i = 0; i < s.n; ++i) {
                 const Vec<D> away = proxy - s[i];
                 const double r = norm(away);
                 if (!(r > 0 && r < p_.outer_radius)) continue;
+                ++neighbours_.index().work().contacts;
                 const double t = std::max((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0);
                 const double q = 1 - t, phi = (1 + 4 * t) * (q * q * q * q);
                 sum = sum + (phi / r) * away;

@@ -174,6 +174,7 @@ class RobustMotion {
         if (nearest2_ <= contact * contact || is_known_to_touch) {
             answer.state = State::in_contact;
             surfaces_.update(neighbours_, proxy);
+            count_choices(surfaces_.count());
             answer.normal = surfaces_.normal(hip - proxy, min_step(), plane_slack());
         } else if (nearest2_ < neighbourhood * neighbourhood ||
                    nearest2(proxy, neighbourhood) < neighbourhood * neighbourhood) {
@@ -250,6 +251,7 @@ class RobustMotion {
         const OneSurface one = one_surface(to_hip, limit);
         Vec<D> step;
         if (surfaces > 1) {
+            count_choices(surfaces);
             step = surfaces_.step(to_hip, plane_slack());
         } else if (one.lift_now) {
             step = one.plane.lift * one.plane.normal;
@@ -293,6 +295,7 @@ class RobustMotion {
     /// done, unless both bring the proxy nearer. For test_coarse_channel_is_followed_at_speed.
     bool lift_then_step(Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& step,
                         PlannedPath<D>& path) noexcept {
+        count_choices(surfaces_.count());
         const Vec<D> up =
             nearest_step(Vec<D>{}, surfaces_.planes(), surfaces_.count(), plane_slack());
         const Vec<D> rest = step - up;
@@ -341,12 +344,17 @@ class RobustMotion {
             };
             visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
             if (steepest == 0) break;
+            count_choices(count + 1);
             step = nearest_step(to_hip, planes, count + 1, 0.5 * slack);
             if (!(norm(step) > slack)) break;
         }
         return step;
     }
 
+    /// Counts a search for the step that keeps to so many planes.
+    void count_choices(int planes) noexcept {
+        neighbours_.index().work().choices += static_cast<std::size_t>(plane_choices<D>(planes));
+    }
     double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
                  const SweepRadii& radii) noexcept {
         const SweepResult result = sweep_(neighbours_, x, direction, length, radii);
@@ -402,16 +410,25 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         : Guarded(RobustMotion<D>(thinned, p, kernels), p.R(), p.band) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
-    /// Time that all ticks so far take [s]: costs fitted to measured ticks, on the machine of
-    /// docs/engine.md.
+    /// Time that the work of all ticks so far takes [s].
     double work_time() noexcept {
-        constexpr double a_row = 22e-9, a_span = 37e-9, a_point = 0.65e-9, a_contact = 10e-9;
-        constexpr double a_fit = 300e-9;
-        const CloudWork& work = neighbours().index().work();
-        return a_row * static_cast<double>(work.rows) + a_span * static_cast<double>(work.spans) +
-               a_point * static_cast<double>(work.points) +
-               a_contact * static_cast<double>(work.contacts) +
-               a_fit * static_cast<double>(work.fits);
+        WorkCosts costs;
+        if (D == 2) {
+            costs.row = 20e-9;
+            costs.span = 40e-9;
+            costs.point = 0.5e-9;
+            costs.contact = 13e-9;
+            costs.fit = 70e-9;
+            costs.choice = 60e-9;
+        } else {
+            costs.row = 30e-9;
+            costs.span = 20e-9;
+            costs.point = 1e-9;
+            costs.contact = 50e-9;
+            costs.fit = 150e-9;
+            costs.choice = 35e-9;
+        }
+        return costs.time_of(neighbours().index().work());
     }
     /// A point at p came or went.
     void point_changed(const Vec<D>& p, bool came) noexcept {
