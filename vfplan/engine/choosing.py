@@ -164,7 +164,7 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
             f"{count} vertices."
         )
     largest = float(np.abs(bulges).max())
-    if not largest <= 1:  # also where it is NaN
+    if not largest <= 1:  # NaN is refused too.
         raise SceneError(
             f"a bulge is {largest:g}. Give bulges of at most 1, which is a half circle.",
             numbers={"bulge": largest},

@@ -198,7 +198,7 @@ def _check_rigid(pose: ArrayLike) -> Vector:
 
 def is_rigid(matrix: Vector) -> bool:
     """Whether a matrix (4, 4) is a rotation and a translation within 1e6 m."""
-    if not np.abs(matrix).max() <= MAX_COORDINATE:  # also where an entry is NaN
+    if not np.abs(matrix).max() <= MAX_COORDINATE:  # NaN is refused too.
         return False
     rotation = matrix[:3, :3]
     if np.abs(rotation.T @ rotation - np.eye(3)).max() >= RIGID_TOLERANCE:

@@ -330,7 +330,8 @@ def real_array(values: Any, name: str) -> Vector:
 
 def check_range(rows: Vector, name: str) -> None:
     """Raise `SceneError` for rows (N, 3) [m] that are not finite, or beyond `MAX_COORDINATE`."""
-    is_good = np.all(np.abs(rows) <= MAX_COORDINATE, axis=1)  # false where a coordinate is NaN
+    # NaN compares as false, so that it is refused too.
+    is_good = np.all(np.abs(rows) <= MAX_COORDINATE, axis=1)
     if is_good.all():
         return
     row = int(np.argmin(is_good))
