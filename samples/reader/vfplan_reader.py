@@ -1047,7 +1047,7 @@ class Piece:
     def foot(self, point):
         """(distance, way along the piece) of the nearest place on it."""
         if self.radius > 0:
-            return self._foot_on_arc(point)
+            return self.foot_on_arc(point)
         dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
         share = 0.0
         if self.length > 0:
@@ -1056,7 +1056,8 @@ class Piece:
         place = (self.start[0] + share * dx, self.start[1] + share * dy)
         return math.dist(point, place), share * self.length
 
-    def _foot_on_arc(self, point):
+    def foot_on_arc(self, point):
+        """The same on an arc."""
         angles = []
         for place in (self.start, point):
             angles.append(math.atan2(place[1] - self.centre[1], place[0] - self.centre[0]))

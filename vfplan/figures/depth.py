@@ -43,15 +43,16 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
         )
     ticks = replayed.ticks
     in_contact = ticks.penetration > CONTACT_M
-    deep, point = ticks.penetration[in_contact], ruler.nearest(ticks.proxy[in_contact])
+    penetration = ticks.penetration[in_contact]
+    point = ruler.nearest(ticks.proxy[in_contact])
     depth = np.zeros(len(ruler.points))
-    np.maximum.at(depth, point, deep)
+    np.maximum.at(depth, point, penetration)
     next_tick = np.diff(np.flatnonzero(in_contact)) == 1
     same_stroke = ruler.stroke[point[1:]] == ruler.stroke[point[:-1]]
     slid = np.abs(np.diff(point))
     for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= MAX_SLIDE)):
         low, high = sorted((point[k], point[k + 1]))
-        depth[low:high] = np.maximum(depth[low:high], min(deep[k], deep[k + 1]))
+        depth[low:high] = np.maximum(depth[low:high], min(penetration[k], penetration[k + 1]))
     return ruler, depth
 
 
@@ -83,9 +84,10 @@ def depth_plot(replayed: Replay) -> Figure:
     figure, axes = subplots(7.0, 2.6)
     for stroke in np.unique(ruler.stroke):
         part = ruler.stroke == stroke
-        where, deep = MM * ruler.arclength[part], MM * depth[part]
-        axes.fill_between(where, deep, color=PROXY, alpha=0.25, lw=0)
-        axes.plot(where, deep, lw=0.9, color=PROXY, label=f"stroke {stroke}")
+        arclength_mm = MM * ruler.arclength[part]
+        depth_mm = MM * depth[part]
+        axes.fill_between(arclength_mm, depth_mm, color=PROXY, alpha=0.25, lw=0)
+        axes.plot(arclength_mm, depth_mm, lw=0.9, color=PROXY, label=f"stroke {stroke}")
     axes.set(xlabel="along the planned curve [mm]", ylabel="deepest penetration [mm]")
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
@@ -126,7 +128,8 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     # A length across the slice, at the bottom on the left.
     scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
     length = nice_below(0.2 * width * scale_mm)
-    start, low = 0.03 * width, 0.96 * height
+    start = 0.03 * width
+    low = 0.96 * height
     axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
     axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize=8)
     axes.set_axis_off()

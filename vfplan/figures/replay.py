@@ -73,8 +73,8 @@ def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
     A planar fixture is drawn in its plane, any other in perspective.
     """
     if replayed.fixture.ignore_axis is None:
-        return _scene_3d(replayed, mark_hz)
-    return _scene_2d(replayed, mark_hz)
+        return scene_in_space(replayed, mark_hz)
+    return scene_in_plane(replayed, mark_hz)
 
 
 def plane_basis(axis: Array) -> Array:
@@ -109,36 +109,35 @@ def axis_names(basis: Array) -> list[str]:
     return names
 
 
-def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
-    ticks, fixture = replayed.ticks, replayed.fixture
+def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
+    """The scene of a planar fixture, in its plane."""
+    ticks = replayed.ticks
+    fixture = replayed.fixture
     assert fixture.ignore_axis is not None
     basis = plane_basis(fixture.ignore_axis)
-    cloud, hip, proxy = (
-        MM * fixture.points @ basis,
-        MM * ticks.hip @ basis,
-        MM * ticks.proxy @ basis,
-    )
+    cloud = MM * fixture.points @ basis
+    hip = MM * ticks.hip @ basis
+    proxy = MM * ticks.proxy @ basis
     radius = MM * fixture.contact_radius
-    low, high = _window(hip, cloud, 2.5 * radius)
-    tall = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
-    figure, axes = subplots(7.0, float(np.clip(tall, 1.8, 8.0)) + 0.9)
+    low, high = view_corners(hip, cloud, 2.5 * radius)
+    height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
+    figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
-    picks = contact_marks(replayed.ticks, mark_hz)
+    marks = contact_marks(ticks, mark_hz)
     if fixture.guidance is not None:
-        _tube(axes, fixture, basis)
+        draw_tube(axes, fixture, basis)
     if fixture.region is None:
-        picks = picks[:0]  # A tube has no contact circle.
-    circles = [Circle(tuple(centre), radius) for centre in proxy[picks]]
+        # A tube has no contact circle.
+        marks = marks[:0]
+    circles = [Circle(tuple(centre), radius) for centre in proxy[marks]]
     axes.add_collection(
         PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
     )
-    arrows = radius * ticks.normal[picks] @ basis
-    axes.quiver(
-        *proxy[picks].T, *arrows.T, angles="xy", scale_units="xy", scale=1,
-        color=PROXY, width=0.0025, zorder=5,
-    )  # fmt: skip
+    arrows = radius * ticks.normal[marks] @ basis
+    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": PROXY, "width": 0.0025}
+    axes.quiver(*proxy[marks].T, *arrows.T, zorder=5, **look)
     if fixture.region is not None:
         label = f"contact circle, {mark_hz:g} Hz"
         axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
@@ -151,9 +150,10 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     return figure
 
 
-def _tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
+def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
     """The band around the strokes that guide."""
-    guidance, label = fixture.guidance, "tube"
+    guidance = fixture.guidance
+    label = "tube"
     for stroke, closed in enumerate(fixture.curve.closed):
         if guidance.stroke not in (None, stroke):
             continue
@@ -165,12 +165,14 @@ def _tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         across = MM * guidance.radius * normal
         band = np.vstack([line + across, (line - across)[::-1]])
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
+        # The legend names the tube once.
         label = None
 
 
-def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
+def view_corners(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
     """The corners of what is drawn: the cloud, and the part of the path that is close to it."""
-    low, high = cloud.min(axis=0) - margin, cloud.max(axis=0) + margin
+    low = cloud.min(axis=0) - margin
+    high = cloud.max(axis=0) + margin
     reach = 0.5 * (high - low).max()
     close = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
     if len(close):
@@ -179,19 +181,23 @@ def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
     return low, high
 
 
-def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
-    ticks, fixture = replayed.ticks, replayed.fixture
-    cloud, hip, proxy = MM * fixture.points, MM * ticks.hip, MM * ticks.proxy
-    normal, radius = ticks.normal, MM * fixture.contact_radius
+def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
+    """The scene of any other fixture, in perspective."""
+    ticks = replayed.ticks
+    normal = ticks.normal
+    cloud = MM * replayed.fixture.points
+    hip = MM * ticks.hip
+    proxy = MM * ticks.proxy
+    radius = MM * replayed.fixture.contact_radius
     figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    thin = max(1, len(cloud) // MAX_POINTS)
-    axes.plot(*cloud[::thin].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
+    every = max(1, len(cloud) // MAX_POINTS)
+    axes.plot(*cloud[::every].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
     axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
-    picks = contact_marks(ticks, mark_hz)
-    axes.quiver(*proxy[picks].T, *(radius * normal[picks]).T, color=PROXY, lw=0.8)
-    for k in picks:
-        axes.plot(*_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
+    marks = contact_marks(ticks, mark_hz)
+    axes.quiver(*proxy[marks].T, *(radius * normal[marks]).T, color=PROXY, lw=0.8)
+    for k in marks:
+        axes.plot(*contact_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_zlabel("z [mm]")
     axes.set_aspect("equal")
@@ -199,14 +205,14 @@ def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
     return figure
 
 
-def _ring(centre: Array, normal: Array, radius: float) -> Array:
+def contact_ring(centre: Array, normal: Array, radius: float) -> Array:
     """(33, 3) the great circle about `centre` whose plane holds `normal`."""
     if not normal.any():
         return np.full((33, 3), np.nan)
     side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     side /= np.linalg.norm(side)
-    turn = np.linspace(0, 2 * np.pi, 33)[:, None]
-    return centre + radius * (np.cos(turn) * normal + np.sin(turn) * side)
+    angle = np.linspace(0, 2 * np.pi, 33)[:, None]
+    return centre + radius * (np.cos(angle) * normal + np.sin(angle) * side)
 
 
 def guide_plot(replayed: Replay) -> Figure:

@@ -75,7 +75,9 @@ def draw_mask(extraction: Extraction, path: Path) -> None:
 
     encoded, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
     if not encoded:
-        raise OutputError("the mask cannot be encoded as PNG", where=str(path))
+        raise OutputError(
+            "the mask cannot be encoded as PNG. Leave the picture out.", where=str(path)
+        )
     write_whole(path, [data.tobytes()], overwrite=True)
 
 
@@ -93,7 +95,7 @@ def draw_overlay(
     with its number in the account; the findings that have a place, by their numbers; and the
     markers where given. A length in mm and the patient's sides stand where the image tells them.
     """
-    with _drawing_on(image, path) as (axes, scale):
+    with drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
             name = ""
             if len(extraction.strokes) > 1:
@@ -101,18 +103,18 @@ def draw_overlay(
             if extraction.method == "mask":
                 axes.plot(*stroke.points_px.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
             else:
-                _draw_stroke(axes, stroke, scale, name)
-        _draw_account(axes, extraction.account)
+                draw_stroke(axes, stroke, scale, name)
+        draw_account(axes, extraction.account)
         if markers is not None:
             # Crosses without labels: most slices have the labels on them already.
             places = markers.source[:, :2]
             axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
-        _draw_findings(axes, findings)
+        draw_findings(axes, findings)
 
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
-    with _drawing_on(image, path) as (axes, scale):
+    with drawing_on(image, path) as (axes, scale):
         for number, line in enumerate(error.candidates, 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             axes.plot(*line.T, color=colour, lw=1.2, label=f"--stroke {number}")
@@ -164,7 +166,7 @@ def _write_beside(
 
 
 @contextmanager
-def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
+def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     """Write the slice with what the block draws on it: axes, and the picture's pixels a pixel."""
     size = image.width_px, image.height_px
     scale = np.clip(image.width_px, MIN_WIDTH_PX, MAX_WIDTH_PX) / image.width_px
@@ -177,16 +179,17 @@ def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
             picture = picture / np.iinfo(picture.dtype).max
         axes.imshow(picture, interpolation="nearest")
         yield axes, scale
-        _draw_bar(axes, image)
-        _draw_sides(axes, image)
+        draw_scale(axes, image)
+        draw_sides(axes, image)
 
 
-def _draw_bar(axes: Any, image: PlannedImage) -> None:
+def draw_scale(axes: Any, image: PlannedImage) -> None:
     """A length across the slice, at the bottom on the left."""
     if image.pixel_spacing_mm is None:
         return
     length = nice_below(0.2 * image.width_px * image.pixel_spacing_mm[0])
-    start, low = 0.03 * image.width_px, 0.96 * image.height_px
+    start = 0.03 * image.width_px
+    low = 0.96 * image.height_px
     end = start + length / image.pixel_spacing_mm[0]
     edge = (withStroke(linewidth=5.0, foreground="white"),)
     axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
@@ -195,7 +198,7 @@ def _draw_bar(axes: Any, image: PlannedImage) -> None:
     axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
 
 
-def _draw_sides(axes: Any, image: PlannedImage) -> None:
+def draw_sides(axes: Any, image: PlannedImage) -> None:
     """The patient's sides at the four edges, as DICOM names them."""
     if image.T_patient_image is None:
         return
@@ -207,8 +210,9 @@ def _draw_sides(axes: Any, image: PlannedImage) -> None:
         (0.5, 0.97): -along_v,
     }
     for (x, y), direction in directions.items():
-        axes.text(x, y, side(direction), transform=axes.transAxes, ha="center", va="center",
-                  weight="bold", color=FORCE, path_effects=HALO, zorder=8)  # fmt: skip
+        look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE}
+        look |= {"transform": axes.transAxes, "path_effects": HALO, "zorder": 8}
+        axes.text(x, y, side(direction), **look)
 
 
 def side(direction: NDArray) -> str:
@@ -223,7 +227,7 @@ def side(direction: NDArray) -> str:
     return letters
 
 
-def _draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
+def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     """An outline along the ink, the direction, and both ends by name."""
     points = stroke.points_px
     width = USUAL_WIDTH_PX
@@ -234,10 +238,11 @@ def _draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     for outline in outline_along(points, distance, closed=stroke.closed):
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
         if len(bridges):
-            away = np.hypot(*(outline[:, None] - bridges[None]).transpose(2, 0, 1)).min(axis=1)
-            over = np.where((away < distance + 1)[:, None], outline, np.nan)
-            axes.plot(*over.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
-    _draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
+            offsets = outline[:, None] - bridges[None]
+            to_bridge = np.hypot(*offsets.transpose(2, 0, 1)).min(axis=1)
+            beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
+            axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
+    draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
     look = {"textcoords": "offset points", "fontsize": 8, "color": FORCE, "weight": "bold"}
     look |= {"path_effects": HALO, "zorder": 6}
     axes.annotate(f"start{name}", points[0], xytext=(9, 9), **look)
@@ -245,10 +250,11 @@ def _draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
         axes.annotate(f"end{name}", points[-1], xytext=(9, -14), **look)
 
 
-def _draw_direction(axes: Any, points: NDArray, distance: float) -> None:
+def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
     """Arrow heads this far beside the line, to the right of who goes along it."""
     for i in np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int):
-        a, b = points[max(i - 3, 0)], points[min(i + 3, len(points) - 1)]
+        a = points[max(i - 3, 0)]
+        b = points[min(i + 3, len(points) - 1)]
         length = np.hypot(*(b - a))
         if length == 0:
             continue
@@ -258,18 +264,19 @@ def _draw_direction(axes: Any, points: NDArray, distance: float) -> None:
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
 
 
-def _draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
+def draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
+    """The number of each finding that has a place, beside it."""
     for number, finding in enumerate(findings, 1):
         if finding.place_px is None:
             continue
         box = {"fc": FORCE, "ec": "white", "pad": 1.5}
         where = {"xytext": (14, 14), "textcoords": "offset points", "zorder": 9, "weight": "bold"}
         leader = {"arrowstyle": "-", "color": FORCE, "lw": 1.2, "shrinkB": 4}
-        axes.annotate(f"F{number}", finding.place_px, color="white", fontsize=8, bbox=box,
-                      arrowprops=leader, **where)  # fmt: skip
+        look = {"color": "white", "fontsize": 8, "bbox": box, "arrowprops": leader}
+        axes.annotate(f"F{number}", finding.place_px, **look, **where)
 
 
-def _draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
+def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
     """A box around each piece of other ink, with its number; the smallest of many are left out."""
     from matplotlib.patches import Rectangle
 
@@ -280,6 +287,5 @@ def _draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
         corner = entry.u - half, entry.v - half
         look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
         axes.add_patch(Rectangle(corner, 2 * half, 2 * half, **look))
-        axes.text(
-            *corner, str(entry.number), color=OTHER_INK, fontsize=7, va="bottom", clip_on=True
-        )
+        words = {"color": OTHER_INK, "fontsize": 7, "va": "bottom", "clip_on": True}
+        axes.text(*corner, str(entry.number), **words)
