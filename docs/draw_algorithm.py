@@ -21,15 +21,17 @@ NAMES = {-1: "no neighbour", 0: "free motion", 1: "in contact", 2: "entrenched"}
 
 def circle(axes, centre, radius, **look):
     """A circle around a position [m], drawn in millimetres."""
-    turn = np.linspace(0, 2 * np.pi, 181)
-    x, y = centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn)
+    angle = np.linspace(0, 2 * np.pi, 181)
+    x = centre[0] + radius * np.cos(angle)
+    y = centre[1] + radius * np.sin(angle)
     axes.plot(1e3 * x, 1e3 * y, **look)
 
 
 def arrow(axes, start, vector, colour):
     """An arrow from a position [m] along a vector [m], drawn in millimetres."""
-    x, y = 1e3 * np.asarray(start)[:2], 1e3 * (np.asarray(start) + vector)[:2]
-    axes.annotate("", y, x, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5})
+    tail = 1e3 * np.asarray(start)[:2]
+    head = 1e3 * (np.asarray(start) + vector)[:2]
+    axes.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5})
 
 
 def states() -> None:
@@ -64,8 +66,8 @@ def states() -> None:
 def corner() -> None:
     """Along a floor into a wall, 2 mm deep, at 0.5 m/s: where each rule's proxy went."""
     scene = Corner(leg=0.05)
-    way = [[0.03, 0.01, 0], [0.03, -2e-3, 0], [-5e-3, -2e-3, 0]]
-    hips = np.vstack([travel(way, 0.5), np.tile(way[-1], (60, 1))])
+    stops = [[0.03, 0.01, 0], [0.03, -2e-3, 0], [-5e-3, -2e-3, 0]]
+    hips = np.vstack([travel(stops, 0.5), np.tile(stops[-1], (60, 1))])
     with style.style():
         figure = style.new_figure(7.5, 3.2)
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -80,8 +82,10 @@ def corner() -> None:
         axes.plot(
             *(1e3 * proxy[:, :2].T), ".-", color=palette.RULE[rule], lw=1, ms=3, label="proxy"
         )
-        shown = worst if gaps[worst] < RC - 1e-4 else -1
-        circle(axes, proxy[shown], RC, color=palette.CONTACT, lw=1.2)
+        drawn_tick = -1
+        if gaps[worst] < RC - 1e-4:
+            drawn_tick = worst
+        circle(axes, proxy[drawn_tick], RC, color=palette.CONTACT, lw=1.2)
         depth = 1e3 * max(RC - gaps[worst], 0.0)
         axes.set_title(f"{rule}: {depth:.3f} mm inside at worst")
         axes.set_aspect("equal")

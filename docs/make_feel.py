@@ -19,15 +19,16 @@ def main() -> None:
     """A row a cloud: the force steps of each rule, and what `robust` needed for it."""
     rows = []
     for trials in feel.scenes(False, 1e-5):
-        found = {trial.method: trial.score(trial.run()[0]) for trial in trials}
-        robust = found["robust"]
-        rows.append([
-            trials[0].scene,
-            str(robust["points"]),
-            *(steps(found[rule]) for rule in RULES),
-            f"{micrometres(robust['band_m'])} µm",
-            f"{robust['limit_share']:.1%}",
-        ])  # fmt: skip
+        scores = {}
+        for trial in trials:
+            scores[trial.method] = trial.score(trial.run()[0])
+        robust = scores["robust"]
+        row = [trials[0].scene, str(robust["points"])]
+        for rule in RULES:
+            row.append(steps(scores[rule]))
+        row.append(f"{micrometres(robust['band_m'])} µm")
+        row.append(f"{robust['limit_share']:.1%}")
+        rows.append(row)
     columns = [f"`{rule}`: > 0.6 N, > 2 N, worst" for rule in RULES]
     print(table(["cloud", "points", *columns, "band of `robust`", "its LIMIT"], rows))
 

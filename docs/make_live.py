@@ -1,16 +1,14 @@
 """Print the figures in docs/live.md:  python docs/make_live.py [ROUNDS]
 
 What a tick of the sample controller takes without telemetry, with it, and with it while its reader
-sleeps: 5 s of each in turn, ROUNDS times (10), the median over the rounds and the
-best p99.9. And what ten minutes of
-ticks take as MCAP.
+sleeps: 5 s of each in turn, ROUNDS times (10). Printed are the median over the rounds and the best
+p99.9, and what ten minutes of ticks take as MCAP.
 """
 
 from __future__ import annotations
 
 import re
 import socket
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -31,21 +29,22 @@ STEP = re.compile(r"p50 ([\d.]+)  p99 ([\d.]+)  p99.9 ([\d.]+)")
 
 def prepared(folder: Path) -> list[str]:
     """The sample controller's command on the sample's fixture."""
-    samples, fixture = ROOT / "samples", folder / "elbow.h5"
-    markers = [samples / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
-    made = [samples / "elbow.png", *markers, "-o", fixture, "--pixel-spacing", "0.5", "-q"]
+    samples = ROOT / "samples"
+    fixture = folder / "elbow.h5"
     build = folder / "build"
-    for command in (
-        [Path(sys.executable).with_name("vfplan"), "plan", *made],
-        ["cmake", "-S", samples / "controller", "-B", build, f"-Dvfplan_DIR={vfplan.cmake_dir()}"],
-        ["cmake", "--build", build],
-    ):
+    plan = [Path(sys.executable).with_name("vfplan"), "plan", samples / "elbow.png"]
+    plan += [samples / "elbow_markers_image.csv", samples / "elbow_markers_robot.csv"]
+    plan += ["-o", fixture, "--pixel-spacing", "0.5", "-q"]
+    configure = ["cmake", "-S", samples / "controller", "-B", build]
+    configure += [f"-Dvfplan_DIR={vfplan.cmake_dir()}"]
+    for command in (plan, configure, ["cmake", "--build", build]):
         subprocess.run([*map(str, command)], check=True, capture_output=True)
-    first = ["chrt", "-f", "50"]  # as a controller is run, where the system lets it
-    if subprocess.run([*first, "true"], check=False, capture_output=True).returncode:
-        first = []
+    # A controller is run with a real-time priority, where the system lets it.
+    priority = ["chrt", "-f", "50"]
+    if subprocess.run([*priority, "true"], check=False, capture_output=True).returncode:
+        priority = []
     return [
-        *first,
+        *priority,
         str(build / "controller"),
         str(fixture),
         "--unsigned",
@@ -56,27 +55,40 @@ def prepared(folder: Path) -> list[str]:
 
 def loop(command: list[str], rounds: int) -> None:
     """Print the step's percentiles, in turn so that the machine's moods strike all alike."""
-    awake, asleep = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-    for listening in (awake, asleep):
-        listening.bind(("127.0.0.1", 0))
-    threading.Thread(target=lambda: [awake.recv(2048) for _ in iter(int, 1)], daemon=True).start()
-    sent = {
-        name: ["--telemetry", f"127.0.0.1:{s.getsockname()[1]}"]
-        for name, s in (("with a reader", awake), ("its reader sleeps", asleep))
+    reading = listening_socket()
+    sleeping = listening_socket()
+    threading.Thread(target=read_for_ever, args=(reading,), daemon=True).start()
+    ways = {
+        "without": [],
+        "with a reader": ["--telemetry", f"127.0.0.1:{reading.getsockname()[1]}"],
+        "its reader sleeps": ["--telemetry", f"127.0.0.1:{sleeping.getsockname()[1]}"],
     }
-    found: dict[str, list[tuple[float, ...]]] = {}
+    percentiles: dict[str, list[tuple[float, ...]]] = {name: [] for name in ways}
     for _ in range(rounds):
-        for name, words in {"without": [], **sent}.items():
-            said = subprocess.run([*command, *words], check=True, capture_output=True, text=True)
-            figures = STEP.search(said.stdout)
-            assert figures is not None, said.stdout
-            found.setdefault(name, []).append(tuple(map(float, figures.groups())))
-    for name, rows in found.items():
-        p50, p99, p999 = (statistics.median(column) for column in zip(*rows, strict=True))
+        for name, words in ways.items():
+            run = subprocess.run([*command, *words], check=True, capture_output=True, text=True)
+            figures = STEP.search(run.stdout)
+            assert figures is not None, run.stdout
+            percentiles[name].append(tuple(map(float, figures.groups())))
+    for name, rows in percentiles.items():
+        p50, p99, p999 = np.median(rows, axis=0)
         best = min(row[2] for row in rows)
         print(
             f"step [us], {name:17}: p50 {p50:.2f}  p99 {p99:.2f}  p99.9 {p999:.2f}, best {best:.2f}"
         )
+
+
+def listening_socket() -> socket.socket:
+    """A socket that takes datagrams on this machine."""
+    listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listening.bind(("127.0.0.1", 0))
+    return listening
+
+
+def read_for_ever(listening: socket.socket) -> None:
+    """Take every datagram, and drop it."""
+    while True:
+        listening.recv(2048)
 
 
 def mcap(path: Path) -> None:
@@ -98,7 +110,15 @@ def mcap(path: Path) -> None:
     print(f"MCAP, 10 min: {size:.0f} MB, written in {written - began:.0f} s, read in {read:.0f} s")
 
 
+def main(words: list[str]) -> None:
+    """Print all figures."""
+    rounds = 10
+    if words:
+        rounds = int(words[0])
+    with tempfile.TemporaryDirectory() as folder:
+        mcap(Path(folder) / "ten.mcap")
+        loop(prepared(Path(folder)), rounds)
+
+
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as name:
-        mcap(Path(name) / "ten.mcap")
-        loop(prepared(Path(name)), int(sys.argv[1]) if len(sys.argv) > 1 else 10)
+    main(sys.argv[1:])

@@ -24,19 +24,21 @@ RUNS = 40
 
 def prepared(sample: Path, folder: Path) -> tuple[Path, Path]:
     """The fixture and the session of a minute."""
-    fixture, session = folder / "fixture.h5", folder / "session.csv"
-    made = plan(
+    fixture = folder / "fixture.h5"
+    session = folder / "session.csv"
+    result = plan(
         sample / "elbow.png",
         sample / "elbow_markers_image.csv",
         sample / "elbow_markers_robot.csv",
         extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
     )
-    vfplan.write_fixture(made.fixture, fixture)
+    vfplan.write_fixture(result.fixture, fixture)
     hip = vfplan.read_session(sample / "elbow_session.csv").hip
-    there = np.concatenate([hip, hip[::-1]])
-    rows = np.resize(there, (TICKS, 3))
-    lines = (f"{k / 1e3:.3f},{x:.7f},{y:.7f},{z:.7f}\n" for k, (x, y, z) in enumerate(rows))
-    session.write_text("t,x,y,z\n" + "".join(lines))
+    to_and_fro = np.concatenate([hip, hip[::-1]])
+    lines = ["t,x,y,z"]
+    for k, (x, y, z) in enumerate(np.resize(to_and_fro, (TICKS, 3))):
+        lines.append(f"{k / 1e3:.3f},{x:.7f},{y:.7f},{z:.7f}")
+    session.write_text("\n".join(lines) + "\n")
     return fixture, session
 
 
@@ -44,17 +46,20 @@ def main() -> None:
     """Replay and print."""
     with tempfile.TemporaryDirectory() as name, as_file(files("vfplan.samples")) as sample:
         fixture, session = prepared(sample, Path(name))
-        cpu, wall = [], []
+        processor_s = []
+        wall_s = []
         for _ in range(RUNS):
-            began = time.process_time(), time.perf_counter()
-            found = replay(fixture, session, keep=0).metrics
-            cpu.append(time.process_time() - began[0])
-            wall.append(time.perf_counter() - began[1])
-    length = found["duration_s"]
+            processor_start = time.process_time()
+            wall_start = time.perf_counter()
+            metrics = replay(fixture, session, keep=0).metrics
+            processor_s.append(time.process_time() - processor_start)
+            wall_s.append(time.perf_counter() - wall_start)
+    duration_s = metrics["duration_s"]
+    contact = metrics["contact_ticks"] / metrics["ticks"]
     print(
-        f"{found['ticks']} ticks, {found['contact_ticks'] / found['ticks']:.0%} in contact, "
-        f"{found['scene']['points']} points: {min(cpu):.2f} s of processor time, "
-        f"{length / min(cpu):.0f} times real time; {length / min(wall):.0f} times by the wall clock"
+        f"{metrics['ticks']} ticks, {contact:.0%} in contact, {metrics['scene']['points']} points: "
+        f"{min(processor_s):.2f} s of processor time, {duration_s / min(processor_s):.0f} times "
+        f"real time; {duration_s / min(wall_s):.0f} times by the wall clock"
     )
 
 

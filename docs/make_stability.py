@@ -26,7 +26,9 @@ PAGE = DOCS / "stability.md"
 
 def number(value: float | None) -> str:
     """Three digits; a dash where there is none."""
-    return "–" if value is None else f"{value:.3g}"
+    if value is None:
+        return "–"
+    return f"{value:.3g}"
 
 
 def loops(cases: list[dict]) -> list[str]:
@@ -48,7 +50,11 @@ def loops(cases: list[dict]) -> list[str]:
 
 def passivity(cases: list[dict]) -> list[str]:
     """Passivity and receding: one line a scene and rule."""
-    recede = {c["case"].partition("/")[2]: c for c in cases if c["case"].startswith("recede/")}
+    receding = {}
+    for c in cases:
+        kind, _, name = c["case"].partition("/")
+        if kind == "recede":
+            receding[name] = c
     lines = [
         "| scene | rule | active cycles | largest (work − bound) / stored |"
         " receded in a tick [bands] |",
@@ -56,7 +62,7 @@ def passivity(cases: list[dict]) -> list[str]:
     ]
     for c in cases:
         if c["case"].startswith("passivity/"):
-            r = recede[c["case"].partition("/")[2]]
+            r = receding[c["case"].partition("/")[2]]
             lines.append(
                 f"| {c['scene']} | {c['rule']} | {c['active_cycles']} of {c['cycles']} |"
                 f" {c['measured']:+.2g} | {r['measured'] / r['limit']:.2f} |"
@@ -71,9 +77,10 @@ def extremes(cases: list[dict]) -> list[str]:
         kind, _, name = c["case"].partition("/")
         if kind != "extreme":
             continue
-        expected, _, found = c["detail"].removeprefix("expected ").partition("; ")
-        found = found if len(found) < 90 else found[:87] + "..."
-        lines.append(f"| {name.replace('/', ': ', 1)} | {expected} | {found} | {c['outcome']} |")
+        expected, _, measured = c["detail"].removeprefix("expected ").partition("; ")
+        if len(measured) >= 90:
+            measured = measured[:87] + "..."
+        lines.append(f"| {name.replace('/', ': ', 1)} | {expected} | {measured} | {c['outcome']} |")
     return lines
 
 
@@ -81,13 +88,19 @@ def main(folder: Path) -> None:
     """Rewrite the page between its markers."""
     cases = json.loads((folder / "stability.json").read_text("utf-8"))["cases"]
     page = PAGE.read_text("utf-8")
-    for name, made in (("loops", loops), ("passivity", passivity), ("extremes", extremes)):
-        block = f"<!-- {name} -->\n" + "\n".join(made(cases)) + f"\n<!-- end {name} -->"
-        old = re.compile(f"<!-- {name} -->.*?<!-- end {name} -->", re.DOTALL)
-        page = old.sub(lambda _, block=block: block, page)
+    page = with_table(page, "loops", loops(cases))
+    page = with_table(page, "passivity", passivity(cases))
+    page = with_table(page, "extremes", extremes(cases))
     PAGE.write_text(page, "utf-8")
     shutil.copyfile(folder / "passivity.png", DOCS / "pictures" / "passivity.png")
     save_png(stability_map(), DOCS / "pictures" / "stability_map.png")
+
+
+def with_table(page: str, name: str, lines: list[str]) -> str:
+    """The page with a table in its place."""
+    block = f"<!-- {name} -->\n" + "\n".join(lines) + f"\n<!-- end {name} -->"
+    place = re.compile(f"<!-- {name} -->.*?<!-- end {name} -->", re.DOTALL)
+    return place.sub(lambda _: block, page)
 
 
 ROBOTS = ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))

@@ -23,43 +23,55 @@ import nrrd
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.surface import SurfaceSettings, surface
 
-GAP = 3.0
-"""Between slices [mm]."""
-PIXEL = 0.1
+GAP_MM = 3.0
+"""Distance between slices [mm]."""
+PIXEL_MM = 0.1
 """Size of a pixel [mm]."""
-SIDE = 40.0  # mm, half of the slices'
+HALF_SIDE_MM = 40.0
+"""Half of a slice's side [mm]."""
 
 
 def borders(program: str, path: Path, bone: bones.Bone) -> NDArray:
     """(M, 3) middles of the edges between plastimatch's voxels inside and outside [mm]."""
-    places, n = bone.places(GAP), round(2 * SIDE / PIXEL)
-    subprocess.run(
-        [program, "convert", "--input", path, "--output-prefix", path.parent / "masks",
-         "--prefix-format", "nrrd", "--origin", f"{-SIDE} {-SIDE} {places[0]}",
-         "--dim", f"{n} {n} {len(places)}", "--spacing", f"{PIXEL} {PIXEL} {GAP}"],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    inside = nrrd.read(str(next((path.parent / "masks").glob("*.nrrd"))))[0] != 0
-    found = []
+    heights_mm = bone.places(GAP_MM)
+    n = round(2 * HALF_SIDE_MM / PIXEL_MM)
+    origin_mm = [-HALF_SIDE_MM, -HALF_SIDE_MM, heights_mm[0]]
+    spacing_mm = [PIXEL_MM, PIXEL_MM, GAP_MM]
+    masks = path.parent / "masks"
+    command = [program, "convert", "--input", path, "--output-prefix", masks]
+    command += ["--prefix-format", "nrrd", "--origin", " ".join(map(str, origin_mm))]
+    command += ["--dim", f"{n} {n} {len(heights_mm)}"]
+    command += ["--spacing", " ".join(map(str, spacing_mm))]
+    subprocess.run(command, check=True, capture_output=True)
+    is_inside = nrrd.read(str(next(masks.glob("*.nrrd"))))[0] != 0
+    edges = []
     for axis in (0, 1):
-        index = np.argwhere(np.diff(inside, axis=axis)).astype(float)
+        index = np.argwhere(np.diff(is_inside, axis=axis)).astype(float)
         index[:, axis] += 0.5
-        found.append(index * [PIXEL, PIXEL, GAP] + [-SIDE, -SIDE, places[0]])
-    return np.concatenate(found)
+        edges.append(index * spacing_mm + origin_mm)
+    return np.concatenate(edges)
 
 
 def compared(program: str, bone: bones.Bone) -> NDArray:
     """(M,) distances [mm] of plastimatch's borders from the surface."""
     with tempfile.TemporaryDirectory() as folder:
-        path = bones.write_rtstruct(Path(folder) / "s.dcm", bones.outlines(bone, GAP))
+        path = bones.write_rtstruct(Path(folder) / "s.dcm", bones.outlines(bone, GAP_MM))
         places = borders(program, path, bone)
-        made = surface(path, settings=SurfaceSettings(tolerance_m=4e-4)).fixture
-    nearest, _ = NearestOnMesh(made.points, made.mesh)(1e-3 * places)
+        fixture = surface(path, settings=SurfaceSettings(tolerance_m=4e-4)).fixture
+    nearest, _ = NearestOnMesh(fixture.points, fixture.mesh)(1e-3 * places)
     return 1e3 * np.linalg.norm(1e-3 * places - nearest, axis=1)
 
 
+def main(words: list[str]) -> None:
+    """Print the table."""
+    program = "plastimatch"
+    if words:
+        program = words[0]
+    for name in ("BENT", "TUNNEL", "BRANCHES"):
+        distance = compared(program, getattr(bones, name))
+        rms = np.sqrt((distance**2).mean())
+        print(f"| {name.lower()} | {len(distance)} | {rms:.3f} mm | {distance.max():.3f} mm |")
+
+
 if __name__ == "__main__":
-    for NAME in ("BENT", "TUNNEL", "BRANCHES"):
-        AWAY = compared((sys.argv[1:] or ["plastimatch"])[0], getattr(bones, NAME))
-        RMS = np.sqrt((AWAY**2).mean())
-        print(f"| {NAME.lower()} | {len(AWAY)} | {RMS:.3f} mm | {AWAY.max():.3f} mm |")
+    main(sys.argv[1:])

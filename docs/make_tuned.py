@@ -61,36 +61,41 @@ class Varied:
     def __init__(self, points, ignore_axis=None):
         self.parameters = ProxyParameters.make(points, ignore_axis=ignore_axis)
         cloud = np.ascontiguousarray(points, np.float64)
-        planar, band = int(ignore_axis is not None), ctypes.c_double(self.parameters.band)
-        self._engine = ctypes.c_void_p(
-            self.library.make(_of(cloud), ctypes.c_long(len(cloud)), planar, band)
-        )
+        is_planar = int(ignore_axis is not None)
+        band = ctypes.c_double(self.parameters.band)
+        count = ctypes.c_long(len(cloud))
+        self._engine = ctypes.c_void_p(self.library.make(pointer(cloud), count, is_planar, band))
 
     def __del__(self):
         self.library.drop(self._engine)
 
     def reset(self, hip):
         """As `ProxyEngine.reset`."""
-        self.library.reset(self._engine, _of(np.ascontiguousarray(hip, np.float64)))
+        self.library.reset(self._engine, pointer(np.ascontiguousarray(hip, np.float64)))
 
     def run(self, hips):
         """As `ProxyEngine.run`, the proxy only."""
         path = np.ascontiguousarray(hips, np.float64)
         proxy = np.empty_like(path)
-        self.library.run(self._engine, _of(path), ctypes.c_long(len(path)), _of(proxy))
+        count = ctypes.c_long(len(path))
+        self.library.run(self._engine, pointer(path), count, pointer(proxy))
         return SimpleNamespace(proxy=proxy)
 
 
-def _of(array):
+def pointer(array):
+    """Where an array's numbers lie."""
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
 def numbers() -> dict[str, float]:
     """The numbers of rules/constants.hpp, in its order."""
     text = (INCLUDE / "vfplan" / "rules" / "constants.hpp").read_text()
-    lines = re.findall(r"inline constexpr \w+ ([^;]+);", text)
-    pairs = [pair.split(" = ") for line in lines for pair in line.split(", ")]
-    return {name.strip(): float(value) for name, value in pairs}
+    values = {}
+    for statement in re.findall(r"inline constexpr \w+ ([^;]+);", text):
+        for definition in statement.split(", "):
+            name, value = definition.split(" = ")
+            values[name.strip()] = float(value)
+    return values
 
 
 def build(folder: Path, name: str | None, value: float) -> ctypes.CDLL:
@@ -103,15 +108,8 @@ def build(folder: Path, name: str | None, value: float) -> ctypes.CDLL:
         tuned.write_text(re.sub(rf"\b{name} = [^,;]+", f"{name} = {value:.17g}", tuned.read_text()))
     (folder / "driver.cpp").write_text(DRIVER)
     out = folder / f"{name}_{value:g}.so"
-    command = [
-        "g++",
-        "-std=c++20",
-        "-O1",
-        "-ffp-contract=off",
-        "-DVFPLAN_NARROW",
-        "-shared",
-        "-fPIC",
-    ]
+    flags = "-std=c++20 -O1 -ffp-contract=off -DVFPLAN_NARROW -shared -fPIC"
+    command = ["g++", *flags.split()]
     subprocess.run([*command, f"-I{headers}", folder / "driver.cpp", "-o", out], check=True)
     library = ctypes.CDLL(str(out))
     library.make.restype = ctypes.c_void_p
@@ -136,8 +134,10 @@ def over(kind: str, route: str, speed: float, noise=0.0, **settings) -> tuple[fl
         hips = scene.path(route, speed=speed)
         TRUTHS[key] = scene, hips, scene.truth(hips, R)
     scene, hips, truth = TRUTHS[key]
-    shaken = np.random.default_rng(0).normal(0, noise, scene.points.shape) if noise else 0
-    proxy = played(scene.points + shaken, scene.ignore_axis, hips)
+    points = scene.points
+    if noise > 0:
+        points = points + np.random.default_rng(0).normal(0, noise, points.shape)
+    proxy = played(points, scene.ignore_axis, hips)
     band = ProxyParameters.make(scene.points, ignore_axis=scene.ignore_axis).band
     longer = np.linalg.norm(proxy - hips, axis=1) - np.linalg.norm(truth - hips, axis=1)
     return longer.max() / band, 1e6 * np.linalg.norm(proxy - truth, axis=1).max()
@@ -162,12 +162,13 @@ def sheet() -> float:
 def resting() -> float:
     """The most a rest leaves to go [bands], over thick lines and hollows."""
     test_rests.vfplan = SimpleNamespace(ProxyEngine=Varied)
-    found = []
+    most = 0.0
     for make, kind in ((test_rests.thick_line, "thick line"), (test_rests.hollow, "hollow")):
         for seed in range(10):
             rng = np.random.default_rng(seed)
-            found += [more for more, _ in test_rests.rests(make(rng), kind, rng)]
-    return max(found)
+            for remaining, _ in test_rests.rests(make(rng), kind, rng):
+                most = max(most, remaining)
+    return most
 
 
 MEASURES = {
@@ -185,16 +186,24 @@ MEASURES = {
 def row(title: str, library: ctypes.CDLL) -> str:
     """One line of the table."""
     Varied.library = library
-    return f"{title:24}" + "".join(f"{measure():17.2f}" for measure in MEASURES.values())
+    text = f"{title:24}"
+    for measure in MEASURES.values():
+        text += f"{measure():17.2f}"
+    return text
 
 
 def main(names: list[str]) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        print(" " * 24 + "".join(f"{title:>17}" for title in MEASURES))
+        head = " " * 24
+        for title in MEASURES:
+            head += f"{title:>17}"
+        print(head)
         print(row("as built", build(Path(folder), None, 0)), flush=True)
         for name, value in numbers().items():
-            for factor in (0.5, 2.0) if not names or name in names else ():
+            if names and name not in names:
+                continue
+            for factor in (0.5, 2.0):
                 changed = build(Path(folder), name, value * factor)
                 print(row(f"{name} {value:g} -> {value * factor:g}", changed), flush=True)
 

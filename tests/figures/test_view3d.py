@@ -93,7 +93,7 @@ def test_wrong_use(vfplan_cli, files, tmp_path):
     for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m")):
         run = vfplan_cli("view", *files, option, tmp_path / name)
         assert run.code == 2
-        assert "end the name in" in run.error_line
+        assert ".png" in run.error_line
     assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2
     assert vfplan_cli("view", tmp_path / "no.h5", "--screenshot", tmp_path / "m.png").code == 3
     assert list(tmp_path.iterdir()) == []
