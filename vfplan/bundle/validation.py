@@ -19,7 +19,7 @@ from vfplan.errors import BundleError, SceneError
 from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
-UNSIGNED = "is not signed: protected against accident, not against intent"
+UNSIGNED = "is not signed: protected against accident, not against intent. Sign it: vfplan sign"
 CERTIFICATE_TOLERANCE = 1e-9
 """Relative difference of a stored certificate from a recomputed one that is rounding."""
 
@@ -79,7 +79,9 @@ def finding_issues(content: Content) -> Iterator[Issue]:
             text = f"{finding.text} (accepted by {finding.answered_by}, {finding.answered_utc})"
             yield Issue("/findings", finding.code, "note", text)
     if "/rendering/stiffness" in content and "/review@by" not in content:
-        yield Issue("/review", "review.missing", "note", "nobody has reviewed it")
+        yield Issue(
+            "/review", "review.missing", "note", "nobody has reviewed it. Look at it: vfplan review"
+        )
 
 
 def certificate_issues(content: Content) -> Iterator[Issue]:
@@ -98,22 +100,35 @@ def certificate_issues(content: Content) -> Iterator[Issue]:
         else:
             is_same = np.allclose(stated, wanted, rtol=CERTIFICATE_TOLERANCE, atol=1e-12)
         if not is_same:
-            yield Issue(path, "corrupt.leak", "error", f"is {stated}; the fixture gives {wanted}")
+            yield Issue(
+                path,
+                "corrupt.leak",
+                "error",
+                f"is {stated}, and the fixture gives {wanted}. Write it anew",
+            )
 
     # What a proxy can go around, which no rule forbids.
     if content["/leak@kind"] == "cloud":
         size = content["/leak@largest_m"]
-        text = f"a bare cloud, nothing certified; the loneliest point is {size:.6g} m from the next"
+        text = (
+            f"a bare cloud, nothing certified; the loneliest point is {size:.6g} m from the next. "
+            "Import it as a curve or a mesh"
+        )
         yield Issue("/leak", "leak.uncertified", "note", text)
     if "/leak/open_ends" in content:
-        text = f"{len(content['/leak/open_ends'])} open ends to pass around"
+        count = len(content["/leak/open_ends"])
+        text = f"{count} open ends to pass around. Close the curve, or draw it longer"
         yield Issue("/leak/open_ends", "leak.open_ends", "note", text)
     if "/leak@between_m" in content:
         size = content["/leak@between_m"]
-        text = f"an open end is {size:.6g} m from the nearest other stroke"
+        text = (
+            f"an open end is {size:.6g} m from the nearest other stroke. Join the two if nothing "
+            "may pass between"
+        )
         yield Issue("/leak@between_m", "leak.between", "note", text)
     if "/leak@open_edges" in content:
-        text = f"an open sheet: {content['/leak@open_edges']} rim edges"
+        count = content["/leak@open_edges"]
+        text = f"an open sheet: {count} rim edges. Close the mesh if nothing may pass the rim"
         yield Issue("/leak@open_edges", "leak.open_edges", "note", text)
 
 
@@ -135,7 +150,7 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
         return "rendering.engine", error.message
     if text is None:
         return None
-    return "rendering.work", f"{text}; it is for replay and study, not for a robot"
+    return "rendering.work", f"{text}. Use it for replay and study, not on a robot"
 
 
 def size_issues(content: Content) -> Iterator[Issue]:
@@ -151,7 +166,7 @@ def path_issues(content: Content) -> Iterator[Issue]:
     """Texts of settings that look like the path of a file."""
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
-            message = f"{text} looks like a path; bundles hold none"
+            message = f"{text} looks like a path, and bundles hold none. Give another text"
             yield Issue("/provenance/setting_values", "provenance.path", "warning", message)
 
 
@@ -181,11 +196,12 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         texts.append(
             f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
-            f"than {2e3 * fixture.contact_radius:g} mm"
+            f"than {2e3 * fixture.contact_radius:g} mm. Close the holes in the tool that made it"
         )
     shared_edges = int(np.count_nonzero(count > 2))
     if shared_edges > 0:
         texts.append(
-            f"{shared_edges} edges belong to three triangles or more: faces doubled or crossed"
+            f"{shared_edges} edges belong to three triangles or more: faces doubled or crossed. "
+            "Remove the faces that are there twice"
         )
     return texts
