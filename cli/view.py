@@ -19,15 +19,20 @@ from vfplan.cli.values import FILE, PNG, Number
            help="Write one view to this picture, without a screen."),
     option("--at", "at_s", type=Number("S", positive=False),
            help="Time that --screenshot shows [s].  [default: that of the deepest tick]"),
+    option("--slice", "slice_path", type=FILE, metavar="IMAGE",
+           help="Show the slice that the curve was drawn on, checked by its SHA-256.  [default: "
+                "its border]"),
     OVERWRITE,
 )  # fmt: skip
-def command(fixture, result, screenshot, at_s) -> CommandResult:
+def command(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
 
     Opens a window with a time slider. With --screenshot it needs no screen, only an OpenGL library
     (Debian: libosmesa6).
     """
     from vfplan.bundle import read_sealed
+    from vfplan.images.read import read_image
+    from vfplan.review.sheet_input import check_slice
     from vfplan.session import read_result, require_fixture
 
     if at_s is not None and (screenshot is None or result is None):
@@ -37,6 +42,10 @@ def command(fixture, result, screenshot, at_s) -> CommandResult:
     if result is not None:
         ticks, attributes = read_result(result)
         require_fixture(attributes, seal.sha256.hex(), result.name)
+    image = None
+    if slice_path is not None:
+        image = read_image(slice_path)
+        check_slice(planned, image)
 
     from vfplan import view3d
     from vfplan.view3d import opengl
@@ -48,10 +57,10 @@ def command(fixture, result, screenshot, at_s) -> CommandResult:
         data["ticks"] = len(ticks)
     next_step = f"vfplan replay {fixture} SESSION, which renders a session against it"
     if screenshot is None:
-        view3d.show(planned, ticks)
+        view3d.show(planned, ticks, image)
         return CommandResult(data, verdict="seen and closed", next_step=next_step)
     with outputs(screenshot) as (picture,):
-        view3d.draw_view(planned, picture, ticks=ticks, at_s=at_s)
+        view3d.draw_view(planned, picture, ticks=ticks, at_s=at_s, image=image)
     data["files"] = [str(screenshot)]
     return CommandResult(
         data, f"wrote {screenshot}", verdict="drawn", next_step=f"look at {screenshot}"

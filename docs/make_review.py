@@ -107,6 +107,7 @@ def fork(folder: Path) -> None:
     branch = bend(TRUTH[520], (20, 45), (60, 50), (90, 10))
     with Film(folder, drawn(folder, "fork.png", branch)) as film:
         film.shoot("review_page_fork")
+        film.browser.key("f")
         film.browser.key("d")
         for place in TRUTH[5:640:70]:
             film.hand.click(place)

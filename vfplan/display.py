@@ -20,6 +20,16 @@ def duration(seconds: float) -> str:
     return _in_units(seconds, _DURATIONS)
 
 
+def nice_length(longest: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `longest`: the length of a scale bar."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    length = power
+    for factor in (2, 5):
+        if factor * power <= longest:
+            length = factor * power
+    return length
+
+
 def three_digits(value: float) -> str:
     """A number with three digits that count, never with an exponent: "0.0125", "12.5", "1250"."""
     if value == 0 or not math.isfinite(value):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -65,6 +67,28 @@ def test_time_and_cloud_alone(tmp_path):
     assert share(tmp_path / "cloud.png", rgb(PROXY)) == 0
     with refuses(SettingError, "time-outside-result", time_s=9.0):
         view3d.draw_view(fixture, tmp_path / "no.png", ticks=ticks, at_s=9.0)
+
+
+def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
+    """With the slice the ground is grey, and without it all but its border is white."""
+    need_gl()
+    samples = Path(__file__).parents[2] / "samples"
+    files = [
+        samples / f"elbow{name}" for name in (".png", "_markers_image.csv", "_markers_robot.csv")
+    ]
+    bundle = tmp_path / "f.h5"
+    vfplan.write_fixture(vfplan.plan(*files).fixture, bundle)
+    for name, more in (("border", ()), ("slice", ("--slice", files[0]))):
+        picture = tmp_path / f"{name}.png"
+        run = vfplan_cli("view", bundle, "--screenshot", picture, *more, env={"DISPLAY": ""})
+        assert run.code == 0, run.stderr
+    assert share(tmp_path / "border.png", (255, 255, 255)) > 0.8
+    assert share(tmp_path / "slice.png", (255, 255, 255)) < 0.5
+    other = tmp_path / "other.png"
+    Image.new("RGB", (400, 300)).save(other)
+    run = vfplan_cli("view", bundle, "--screenshot", tmp_path / "no.png", "--slice", other)
+    assert run.code == 3
+    assert not (tmp_path / "no.png").exists()
 
 
 def test_no_gl_is_said_and_nothing_crashes(monkeypatch, tmp_path):

@@ -128,6 +128,7 @@ def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, run, tmp_path
     path, truth = fork(tmp_path / "slice.png")
     program = run(path, "-o", tmp_path / "o.h5")
     hand = Hand(browser, program.address)
+    browser.key("f")
     browser.key("d")
     shaken = np.random.default_rng(3).normal(0, 1.0, (10, 2))
     places = truth[np.linspace(0, len(truth) - 1, 10).astype(int)] + shaken

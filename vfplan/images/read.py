@@ -138,3 +138,10 @@ def read_image(
     header = read_header(data, where, max_pixels)
     rgb = decode_raster(data, header, where, frame)
     return PlannedImage(rgb, pixel_spacing_mm, sha256)
+
+
+def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:
+    """The slice in 8 bits: as it is, or of 16 bits so that its brightest value is white."""
+    if rgb.dtype == np.uint8:
+        return rgb
+    return np.rint(rgb * (255.0 / max(1, int(rgb.max())))).astype(np.uint8)

@@ -72,14 +72,14 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         on_slice = picture(slice_depth(replayed, read_image(image)), "depth on the slice")
         body.append(section("On the slice", on_slice))
     else:
-        body.append(section("In space", _in_space(replayed)))
+        body.append(section("In space", _in_space(replayed, image)))
     body.append(section("Over time", picture(timeline(replayed), "force and depth over time")))
     body.append(section("Summary", summary(metrics) + checks(metrics) + findings(metrics)))
 
     # Then all of it, to look into.
     body.append(section("Frame by frame", _scrubber(replayed)))
     if image is not None and _has_depth(replayed):
-        body.append(section("In space", _in_space(replayed)))
+        body.append(section("In space", _in_space(replayed, image)))
     if metrics.get("arc_m") is not None:
         from vfplan.figures.replay import guide_plot
 
@@ -201,17 +201,27 @@ def _review_sheet(replayed: Replay, image: Path | None) -> str:
     return text
 
 
-def _in_space(replayed: Replay) -> str:
+def _in_space(replayed: Replay, image: Path | None) -> str:
     """In its plane, or by PyVista; by Matplotlib if PyVista cannot render."""
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
+        from vfplan.images.read import read_image
         from vfplan.view3d import opengl
 
         if opengl.offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
-                view3d.draw_view(replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ)
+                planned_slice = None
+                if image is not None:
+                    planned_slice = read_image(image)
+                view3d.draw_view(
+                    replayed.fixture,
+                    path,
+                    ticks=replayed.ticks,
+                    mark_hz=MARK_HZ,
+                    image=planned_slice,
+                )
                 return _embedded(path.read_bytes(), words, "tall")
     return picture(scene(replayed), words, "tall")
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.images.read import as_uint8
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, CONTENT_WIDTH, GREY, MARGIN, SMALL, SMALL_BOLD, Box, Paper
 from vfplan.review.sheet_input import SheetInput, SheetStroke
@@ -280,13 +281,6 @@ def draw_inset(
         corners = paper.fixed_point(np.array([tip, base + across, base - across]))
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
     return box
-
-
-def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:
-    """The slice in 8 bits: as it is, or of 16 bits so that its brightest value is white."""
-    if rgb.dtype == np.uint8:
-        return rgb
-    return np.rint(rgb * (255.0 / max(1, int(rgb.max())))).astype(np.uint8)
 
 
 def _within(inset: Inset, stroke: SheetStroke) -> Array:

@@ -336,13 +336,3 @@ def blend(
     share = cover[rows, columns, None].astype(np.float32) / 255
     under = part[rows, columns]
     part[rows, columns] = np.rint(under + share * (np.array(colour) - under)).astype(np.uint8)
-
-
-def nice_length(longest: float) -> float:
-    """1, 2 or 5 times a power of ten, at most `longest`: the length of a scale bar."""
-    power = 10.0 ** np.floor(np.log10(longest))
-    length = power
-    for factor in (2, 5):
-        if factor * power <= longest:
-            length = factor * power
-    return float(length)

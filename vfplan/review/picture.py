@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.review import paper
 from vfplan.review.insets import draw_distance, ends_of, runs_of
 from vfplan.review.labels import Labeller
@@ -26,7 +27,6 @@ from vfplan.review.paper import (
     WHITE,
     Box,
     Paper,
-    nice_length,
 )
 from vfplan.review.sheet_input import SheetInput, SheetStroke
 from vfplan.review.views import draw_tag

@@ -189,8 +189,8 @@ class Session:
             if not stroke.viewed.all():
                 share = 1.0 - stroke.viewed.mean()
                 reasons.append(
-                    f"{max(share, 0.01):.0%} of stroke {number + 1} was not in view yet at one "
-                    "screen pixel a pixel or more."
+                    f"{max(share, 0.01):.0%} of stroke {number + 1} was not in view yet at full "
+                    "size. Look along it."
                 )
         unanswered = sum(finding.is_open for finding in self.findings)
         if unanswered == 1:

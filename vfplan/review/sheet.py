@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.images.read import as_uint8
 from vfplan.io.staging import write_whole
 from vfplan.review import paper
 from vfplan.review.insets import (
     INSET_STEP,
     INSETS_IN_A_ROW,
     ROW_HEIGHT,
-    as_uint8,
     draw_insets,
     insets_of,
 )

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.review import paper
 from vfplan.review.labels import Labeller
 from vfplan.review.paper import (
@@ -23,7 +24,6 @@ from vfplan.review.paper import (
     WHITE,
     Box,
     Paper,
-    nice_length,
 )
 from vfplan.review.sheet_input import SheetInput
 

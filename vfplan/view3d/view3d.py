@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from vfplan.display import nice_length
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
+from vfplan.images.read import PlannedImage, as_uint8
 from vfplan.io.staging import write_whole
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.thinning import contact_marks
 from vfplan.session import TickBlock
 from vfplan.view3d.opengl import ready_pyvista
@@ -24,6 +26,9 @@ Array = NDArray[np.float64]
 MAX_POINTS = 5000
 """Points of a cloud that are drawn; of a larger one every n-th. More only slow the view down."""
 
+SLICE = "#8a8a8a"
+"""Grey of the slice's border, and of the slice in the legend."""
+
 
 def draw_view(
     fixture: Fixture,
@@ -32,6 +37,7 @@ def draw_view(
     ticks: TickBlock | None = None,
     at_s: float | None = None,
     mark_hz: float | None = None,
+    image: PlannedImage | None = None,
     size: tuple[int, int] = (1200, 900),
 ) -> None:
     """Write one view as a PNG, without a screen.
@@ -41,11 +47,12 @@ def draw_view(
     at_s: the time shown [s]; `None`: the deepest tick
     mark_hz: instead of one tick, contact circles and normals so often a second (the paper's Fig.
         4b).
+    image: the slice that the curve was drawn on; `None`: its border alone
     size: (width, height) [px]
     Raises MissingExtra: nothing here can render; the message names the package that helps
     Raises SettingError: a time outside the replay
     """
-    stage = Stage(fixture, ticks, size)
+    stage = Stage(fixture, ticks, size, image)
     if mark_hz is not None and ticks is not None:
         stage.show_marks(contact_marks(ticks, mark_hz))
     else:
@@ -57,12 +64,14 @@ def draw_view(
     write_whole(path, [data.getvalue()], overwrite=True)
 
 
-def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
+def show(
+    fixture: Fixture, ticks: TickBlock | None = None, image: PlannedImage | None = None
+) -> None:
     """Open a window: turn and zoom by mouse, move through time by the slider.
 
     Raises `MissingExtra` where there is no screen or no OpenGL.
     """
-    stage = Stage(fixture, ticks, (1200, 900), screen=True)
+    stage = Stage(fixture, ticks, (1200, 900), image, screen=True)
     stage.show_tick(stage.tick_at(None))
     if ticks is not None:
         stage.plotter.add_slider_widget(
@@ -91,20 +100,26 @@ def handle_events(plotter: Any) -> None:
 
 
 class Stage:
-    """The cloud and paths, and the parts that move with time.
+    """The slice, the cloud and paths with a scale and a legend, and the parts that move with time.
 
-    fixture, ticks, size: as for `draw_view`
+    fixture, ticks, size, image: as for `draw_view`
     screen: whether to open a window; without one the plotter's screenshot shows the view
     Raises MissingExtra: nothing here can render
     """
 
     def __init__(
-        self, fixture: Fixture, ticks: TickBlock | None, size: tuple[int, int], screen: bool = False
+        self,
+        fixture: Fixture,
+        ticks: TickBlock | None,
+        size: tuple[int, int],
+        image: PlannedImage | None = None,
+        screen: bool = False,
     ) -> None:
         pyvista = ready_pyvista(screen=screen)
         self._pv = pyvista
         self._fixture = fixture
         self._ticks = ticks
+        self._legend: list[tuple[str, str]] = []
         self.plotter = pyvista.Plotter(off_screen=not screen, window_size=size)
         self.plotter.set_background("white")
         self._add_cloud()
@@ -113,8 +128,18 @@ class Stage:
                 if len(path) > 1:
                     line = pyvista.lines_from_points(path)
                     self.plotter.add_mesh(line, color=colour, line_width=3, opacity=0.8)
+            self._legend += [("tool (HIP) and its path", HIP), ("proxy and its path", PROXY)]
+            self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
+        self._add_scale()
         self._place_camera()
+        # The slice is far larger than the curve: the camera shows the curve, and what of the slice
+        # lies around it.
+        self._add_slice(image)
+        height = 0.035 * len(self._legend)
+        self.plotter.add_legend(
+            self._legend, bcolor="white", face="circle", loc="upper right", size=(0.26, height)
+        )
 
     def _add_cloud(self) -> None:
         fixture = self._fixture
@@ -128,6 +153,7 @@ class Stage:
             point_size=point_size,
             render_points_as_spheres=True,
         )
+        self._legend.append(("fixture", CLOUD))
         if fixture.guidance is not None:
             # The tube around the strokes that guide.
             for stroke, closed in enumerate(fixture.curve.closed):
@@ -138,7 +164,8 @@ class Stage:
                     line = np.vstack([line, line[:1]])
                 centre = self._pv.lines_from_points(line)
                 tube = centre.tube(radius=fixture.guidance.radius, n_sides=24)
-                self.plotter.add_mesh(tube, color=PROXY, opacity=0.2)
+                self.plotter.add_mesh(tube, color=BRIDGED, opacity=0.3)
+            self._legend.append(("tube that guides", BRIDGED))
         if fixture.rendering is None or fixture.ignore_axis is None or fixture.curve is None:
             return
         # A planar fixture goes on along its ignored axis: show a strip of it.
@@ -150,6 +177,60 @@ class Stage:
                 x, y, z = np.moveaxis(grid, -1, 0)[:, None]
                 strip = self._pv.StructuredGrid(x, y, z)
                 self.plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
+
+    def _add_slice(self, image: PlannedImage | None) -> None:
+        """The slice where it lies in front of the robot, or its border if its pixels are not given.
+
+        A bundle that was not drawn on a slice, or does not say where the slice lies, shows none.
+        """
+        size = image or self._fixture.image
+        T_frame_image = _place_of_slice(self._fixture, image)
+        if size is None or T_frame_image is None:
+            return
+        right, bottom = size.width_px - 0.5, size.height_px - 0.5
+        corners = np.array(
+            [[-0.5, -0.5, 1], [right, -0.5, 1], [right, bottom, 1], [-0.5, bottom, 1]]
+        )
+        corners = corners @ T_frame_image[:3].T
+        if image is None:
+            border = self._pv.lines_from_points(np.vstack([corners, corners[:1]]))
+            self.plotter.add_mesh(border, color=SLICE, line_width=2)
+        else:
+            plane = self._pv.PolyData(corners, faces=[4, 0, 1, 2, 3])
+            # A texture's v counts upwards from the last row.
+            plane.active_texture_coordinates = np.array(
+                [[0, 1], [1, 1], [1, 0], [0, 0]], dtype=np.float32
+            )
+            texture = self._pv.Texture(np.ascontiguousarray(as_uint8(image.rgb)))
+            self.plotter.add_mesh(plane, texture=texture, lighting=False, opacity=0.8)
+        self._legend.append(("slice", SLICE))
+
+    def _add_scale(self) -> None:
+        """A bar of a round length along the cloud's longest side, and its length in words."""
+        points = self._fixture.points
+        sides = np.ptp(points, axis=0)
+        across, along = np.argsort(sides)[1:]
+        # Beside the cloud, at the height of its top.
+        start = points.max(axis=0)
+        start[along] = points[:, along].min()
+        start[across] = points[:, across].min() - 0.08 * sides[along]
+        length = nice_length(max(float(sides[along]), 1e-3) / 4)
+        stop = start.copy()
+        stop[along] += length
+        bar = self._pv.Line(start, stop)
+        # A white edge shows the bar on a dark slice.
+        self.plotter.add_mesh(bar, color="white", line_width=10)
+        self.plotter.add_mesh(bar, color="black", line_width=6)
+        self.plotter.add_point_labels(
+            [stop],
+            [f"{1e3 * length:g} mm"],
+            font_size=18,
+            text_color="black",
+            shape_color="white",
+            shape_opacity=0.8,
+            show_points=False,
+            always_visible=True,
+        )
 
     def _place_camera(self) -> None:
         """Look obliquely along the direction in which the cloud is thinnest, from the tool's side.
@@ -167,7 +248,7 @@ class Stage:
         camera = middle + 2.0 * spread * direction
         self.plotter.camera_position = [tuple(camera), tuple(middle), tuple(normal)]
         self.plotter.reset_camera()
-        self.plotter.camera.zoom(1.1)
+        self.plotter.camera.zoom(1.05)
 
     def tick_at(self, time: float | None) -> int:
         """The tick at a time, or the deepest one."""
@@ -228,3 +309,17 @@ class Stage:
             start=start, direction=vector, scale=length, shaft_radius=0.025, tip_radius=0.07
         )
         self.plotter.add_mesh(arrow, color=colour, name=name)
+
+
+def _place_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | None:
+    """(3 or 4, 3) from [u v 1] to the fixture's frame; `None` where nobody knows."""
+    record = fixture.registration
+    if record is not None and record.source_frame == "image":
+        return record.T_robot_image
+    if image is None or image.T_patient_image is None:
+        return None
+    if fixture.frame == "patient_lps":
+        return image.T_patient_image
+    if record is not None and record.source_frame == "patient_lps":
+        return record.T_robot_image @ image.T_patient_image
+    return None

@@ -1,6 +1,12 @@
 // Whether the plan may be approved, what was looked at, and the end of the review.
 import { byId, make } from "./dom.js";
 
+const LOST = "The program does not answer. Your steps are kept: start the same command again, and open the new address.";
+const REPORT_DELAY_MS = 300; // a new state is on the screen by then
+
+// Half of a point's distance at most, so that rounding loses no point [px].
+const POINT_REACH_PX = 0.4;
+
 export class Approval {
   constructor(app, view) {
     this.app = app;
@@ -8,24 +14,33 @@ export class Approval {
     view.settled.push(() => this.report());
     document.addEventListener("visibilitychange", () => this.report());
     byId("look").addEventListener("click", () => this.lookAlong());
-    byId("approve").addEventListener("click", () => this.approve());
+    byId("approve").addEventListener("click", () => this.app.send({ approve: this.name() }));
     byId("leave").addEventListener("click", () => app.send({ leave: true }));
-    byId("name").addEventListener("input", () => this.buttons());
+    byId("name").addEventListener("input", () => {
+      app.hideToast();
+      this.showReasons();
+    });
+  }
+
+  name() {
+    return byId("name").value.trim();
   }
 
   render(state) {
-    byId("why-not").replaceChildren(...state.why_not.map((text) => make("li", {}, text)));
-    const status = byId("status");
+    this.showStatus(state);
+    this.showReasons();
+    byId("look").disabled = state.unseen.every((runs) => runs.length === 0);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.report(), REPORT_DELAY_MS);
+  }
+
+  showStatus(state) {
+    const hasCurve = state.curve_px.length > 0;
     if (state.approvable) this.tell("ready to approve", "pass");
     else if (state.approved) this.tell(`approved by ${state.approved.by}`, "pass");
-    else if (state.refusal && !state.curve_px.length) this.tell("no curve yet", "fail");
-    else if (state.refusal) this.tell("refused", "fail");
+    else if (state.refusal && hasCurve) this.tell("refused", "fail");
+    else if (state.refusal) this.tell("no curve yet", "fail");
     else this.tell("not approved", "none");
-    status.title = state.why_not.join("\n");
-    byId("look").disabled = state.unseen.every((runs) => runs.length === 0);
-    this.buttons();
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.report(), 300);
   }
 
   tell(text, kind) {
@@ -33,58 +48,78 @@ export class Approval {
     byId("status").className = `verdict ${kind}`;
   }
 
-  lost(text) {
-    this.tell("connection lost", "fail");
-    byId("approve").disabled = true;
-    this.app.toast(text || "The program does not answer. Your steps are kept: start the same command again, and open the new address.");
-  }
-
-  buttons() {
-    byId("approve").disabled = !this.app.state?.approvable || !byId("name").value.trim();
+  // What stands against an approval, beside its button.
+  showReasons() {
+    const state = this.app.state;
+    const reasons = [];
+    for (const text of state?.why_not || []) {
+      if (text === state.refusal?.text) reasons.push("The plan is refused. The top of this column says why.");
+      else reasons.push(text);
+    }
+    if (state?.approvable && !this.name()) reasons.push("Write your name to approve the plan.");
+    byId("why-not").replaceChildren(...reasons.map((text) => make("li", {}, text)));
+    byId("approve").disabled = !state?.approvable || !this.name();
     byId("approve").textContent = this.app.about.signs ? "Approve and sign" : "Approve";
   }
 
-  approve() { this.app.send({ approve: byId("name").value.trim() }); }
+  lost(text) {
+    this.tell("connection lost", "fail");
+    byId("approve").disabled = true;
+    this.app.toast(text || LOST);
+  }
 
-  // Parts of the line that are in view at one screen pixel a pixel or more count as looked at.
+  // Parts of the line that are in view at one screen pixel a pixel or more count as looked at. One
+  // part is sent at a time: the answer brings the next.
   report() {
     const state = this.app.state;
     if (!state || document.hidden || this.view.zoom * devicePixelRatio < 0.999) return;
-    state.unseen.forEach((runs, stroke) => {
+    for (let stroke = 0; stroke < state.unseen.length; stroke += 1) {
       const points = state.curve_px[stroke];
-      const arc = [0];
-      for (let k = 1; k < points.length; k += 1) {
-        arc.push(arc[k - 1] + Math.hypot(points[k][0] - points[k - 1][0], points[k][1] - points[k - 1][1]));
-      }
-      const total = arc[arc.length - 1];
-      for (const [first, last] of runs) {
-        let start = -1;
-        for (let k = first; k <= last + 1; k += 1) {
-          const seen = k <= last && this.view.isIn(points[k]);
-          if (seen && start < 0) start = k;
-          if (!seen && start >= 0) {
-            this.app.send({ step: { do: "viewed", stroke, from: this.share(arc[start] - 0.4, total), to: this.share(arc[k - 1] + 0.4, total) }, version: this.app.version });
-            return; // one at a time: the answer brings the next
-          }
+      for (const run of state.unseen[stroke]) {
+        const seen = this.partInView(points, run);
+        if (seen) {
+          const [from, to] = sharesOf(points, seen);
+          const step = { do: "viewed", stroke, from, to };
+          this.app.send({ step, version: this.app.version });
+          return;
         }
       }
-    });
+    }
   }
 
-  // With less than half of a point's distance added, so that rounding loses no point.
-  share(arc, total) { return Math.min(1, Math.max(0, arc / total)); }
+  // The first points of a run, [first, last], that are in view without a break.
+  partInView(points, [first, last]) {
+    let start = first;
+    while (start <= last && !this.view.isIn(points[start])) start += 1;
+    if (start > last) return null;
+    let end = start;
+    while (end < last && this.view.isIn(points[end + 1])) end += 1;
+    return [start, end];
+  }
 
   // To the middle of the first part that was not in view, at a size that counts.
   lookAlong() {
     const state = this.app.state;
-    for (let k = 0; k < state.unseen.length; k += 1) {
-      const run = state.unseen[k][0];
-      if (!run) continue;
-      const [width, height] = this.view.size();
-      const reach = Math.round(Math.min(width, height) / (2.4 * Math.max(this.view.zoom, 1)));
-      const middle = Math.min(run[0] + reach, Math.round((run[0] + run[1]) / 2));
-      this.view.goTo(state.curve_px[k][middle], Math.max(this.view.zoom, 1));
-      return;
-    }
+    const stroke = state.unseen.findIndex((runs) => runs.length > 0);
+    if (stroke < 0) return;
+    const [first, last] = state.unseen[stroke][0];
+    const zoom = Math.max(this.view.zoom, 1);
+    const [width, height] = this.view.size();
+    const reach = Math.round(Math.min(width, height) / (2.4 * zoom));
+    const middle = Math.min(first + reach, Math.round((first + last) / 2));
+    this.view.goTo(state.curve_px[stroke][middle], zoom);
   }
+}
+
+// A part of a stroke, from point `first` to point `last`, in shares of the stroke's length.
+function sharesOf(points, [first, last]) {
+  const arc = [0];
+  for (let k = 1; k < points.length; k += 1) {
+    const [du, dv] = [points[k][0] - points[k - 1][0], points[k][1] - points[k - 1][1]];
+    arc.push(arc[k - 1] + Math.hypot(du, dv));
+  }
+  const total = arc[arc.length - 1];
+  const from = Math.max(0, (arc[first] - POINT_REACH_PX) / total);
+  const to = Math.min(1, (arc[last] + POINT_REACH_PX) / total);
+  return [from, to];
 }

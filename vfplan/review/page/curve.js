@@ -1,19 +1,21 @@
 // The curve, its bands and its knots; candidates and other ink.
-import { byId, make, refill } from "./dom.js";
+import { byId, make, makeAt, refill, translation } from "./dom.js";
 
-const text = (points) => points.map((p) => `${p[0]},${p[1]}`).join(" ");
-const between = (points, [first, last]) => points.slice(Math.max(first - 1, 0), last + 2);
-const ease = (t) => t * t * t * (10 - 15 * t + 6 * t * t);
-
-function line(points, closed, kind) {
-  return make(closed ? "polygon" : "polyline", { points: text(points), class: kind });
-}
+const KNOT_PX = 4.5; // radius of a knot on the screen
+const MIN_KNOT_PX = 1.2; // knots that would be smaller are not shown
+const CHEVRON = "M-4 -5L4 0L-4 5";
+const CHEVRON_POINTS = 40; // a chevron at most every so many points, and six a stroke
+const MAX_INK_ROWS = 40;
+const NUMBER_PX = 11; // radius of a candidate's number on the screen
 
 export class Curve {
   constructor(app, view) {
     this.app = app;
     this.view = view;
     view.zoomed = () => this.sizeKnots();
+    view.settled.push(() => {
+      if (app.state) this.candidates(app.state);
+    });
     byId("show-bands").addEventListener("change", () => this.render(app.state));
   }
 
@@ -21,94 +23,84 @@ export class Curve {
     const bands = [];
     const lines = [];
     state.curve_px.forEach((points, k) => {
-      bands.push(...this.bands(state, points, state.closed[k]));
-      lines.push(line(points, state.closed[k], "casing"), line(points, state.closed[k], "line"));
-      state.unseen[k].forEach((run) => lines.push(line(between(points, run), false, "line unseen-part")));
-      state.bridged[k].forEach((run) => lines.push(line(between(points, run), false, "line bridged")));
-      state.edited[k].forEach((run) => lines.push(line(between(points, run), false, "line edited")));
-      lines.push(...this.direction(points, state.closed[k]));
+      const closed = state.closed[k];
+      if (byId("show-bands").checked) bands.push(...this.bands(state, points, closed));
+      lines.push(line(points, closed, "casing"), line(points, closed, "line"));
+      for (const run of state.unseen[k]) lines.push(line(stretch(points, run), false, "line unseen-part"));
+      for (const run of state.bridged[k]) lines.push(line(stretch(points, run), false, "line bridged"));
+      for (const run of state.edited[k]) lines.push(line(stretch(points, run), false, "line edited"));
+      lines.push(...chevrons(points));
+      if (!closed) lines.push(...endMarks(points));
     });
-    byId("bands").replaceChildren(...(byId("show-bands").checked ? bands : []));
+    byId("bands").replaceChildren(...bands);
     byId("lines").replaceChildren(...lines);
     byId("preview").setAttribute("points", "");
     this.knots(state);
     this.otherInk(state);
-    this.ways(state);
-    this.key(state);
+    this.candidates(state);
+    this.legend(state);
   }
 
-  // The bands in pixels: what the tool keeps away by, the margin, the bound of the registration.
+  // The bands at true scale: what the tool keeps away by, the margin around it, the 95 % bound.
   bands(state, points, closed) {
-    const scale = state.mm_per_px;
-    if (!scale) return [];
-    const made = [];
-    for (const [kind, metres] of [["contact", state.contact_m], ["margin", state.margin_m], ["tre", state.tre95_m]]) {
-      if (!metres) continue;
-      const width = (2e3 * metres) / scale;
+    if (!state.mm_per_px) return [];
+    const reaches = [["contact", state.contact_m]];
+    if (state.margin_m) reaches.unshift(["margin", state.contact_m + state.margin_m]);
+    if (state.tre95_m) reaches.push(["tre", state.tre95_m]);
+    const bands = [];
+    for (const [kind, metres] of reaches) {
+      const width = (2e3 * metres) / state.mm_per_px;
       const step = Math.max(1, Math.floor(width / 12)); // a broad band needs few points
       const some = points.filter((_, k) => k % step === 0 || k === points.length - 1);
       const band = line(some, closed, `band ${kind}`);
       band.setAttribute("stroke-width", width);
-      made.push(band);
+      bands.push(band);
     }
-    return made;
-  }
-
-  direction(points, closed) {
-    const marks = [];
-    const count = points.length;
-    const step = Math.max(40, Math.round(count / 6));
-    for (let k = Math.round(step / 2); k < count - 3; k += step) {
-      const [a, b] = [points[k - 2] || points[0], points[k + 2]];
-      const angle = (Math.atan2(b[1] - a[1], b[0] - a[0]) * 180) / Math.PI;
-      const mark = make("g", { class: "fixed" }, make("path", { class: "chevron", d: "M-4 -5L4 0L-4 5" }), make("path", { class: "chevron", d: "M-4 -5L4 0L-4 5" }));
-      marks.push(make("g", { transform: `translate(${points[k][0]} ${points[k][1]}) rotate(${angle})` }, mark));
-    }
-    if (closed) return marks;
-    const start = make("g", { class: "fixed" }, make("circle", { class: "end-mark", r: 8 }));
-    const stop = make("g", { class: "fixed" }, make("path", { class: "end-mark", d: "M-7 -7H7V7H-7Z" }));
-    marks.push(make("g", { transform: `translate(${points[0]})` }, start));
-    marks.push(make("g", { transform: `translate(${points[count - 1]})` }, stop));
-    return marks;
+    return bands;
   }
 
   knots(state) {
     const nodes = [];
-    state.knots_px.forEach((knots, stroke) => knots.forEach((place, knot) => {
-      const key = `${stroke}/${knot}`;
-      const chosen = this.app.isSelected("knot", key) ? " chosen" : "";
-      const body = make("g", { class: "fixed" }, make("circle", { class: "halo", r: 10 }), make("circle", { class: "dot-of-knot", r: 4.5 }));
-      nodes.push(make("g", { class: `thing knot${chosen}`, "data-key": key, transform: `translate(${place[0]} ${place[1]})` }, body));
-    }));
+    state.knots_px.forEach((knots, stroke) => {
+      knots.forEach((place, knot) => {
+        const key = `${stroke}/${knot}`;
+        const chosen = this.app.isSelected("knot", key) ? " chosen" : "";
+        const attributes = { class: `thing knot${chosen}`, "data-key": key };
+        const grip = make("circle", { class: "grip", r: 2 * KNOT_PX });
+        const halo = make("circle", { class: "halo", r: 10 });
+        const dot = make("circle", { class: "dot-of-knot", r: KNOT_PX });
+        nodes.push(makeAt(place, attributes, grip, halo, dot));
+      });
+    });
     byId("knots").replaceChildren(...nodes);
     this.sizeKnots();
   }
 
-  // A knot's radius stays below half of the knots' distance on the screen.
+  // A knot's radius stays below half of the knots' distance on the screen, so that none hides
+  // another; its grip reaches twice as far.
   sizeKnots() {
     const state = this.app.state;
     if (!state) return;
-    let radius = 4.5;
+    let radius = KNOT_PX;
     state.curve_px.forEach((points, k) => {
-      radius = Math.min(radius, (0.4 * points.length * this.view.zoom) / Math.max(state.knots_px[k].length, 1));
+      const spacing = (points.length * this.view.zoom) / Math.max(state.knots_px[k].length, 1);
+      radius = Math.min(radius, 0.4 * spacing);
     });
     if (radius === this.radius && this.sized === state) return;
     this.radius = radius;
     this.sized = state;
-    byId("knots").querySelectorAll(".dot-of-knot").forEach((node) => node.setAttribute("r", radius));
-    byId("knots").style.display = radius < 1.2 ? "none" : "";
+    for (const node of byId("knots").querySelectorAll(".dot-of-knot")) node.setAttribute("r", radius);
+    for (const node of byId("knots").querySelectorAll(".grip")) node.setAttribute("r", 2 * radius);
+    byId("knots").style.display = radius < MIN_KNOT_PX ? "none" : "";
   }
 
-  select(thing) {
-    byId("knots").querySelectorAll(".knot").forEach((node) => {
-      node.classList.toggle("chosen", thing !== null && thing.kind === "knot" && thing.key === node.dataset.key);
-    });
-    byId("ink").querySelectorAll(".outline").forEach((node) => {
-      node.classList.toggle("chosen", thing !== null && thing.kind === "ink" && String(thing.key) === node.dataset.ink);
-    });
-    byId("account").querySelectorAll("li").forEach((node) => {
-      node.classList.toggle("chosen", thing !== null && thing.kind === "ink" && String(thing.key) === node.dataset.ink);
-    });
+  select() {
+    for (const node of byId("knots").querySelectorAll(".knot")) {
+      node.classList.toggle("chosen", this.app.isSelected("knot", node.dataset.key));
+    }
+    for (const node of document.querySelectorAll("#ink .outline, #account li")) {
+      node.classList.toggle("chosen", this.app.isSelected("ink", Number(node.dataset.ink)));
+    }
   }
 
   knotPlace(key) {
@@ -116,111 +108,223 @@ export class Curve {
     return this.app.state.knots_px[stroke]?.[knot];
   }
 
-  // While a knot is dragged the stretch between its neighbours follows, as the session will move it.
+  // The index of the point of a stroke that a knot lies on.
+  pointIndex(stroke, [u, v]) {
+    return this.app.state.curve_px[stroke].findIndex((p) => p[0] === u && p[1] === v);
+  }
+
+  // While a knot is dragged the stretch between its neighbours follows, as the session will move it:
+  // the knot by the whole way, its neighbours by nothing, and what lies between by a smooth share.
   dragKnot(key, to) {
     const [stroke, knot] = key.split("/").map(Number);
-    const state = this.app.state;
-    const points = state.curve_px[stroke];
-    const knots = state.knots_px[stroke];
-    const closed = state.closed[stroke];
-    const index = (place) => points.findIndex((p) => p[0] === place[0] && p[1] === place[1]);
-    const count = knots.length;
-    const own = index(knots[knot]);
-    const before = closed || knot > 0 ? index(knots[(knot + count - 1) % count]) : own;
-    const after = closed || knot < count - 1 ? index(knots[(knot + 1) % count]) : own;
+    const points = this.app.state.curve_px[stroke];
+    const knots = this.app.state.knots_px[stroke];
+    const closed = this.app.state.closed[stroke];
+    const own = this.pointIndex(stroke, knots[knot]);
+    let [before, after] = [own, own];
+    if (closed || knot > 0) {
+      before = this.pointIndex(stroke, knots[(knot + knots.length - 1) % knots.length]);
+    }
+    if (closed || knot < knots.length - 1) {
+      after = this.pointIndex(stroke, knots[(knot + 1) % knots.length]);
+    }
     const total = points.length;
     const back = (own - before + total) % total;
     const ahead = (after - own + total) % total;
+    const [du, dv] = [to[0] - knots[knot][0], to[1] - knots[knot][1]];
     const shown = [];
     for (let k = -back; k <= ahead; k += 1) {
-      const p = points[(own + k + total) % total];
-      const share = k <= 0 ? (back ? ease(1 + k / back) : 1) : ease(1 - k / ahead);
-      shown.push([p[0] + share * (to[0] - knots[knot][0]), p[1] + share * (to[1] - knots[knot][1])]);
+      const [u, v] = points[(own + k + total) % total];
+      let share = 1;
+      if (k < 0) share = ease(1 + k / back);
+      if (k > 0) share = ease(1 - k / ahead);
+      shown.push([u + share * du, v + share * dv]);
     }
-    byId("preview").setAttribute("points", text(shown));
-    this.knotNode(key)?.setAttribute("transform", `translate(${to[0]} ${to[1]})`);
+    byId("preview").setAttribute("points", textOf(shown));
+    const node = byId("knots").querySelector(`[data-key="${key}"]`);
+    node?.setAttribute("transform", translation(to));
   }
 
-  knotNode(key) { return byId("knots").querySelector(`[data-key="${key}"]`); }
-
-  ways(state) {
-    const open = state.curve_px.length === 0;
+  // The lines that may be meant, and the place where extraction stopped.
+  candidates(state) {
     const nodes = [];
-    for (const way of open ? state.candidates : []) {
-      const choose = () => this.app.step({ do: "choose", candidate: way.number });
-      const hot = (on) => () => this.heat(way.number, on);
-      const reach = line(way.points_px, way.closed, "way reach");
-      reach.addEventListener("click", choose);
-      reach.addEventListener("pointerenter", hot(true));
-      reach.addEventListener("pointerleave", hot(false));
-      const shown = line(way.points_px, way.closed, "way");
-      shown.dataset.way = way.number;
-      nodes.push(shown, reach);
+    if (state.curve_px.length === 0) {
+      for (const way of state.candidates) nodes.push(...this.candidate(way));
+      const placed = [];
+      for (const way of state.candidates) nodes.push(this.number(way, state.candidates, placed));
+      const refusal = state.refusal;
+      if (refusal?.place_px && refusal.code !== "several-candidates") {
+        nodes.push(makeAt(refusal.place_px, {}, make("circle", { class: "refused", r: 20 })));
+      }
     }
-    if (open) nodes.push(...state.candidates.map((way) => this.number(way, state.candidates)));
-    if (open && state.refusal?.place_px) nodes.push(this.refusedPlace(state.refusal.place_px));
     byId("ways").replaceChildren(...nodes);
   }
 
-  // A candidate's number stands where it lies farthest from the others.
-  number(way, ways) {
-    let best = [-1, way.points_px[0]];
+  // A candidate's line, and a broad invisible one over it that is easy to hit.
+  candidate(way) {
+    const shown = line(way.points_px, way.closed, "way");
+    shown.dataset.way = way.number;
+    const reach = line(way.points_px, way.closed, "way reach");
+    reach.addEventListener("click", () => this.choose(way));
+    reach.addEventListener("pointerenter", () => this.heat(way, true));
+    reach.addEventListener("pointerleave", () => this.heat(way, false));
+    return [shown, reach];
+  }
+
+  choose(way) {
+    this.app.step({ do: "choose", candidate: way.number });
+  }
+
+  heat(way, isHot) {
+    const node = byId("ways").querySelector(`[data-way="${way.number}"]`);
+    node?.classList.toggle("hot", isHot);
+  }
+
+  // A candidate's number stands in view, off the other lines and off the numbers placed before it,
+  // by as much as can be told on the screen.
+  number(way, ways, placed) {
+    const others = ways.filter((other) => other !== way).flatMap((other) => other.points_px);
+    const enough = 2 * NUMBER_PX / this.view.zoom;
+    let place = way.points_px[0];
+    let best = -1;
     for (const p of way.points_px) {
-      let off = Infinity;
-      for (const other of ways) {
-        if (other !== way) for (const q of other.points_px) off = Math.min(off, Math.hypot(p[0] - q[0], p[1] - q[1]));
+      let score = distanceTo(others, p, enough) + distanceTo(placed, p, enough);
+      if (this.view.isIn(p, 2 * NUMBER_PX)) score += 4 * enough;
+      if (score > best) {
+        best = score;
+        place = p;
       }
-      if (off > best[0]) best = [off, p];
     }
-    const body = make("g", { class: "fixed" }, make("circle", { r: 11 }), make("text", {}, String(way.number)));
-    return make("g", { class: "thing way-number", transform: `translate(${best[1][0]} ${best[1][1]})` }, body);
+    placed.push(place);
+    const number = make("text", {}, String(way.number));
+    return makeAt(place, { class: "thing way-number" }, make("circle", { r: NUMBER_PX }), number);
   }
 
-  refusedPlace(place) {
-    const body = make("g", { class: "fixed" }, make("circle", { class: "refused", r: 20 }));
-    return make("g", { transform: `translate(${place[0]} ${place[1]})` }, body);
-  }
-
-  heat(number, on) {
-    byId("ways").querySelector(`[data-way="${number}"]`)?.classList.toggle("hot", on);
-  }
-
-  wayRow(way) {
-    const button = make("button", {
-      type: "button", class: "row", onclick: () => this.app.step({ do: "choose", candidate: way.number }),
-      onpointerenter: () => this.heat(way.number, true), onpointerleave: () => this.heat(way.number, false),
-      onfocus: () => this.heat(way.number, true), onblur: () => this.heat(way.number, false),
-    }, make("span", { class: "badge way-badge" }, String(way.number)), `Take this line: ${way.text}`);
+  candidateRow(way) {
+    const [first, last] = [way.points_px[0], way.points_px[way.points_px.length - 1]];
+    let words = way.text;
+    if (!way.closed) words += `, from ${pixelOf(first)} to ${pixelOf(last)}`;
+    const button = make(
+      "button",
+      {
+        type: "button",
+        class: "row",
+        onclick: () => this.choose(way),
+        onpointerenter: () => this.heat(way, true),
+        onpointerleave: () => this.heat(way, false),
+        onfocus: () => this.heat(way, true),
+        onblur: () => this.heat(way, false),
+      },
+      make("span", { class: "badge way-badge" }, String(way.number)),
+      `Take this line: ${words}`,
+    );
     return make("li", {}, button);
   }
 
   otherInk(state) {
-    const shown = state.curve_px.length ? state.account.filter((ink) => ink.is_ink) : [];
-    const select = (ink) => this.app.select({ kind: "ink", key: ink.number });
-    byId("ink").replaceChildren(...shown.flatMap((ink) => ink.outline.map((points) => {
-      const node = line(points, true, `outline${ink.left_out ? " left-out" : ""}`);
-      node.dataset.ink = ink.number;
-      return node;
-    })));
-    byId("ink-card").hidden = shown.length === 0;
-    byId("ink-count").textContent = `${shown.length}`;
-    refill(byId("account"), shown.slice(0, 40).map((ink) => {
-      const words = `${ink.pixels} px at (${ink.u.toFixed(0)}, ${ink.v.toFixed(0)})${ink.left_out ? ", left out" : ""}`;
-      const go = () => { select(ink); this.view.goTo([ink.u, ink.v]); };
-      return make("li", { "data-ink": ink.number }, make("button", { type: "button", class: "row", onclick: go },
-        make("span", { class: `badge ${ink.left_out ? "answered" : "doubt"}` }, String(ink.number)), words));
-    }));
-    for (const box of state.boxes) {
-      byId("ink").append(make("rect", { class: "box", x: box[0] - 0.5, y: box[1] - 0.5, width: box[2], height: box[3], "pointer-events": "none" }));
+    const outlines = [];
+    const rows = [];
+    if (state.curve_px.length) {
+      const pieces = state.account.filter((ink) => ink.is_ink);
+      for (const ink of pieces) {
+        for (const points of ink.outline) {
+          const outline = line(points, true, ink.left_out ? "outline left-out" : "outline");
+          outline.dataset.ink = ink.number;
+          outlines.push(outline);
+        }
+      }
+      for (const ink of pieces.slice(0, MAX_INK_ROWS)) rows.push(this.inkRow(ink));
+      byId("ink-count").textContent = pieces.length;
     }
+    for (const [x, y, width, height] of state.boxes) {
+      const place = { x: x - 0.5, y: y - 0.5, width, height };
+      outlines.push(make("rect", { class: "box", "pointer-events": "none", ...place }));
+    }
+    byId("ink").replaceChildren(...outlines);
+    byId("ink-card").hidden = rows.length === 0;
+    refill(byId("account"), rows);
   }
 
-  key(state) {
-    const mm = (metres) => `${(1e3 * metres).toFixed(2)} mm`;
-    const parts = ["Blue: the measured line, from the ring to the square.", "Dashed orange: bridged. Dotted purple: placed by hand. Yellow: not yet looked at."];
-    if (state.tre95_m) parts.push(`Pale blue band: within ${mm(state.tre95_m)} (95 %).`);
-    if (state.margin_m) parts.push(`Yellow band: the margin, ${mm(state.margin_m)}.`);
-    if (state.mm_per_px) parts.push(`Green band: where the tool's centre is kept out, ${mm(state.contact_m)}.`);
-    byId("key").textContent = parts.join(" ");
+  inkRow(ink) {
+    const goTo = () => {
+      this.app.select({ kind: "ink", key: ink.number });
+      this.view.goTo([ink.u, ink.v]);
+    };
+    let words = `${ink.pixels} pixels at ${pixelOf([ink.u, ink.v])}`;
+    if (ink.left_out) words += ", left out";
+    const kind = ink.left_out ? "answered" : "ink";
+    const badge = make("span", { class: `badge ${kind}` }, String(ink.number));
+    const button = make("button", { type: "button", class: "row", onclick: goTo }, badge, words);
+    return make("li", { "data-ink": ink.number }, button);
   }
+
+  // What each line and band of the picture means.
+  legend(state) {
+    const mm = (metres) => `${(1e3 * metres).toFixed(2)} mm`;
+    const rows = [
+      ["measured", "the measured line, from the ring to the square"],
+      ["bridged", "carried across a gap in the ink"],
+      ["edited", "placed by hand"],
+      ["unseen-part", "not looked at yet"],
+    ];
+    if (state.mm_per_px) {
+      if (state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)}`]);
+      rows.push(["contact", `the tool's centre is kept out of this, ${mm(state.contact_m)} on either side`]);
+      if (state.margin_m) rows.push(["margin", `and out of the margin around it, ${mm(state.margin_m)}`]);
+    }
+    const items = rows.map(([kind, words]) => make("li", {}, make("span", { class: `swatch ${kind}` }), words));
+    byId("legend").replaceChildren(...items);
+  }
+}
+
+function textOf(points) {
+  return points.map((p) => `${p[0]},${p[1]}`).join(" ");
+}
+
+function pixelOf([u, v]) {
+  return `(${u.toFixed(0)}, ${v.toFixed(0)})`;
+}
+
+// The distance of a place from the nearest of some points, or `enough` where that is less.
+function distanceTo(points, [u, v], enough) {
+  let nearest = enough;
+  for (const [x, y] of points) nearest = Math.min(nearest, Math.hypot(u - x, v - y));
+  return nearest;
+}
+
+function line(points, closed, kind) {
+  return make(closed ? "polygon" : "polyline", { points: textOf(points), class: kind });
+}
+
+// The points of a run, [first, last], with a neighbour on either side, so that no gap is seen.
+function stretch(points, [first, last]) {
+  return points.slice(Math.max(first - 1, 0), last + 2);
+}
+
+// From 0 to 1 with no speed and no acceleration at either end.
+function ease(t) {
+  return t ** 3 * (10 - 15 * t + 6 * t ** 2);
+}
+
+// Arrow heads along a stroke, which show its direction.
+function chevrons(points) {
+  const marks = [];
+  const step = Math.max(CHEVRON_POINTS, Math.round(points.length / 6));
+  for (let k = Math.round(step / 2); k < points.length - 3; k += step) {
+    const before = points[Math.max(k - 2, 0)];
+    const after = points[k + 2];
+    const turn = (Math.atan2(after[1] - before[1], after[0] - before[0]) * 180) / Math.PI;
+    const shape = [make("path", { class: "chevron", d: CHEVRON }), make("path", { class: "chevron", d: CHEVRON })];
+    const mark = makeAt(points[k], {}, ...shape);
+    mark.setAttribute("transform", `${translation(points[k])} rotate(${turn})`);
+    marks.push(mark);
+  }
+  return marks;
+}
+
+// A ring at the start of an open stroke, and a square at its end.
+function endMarks(points) {
+  const ring = make("circle", { class: "end-mark", r: 8 });
+  const square = make("path", { class: "end-mark", d: "M-7 -7H7V7H-7Z" });
+  return [makeAt(points[0], {}, ring), makeAt(points[points.length - 1], {}, square)];
 }

@@ -1,9 +1,15 @@
 // The page's elements: found by their id, or made.
+const SVG = "http://www.w3.org/2000/svg";
+const SVG_NAMES = ["g", "path", "polyline", "polygon", "circle", "text", "rect"];
+
 export const byId = (id) => document.getElementById(id);
 
+// An element with attributes and children. An attribute that begins with "on" is a listener; true
+// stands for an attribute without a value, and false or null for none.
 export function make(name, attributes = {}, ...children) {
-  const isSvg = ["g", "path", "polyline", "polygon", "circle", "text", "rect"].includes(name);
-  const node = isSvg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
+  let node;
+  if (SVG_NAMES.includes(name)) node = document.createElementNS(SVG, name);
+  else node = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
     if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
     else if (value === true) node.setAttribute(key, "");
@@ -11,6 +17,16 @@ export function make(name, attributes = {}, ...children) {
   }
   node.append(...children);
   return node;
+}
+
+export function translation([u, v]) {
+  return `translate(${u} ${v})`;
+}
+
+// A group at a place of the slice whose children have their size in pixels of the screen.
+export function makeAt(place, attributes, ...children) {
+  const body = make("g", { class: "fixed" }, ...children);
+  return make("g", { ...attributes, transform: translation(place) }, body);
 }
 
 // Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands

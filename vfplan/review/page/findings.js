@@ -1,15 +1,19 @@
 // Findings as pins on the slice and as a list; both ends enlarged.
-import { byId, make, refill } from "./dom.js";
+import { byId, make, makeAt, refill } from "./dom.js";
 
 const INSET_PX = 168; // side of an inset on the screen
 const END_PX = 21; // pixels of the slice around an end: eight times enlarged
 const FINDING_PX = 42; // and around a finding: four times
+const END_ZOOM = 8; // of the slice once an end's inset is clicked
+const PIN = "M0 -2L-9 -20A11 11 0 1 1 9 -20Z";
 
 export class Findings {
   constructor(app, view) {
     this.app = app;
     this.view = view;
-    byId("slice").addEventListener("load", () => this.app.state && this.render(this.app.state));
+    byId("slice").addEventListener("load", () => {
+      if (this.app.state) this.render(this.app.state);
+    });
   }
 
   render(state) {
@@ -18,29 +22,42 @@ export class Findings {
     this.ends(state);
   }
 
-  chosen() { return this.app.selected?.kind === "finding" ? this.app.selected.key : -1; }
+  // The index of the selected finding, or -1.
+  chosen() {
+    if (this.app.selected?.kind === "finding") return this.app.selected.key;
+    return -1;
+  }
 
   list(state) {
-    const open = state.findings.filter((f) => f.severity === "doubt" && f.answered_by === null).length;
-    byId("findings-count").textContent = state.findings.length ? `${open} to answer, ${state.findings.length} in all` : "none";
+    const unanswered = state.findings.filter((f) => f.severity === "doubt" && f.answered_by === null);
+    let count = "none";
+    if (state.findings.length) count = `${unanswered.length} to answer, ${state.findings.length} in all`;
+    byId("findings-count").textContent = count;
     refill(byId("findings"), state.findings.map((finding, k) => this.row(finding, k)));
   }
 
   row(finding, k) {
-    const answered = finding.answered_by !== null;
-    const kind = answered ? "answered" : finding.severity;
-    const button = make("button", { type: "button", class: "row", "aria-expanded": String(k === this.chosen()), onclick: () => this.goTo(k) },
-      make("span", { class: `badge ${kind}` }, String(k + 1)), make("span", {}, finding.text));
-    const row = make("li", { class: k === this.chosen() ? "chosen" : "", "data-finding": k }, button);
+    const isChosen = k === this.chosen();
+    const button = make(
+      "button",
+      { type: "button", class: "row", "aria-expanded": String(isChosen), onclick: () => this.goTo(k) },
+      make("span", { class: `badge ${kindOf(finding)}` }, String(k + 1)),
+      make("span", {}, finding.text),
+    );
     const more = make("div", { class: "more" });
-    if (answered) more.append(make("span", { class: "muted" }, `Accepted${finding.answered_by ? ` by ${finding.answered_by}` : ""}.`));
-    else if (finding.severity === "doubt") {
-      more.append(make("button", { type: "button", class: "accept", onclick: () => this.accept(k) }, "Accept"));
-      more.append(make("span", { class: "muted" }, "or mend it, and it goes."));
-    } else more.append(make("span", { class: "muted" }, "For your information."));
-    if (k === this.chosen() && finding.place_px) more.prepend(this.inset(finding.place_px, FINDING_PX, `Finding ${k + 1} enlarged`));
-    row.append(more);
-    return row;
+    if (isChosen && finding.place_px) {
+      more.append(this.inset(finding.place_px, FINDING_PX, `Finding ${k + 1} enlarged`));
+    }
+    if (finding.answered_by !== null) {
+      more.append(muted(finding.answered_by ? `Accepted by ${finding.answered_by}.` : "Accepted."));
+    } else if (finding.severity === "doubt") {
+      const accept = () => this.accept(k);
+      more.append(make("button", { type: "button", class: "accept", onclick: accept }, "Accept"));
+      more.append(muted("Or mend it: then it goes by itself."));
+    } else {
+      more.append(muted("For your information."));
+    }
+    return make("li", { class: isChosen ? "chosen" : "", "data-finding": k }, button, more);
   }
 
   accept(k) {
@@ -62,6 +79,7 @@ export class Findings {
     byId("findings").children[k]?.scrollIntoView({ block: "nearest" });
   }
 
+  // Go to the next finding, or with -1 to the one before.
   turn(by) {
     const count = this.app.state.findings.length;
     if (count) this.goTo((this.chosen() + by + count) % count);
@@ -70,19 +88,19 @@ export class Findings {
   select() {
     if (!this.app.state) return;
     this.list(this.app.state);
-    byId("pins").querySelectorAll(".pin").forEach((node) => {
+    for (const node of byId("pins").querySelectorAll(".pin")) {
       node.classList.toggle("chosen", Number(node.dataset.finding) === this.chosen());
-    });
+    }
   }
 
   pins(state) {
     const nodes = [];
     state.findings.forEach((finding, k) => {
       if (!finding.place_px) return;
-      const kind = finding.answered_by !== null ? "answered" : finding.severity;
-      const body = make("g", { class: "fixed" }, make("path", { d: "M0 -2L-9 -20A11 11 0 1 1 9 -20Z" }), make("text", { y: -25 }, String(k + 1)));
-      nodes.push(make("g", { class: `thing pin ${kind}${k === this.chosen() ? " chosen" : ""}`, "data-finding": k,
-        transform: `translate(${finding.place_px[0]} ${finding.place_px[1]})` }, body));
+      const chosen = k === this.chosen() ? " chosen" : "";
+      const attributes = { class: `thing pin ${kindOf(finding)}${chosen}`, "data-finding": k };
+      const number = make("text", { y: -25 }, String(k + 1));
+      nodes.push(makeAt(finding.place_px, attributes, make("path", { d: PIN }), number));
     });
     byId("pins").replaceChildren(...nodes);
   }
@@ -91,47 +109,75 @@ export class Findings {
     const figures = [];
     state.curve_px.forEach((points, k) => {
       if (state.closed[k]) return;
-      const name = state.curve_px.length > 1 ? ` of stroke ${k + 1}` : "";
-      for (const [place, word] of [[points[0], "Start"], [points[points.length - 1], "End"]]) {
-        const label = `${word}${name} at (${place[0].toFixed(0)}, ${place[1].toFixed(0)})`;
-        const button = make("button", { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, 8) }, this.inset(place, END_PX, label));
-        figures.push(make("figure", {}, button, make("figcaption", {}, label)));
-      }
+      const stroke = state.curve_px.length > 1 ? ` of stroke ${k + 1}` : "";
+      figures.push(this.end(points[0], `Start${stroke}`));
+      figures.push(this.end(points[points.length - 1], `End${stroke}`));
     });
+    const question = figures.length > 2 ? "Do your lines end here?" : "Does your line end here?";
+    byId("ends-card").querySelector("h2").textContent = question;
     byId("ends-card").hidden = figures.length === 0;
     refill(byId("ends"), figures);
   }
 
+  end(place, name) {
+    const label = `${name} at (${place[0].toFixed(0)}, ${place[1].toFixed(0)})`;
+    const button = make(
+      "button",
+      { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, END_ZOOM) },
+      this.inset(place, END_PX, label),
+    );
+    return make("figure", {}, button, make("figcaption", {}, label));
+  }
+
   // A part of the slice enlarged, with the measured line as a thin stroke in the ink, and a ring.
   inset([u, v], span, label) {
-    const side = INSET_PX;
-    const enlarged = side / span;
-    const canvas = make("canvas", { class: "inset", width: side, height: side, role: "img", "aria-label": label });
+    const attributes = { class: "inset", width: INSET_PX, height: INSET_PX, role: "img", "aria-label": label };
+    const canvas = make("canvas", attributes);
     const pen = canvas.getContext("2d");
-    pen.imageSmoothingEnabled = false;
+    const enlarged = INSET_PX / span;
     const left = Math.round(u - (span - 1) / 2);
     const top = Math.round(v - (span - 1) / 2);
+    pen.imageSmoothingEnabled = false;
     pen.fillStyle = "#888";
-    pen.fillRect(0, 0, side, side);
-    if (byId("slice").complete && byId("slice").naturalWidth) pen.drawImage(byId("slice"), left, top, span, span, 0, 0, side, side);
+    pen.fillRect(0, 0, INSET_PX, INSET_PX);
+    if (byId("slice").complete && byId("slice").naturalWidth) {
+      pen.drawImage(byId("slice"), left, top, span, span, 0, 0, INSET_PX, INSET_PX);
+    }
+    // From here on in pixels of the slice, whose first pixel has its middle at (0, 0).
     pen.setTransform(enlarged, 0, 0, enlarged, (0.5 - left) * enlarged, (0.5 - top) * enlarged);
-    const near = (p) => Math.abs(p[0] - u) < span && Math.abs(p[1] - v) < span;
+    const line = this.lineWithin([u, v], span);
+    const ring = new Path2D();
+    ring.arc(u, v, 18 / enlarged, 0, 2 * Math.PI);
     for (const [colour, width] of [["#fff", 3.4], ["#2f52e9", 1.6]]) {
       pen.strokeStyle = colour;
       pen.lineWidth = width / enlarged;
-      pen.beginPath();
-      for (const points of this.app.state.curve_px) {
-        let last = null;
-        for (const p of points) {
-          if (near(p)) pen[last ? "lineTo" : "moveTo"](p[0], p[1]);
-          last = near(p) ? p : null;
-        }
-      }
-      pen.stroke();
-      pen.beginPath();
-      pen.arc(u, v, 18 / enlarged, 0, 2 * Math.PI);
-      pen.stroke();
+      pen.stroke(line);
+      pen.stroke(ring);
     }
     return canvas;
   }
+
+  // The parts of the measured line within a distance of a place.
+  lineWithin([u, v], distance) {
+    const line = new Path2D();
+    for (const points of this.app.state.curve_px) {
+      let isDrawing = false;
+      for (const [x, y] of points) {
+        const isNear = Math.abs(x - u) < distance && Math.abs(y - v) < distance;
+        if (isNear && isDrawing) line.lineTo(x, y);
+        else if (isNear) line.moveTo(x, y);
+        isDrawing = isNear;
+      }
+    }
+    return line;
+  }
+}
+
+function kindOf(finding) {
+  if (finding.answered_by !== null) return "answered";
+  return finding.severity;
+}
+
+function muted(text) {
+  return make("span", { class: "muted" }, text);
 }

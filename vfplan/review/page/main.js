@@ -5,11 +5,25 @@ import { Curve } from "./curve.js";
 import { Findings } from "./findings.js";
 import { Markers } from "./markers.js";
 import { Approval } from "./approval.js";
+import { Selection } from "./selection.js";
 import { Tools } from "./tools.js";
+import { Pointer } from "./pointer.js";
+import { Keys } from "./keys.js";
+
+const TOAST_MS = 7000;
+const RECONNECT_MS = 1000;
 
 export const app = {
-  state: null, version: 0, about: {}, selected: null, socket: null, ended: false, waiting: [], changes: 0,
   token: location.hash.slice(1),
+  socket: null,
+  ended: false,
+  state: null,
+  version: 0, // of the state that is shown
+  about: {}, // the name that is proposed, and whether the output will be signed
+  selected: null, // {kind: "knot", "marker", "finding" or "ink", key}
+  waiting: [], // changes that the session has not answered yet
+  changes: 0,
+  refusalShown: false,
 
   send(message) {
     if (this.socket && this.socket.readyState === 1) this.socket.send(JSON.stringify(message));
@@ -20,24 +34,34 @@ export const app = {
     this.waiting.push({ ...message, number: this.changes });
     if (this.waiting.length === 1) this.sendFirst();
   },
-  sendFirst() { this.send({ ...this.waiting[0], version: this.version }); },
+  sendFirst() {
+    this.send({ ...this.waiting[0], version: this.version });
+  },
   answered(number) {
     if (this.waiting.length === 0 || this.waiting[0].number !== number) return;
     this.waiting.shift();
     if (this.waiting.length) this.sendFirst();
   },
-  step(step) { this.change({ step }); },
-  say(text) { byId("say").textContent = text; },
+  step(step) {
+    this.change({ step });
+  },
+  // For readers of the screen.
+  say(text) {
+    byId("say").textContent = text;
+  },
   toast(text) {
     byId("toast").textContent = text;
     byId("toast").hidden = false;
     clearTimeout(this.toastTimer);
-    this.toastTimer = setTimeout(() => { byId("toast").hidden = true; }, 7000);
+    this.toastTimer = setTimeout(() => this.hideToast(), TOAST_MS);
   },
-  select(thing) {
+  hideToast() {
+    byId("toast").hidden = true;
+  },
+  select(thing, isFocusKept = false) {
     this.selected = thing;
-    for (const part of parts) part.select?.(thing);
-    if (thing) byId("stage").focus({ preventScroll: true });
+    for (const part of parts) part.select?.();
+    if (thing && !isFocusKept) byId("stage").focus({ preventScroll: true });
   },
   isSelected(kind, key) {
     return this.selected !== null && this.selected.kind === kind && this.selected.key === key;
@@ -49,44 +73,11 @@ const curve = new Curve(app, view);
 const findings = new Findings(app, view);
 const markers = new Markers(app, view);
 const approval = new Approval(app, view);
-const tools = new Tools(app, view, curve, markers, findings, approval);
-const parts = [view, curve, findings, markers, approval, tools];
-
-function show(state, isWhole) {
-  // What takes the whole plan stays as it was until it comes anew.
-  if (!isWhole && app.state) {
-    for (const name of ["findings", "why_not", "approvable", "refusal"]) {
-      if (name !== "refusal" || !state.candidates.length) state[name] = app.state[name];
-    }
-  }
-  const first = app.state === null;
-  app.state = { findings: [], why_not: ["The plan is being made."], approvable: false, ...state };
-  if (!isWhole) app.state.approvable = false;
-  for (const part of parts) part.render?.(app.state, first);
-  const place = state.refusal?.place_px;
-  // To choose among several lines the planner has to see the whole slice.
-  const isPlace = place && state.refusal.code !== "several-candidates";
-  if (isPlace && isWhole && !app.refusalShown) {
-    app.refusalShown = true; // once, so that the planner can look elsewhere
-    view.goTo(place, 2 * view.zoom);
-  }
-  byId("undo").disabled = !state.can_undo;
-  byId("redo").disabled = !state.can_redo;
-  byId("steps").replaceChildren(...state.steps.map((text) => make("li", {}, text)));
-  byId("steps-count").textContent = state.steps.length;
-}
-
-function showRefusal(state) {
-  const refusal = state.refusal;
-  byId("refusal").hidden = !refusal || (state.curve_px.length > 0 && refusal.stage === "extract");
-  if (byId("refusal").hidden) return;
-  const isCurve = refusal.stage === "extract";
-  byId("refusal").querySelector("h2").textContent = isCurve ? "No curve yet" : "The plan is refused";
-  byId("refusal-text").textContent = refusal.text;
-  const rows = isCurve ? state.candidates.map((way) => curve.wayRow(way)) : [];
-  refill(byId("candidates"), rows);
-}
-parts.push({ render: showRefusal });
+const selection = new Selection(app, view, curve, markers);
+const tools = new Tools(app, view);
+const pointer = new Pointer(app, view, { curve, markers, findings, tools, selection });
+const keys = new Keys(app, view, { findings, approval, selection, tools, pointer });
+const parts = [view, curve, findings, markers, approval, selection, tools, keys];
 
 // A button that is pressed stays where it is: what would change the page waits for its release.
 // Without this a new row of buttons would stand in place of the one that is pressed, and the
@@ -123,18 +114,73 @@ function showMessage(message) {
   } else if (message.quick || message.state) {
     if (message.version < app.version) return; // overtaken by a later state
     app.version = message.version;
-    show(message.state || message.quick, Boolean(message.state));
-  } else if (message.preview) markers.preview(message.preview);
-  else if (message.error) {
+    if (message.state) show(message.state, true);
+    else show(withPlanOf(app.state, message.quick), false);
+  } else if (message.preview) {
+    markers.preview(message.preview);
+  } else if (message.error) {
     app.toast(message.error.message);
-    markers.forget();
-  } else if (message.answered) app.answered(message.answered);
-  else if (message.approved) finish("Approved", `${message.approved.text} You can close this page.`);
-  else if (message.left) finish("Left without approval", "Your steps are kept. The same command takes them up again. You can close this page.");
+    markers.forgetDrag();
+  } else if (message.answered) {
+    app.answered(message.answered);
+  } else if (message.approved) {
+    finish("Approved", `${message.approved.text} You can close this page.`);
+  } else if (message.left) {
+    finish("Left without approval", "Your steps are kept. The same command takes them up again. You can close this page.");
+  }
+}
+
+// A state without what takes the whole plan: that stays as it was until it comes anew.
+function withPlanOf(before, quick) {
+  const state = { findings: [], why_not: ["The plan is being made."], refusal: null, ...quick };
+  if (before) {
+    state.findings = before.findings;
+    state.why_not = before.why_not;
+    if (!quick.candidates.length) state.refusal = before.refusal;
+  }
+  state.approvable = false;
+  return state;
+}
+
+function show(state, isWhole) {
+  const isFirst = app.state === null;
+  app.state = state;
+  for (const part of parts) part.render?.(state, isFirst);
+  showRefusal(state);
+  if (isWhole) goToRefusal(state.refusal);
+  byId("undo").disabled = !state.can_undo;
+  byId("redo").disabled = !state.can_redo;
+  byId("steps").replaceChildren(...state.steps.map((text) => make("li", {}, text)));
+  byId("steps-count").textContent = state.steps.length;
+}
+
+function showRefusal(state) {
+  const refusal = state.refusal;
+  const isOfCurve = refusal?.stage === "extract";
+  const isShown = refusal !== null && !(isOfCurve && state.curve_px.length > 0);
+  byId("refusal").hidden = !isShown;
+  if (!isShown) return;
+  const rows = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
+  let text = refusal.text;
+  if (refusal.code === "several-candidates" && rows.length) {
+    text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
+  }
+  byId("refusal").querySelector("h2").textContent = isOfCurve ? "No curve yet" : "The plan is refused";
+  byId("refusal-text").textContent = text;
+  refill(byId("candidates"), rows);
+}
+
+// Once, so that the planner can look elsewhere. To choose among several lines he has to see the
+// whole slice.
+function goToRefusal(refusal) {
+  if (app.refusalShown || !refusal?.place_px || refusal.code === "several-candidates") return;
+  app.refusalShown = true;
+  view.goTo(refusal.place_px, 2 * view.zoom);
 }
 
 function finish(title, text) {
   app.ended = true;
+  app.hideToast();
   byId("done-title").textContent = title;
   byId("done-text").textContent = text;
   byId("done").showModal();
@@ -147,11 +193,11 @@ function connect() {
     app.waiting = [];
     if (app.ended) return;
     approval.lost(app.token ? "" : "The address lacks its end. Open it as the command printed it.");
-    setTimeout(connect, 1000);
+    setTimeout(connect, RECONNECT_MS);
   });
 }
 
-byId("slice").addEventListener("load", () => view.shrink());
+byId("slice").addEventListener("load", () => view.makeCopies());
 byId("slice").src = `slice.png?token=${encodeURIComponent(app.token)}`;
 byId("undo").addEventListener("click", () => app.change({ undo: true }));
 byId("redo").addEventListener("click", () => app.change({ redo: true }));

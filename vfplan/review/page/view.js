@@ -2,109 +2,152 @@
 import { byId, make } from "./dom.js";
 import { Greys } from "./greys.js";
 
-const BORDER_PX = 300; // as in review.css
-const NICE = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+const BORDER_PX = 300; // as in review.css: how far the drawing reaches beyond the stage
+const REST_MS = 250; // a view that does not change for so long is at rest
+const [MIN_ZOOM, MAX_ZOOM] = [0.02, 64];
+const GO_TO_ZOOM = 3;
+const MAX_COPY_PX = 1200;
+const MAX_BAR_PX = 160;
+const BAR_LENGTHS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+const LETTER_PLACES = {
+  left: "left:0;top:50%",
+  right: "right:0;top:50%",
+  top: "left:50%;top:0",
+  bottom: "left:50%;bottom:0",
+};
 
 export class View {
   constructor(app) {
     this.app = app;
     this.stage = byId("stage");
-    this.zoom = 1;
-    this.x = 0;
+    this.zoom = 1; // pixels of the window a pixel of the slice
+    this.x = 0; // where the slice's (0, 0) lies on the stage
     this.y = 0;
     this.settled = []; // called once the view rests
+    this.zoomed = null; // called with each new zoom
     this.stage.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    this.stage.addEventListener("pointermove", (event) => this.tellPlace(this.place(event)));
     new ResizeObserver(() => this.apply()).observe(this.stage);
     byId("fit").addEventListener("click", () => this.fit());
     byId("one").addEventListener("click", () => this.setZoom(1 / devicePixelRatio));
-    this.stage.addEventListener("pointermove", (event) => this.tellPlace(this.place(event)));
   }
 
-  render(state, first) {
+  render(state, isFirst) {
     this.image = state.image;
     this.mmPerPx = state.mm_per_px;
     byId("title").textContent = `Review of ${state.image.name}`;
-    if (first) {
+    document.title = byId("title").textContent;
+    if (isFirst) {
       this.greys = new Greys(this.app, state.image.grey_max);
-      document.title = `Review of ${state.image.name}`;
-      this.letters(state.image.sides);
+      this.showLetters(state.image.sides);
       this.fit();
     }
-    this.scaleBar();
+    this.showScaleBar();
   }
 
-  letters(sides) {
-    const where = { left: "left:0;top:50%", right: "right:0;top:50%", top: "left:50%;top:0", bottom: "left:50%;bottom:0" };
-    const nodes = Object.entries(sides || {}).map(([side, letter]) => make("span", { style: where[side] }, letter));
+  // Which side of the patient each side of the slice is.
+  showLetters(sides) {
+    const nodes = [];
+    for (const [side, letter] of Object.entries(sides || {})) {
+      nodes.push(make("span", { style: LETTER_PLACES[side] }, letter));
+    }
     byId("letters").replaceChildren(...nodes);
   }
 
-  // From the screen to the slice: (0, 0) is the middle of the first pixel.
+  // From the screen to the slice, whose (0, 0) is the middle of the first pixel, and back.
   place(event) {
     const box = this.stage.getBoundingClientRect();
-    return [(event.clientX - box.left - this.x) / this.zoom, (event.clientY - box.top - this.y) / this.zoom];
+    return this.onSlice([event.clientX - box.left, event.clientY - box.top]);
+  }
+
+  onSlice([x, y]) {
+    return [(x - this.x) / this.zoom, (y - this.y) / this.zoom];
+  }
+
+  onStage([u, v]) {
+    return [u * this.zoom + this.x, v * this.zoom + this.y];
+  }
+
+  isIn(place, border = 0) {
+    const [width, height] = this.size();
+    const [x, y] = this.onStage(place);
+    return x >= border && y >= border && x <= width - border && y <= height - border;
+  }
+
+  // The nearest place on the slice.
+  clamp([u, v]) {
+    const right = this.image.width_px - 0.5;
+    const bottom = this.image.height_px - 0.5;
+    return [Math.min(Math.max(u, -0.5), right), Math.min(Math.max(v, -0.5), bottom)];
+  }
+
+  size() {
+    return [this.stage.clientWidth, this.stage.clientHeight];
   }
 
   // Copies of half and a quarter of the size, and so on: to draw 16 million pixels small is slow.
-  shrink() {
+  makeCopies() {
     const slice = byId("slice");
-    let from = slice;
     let [width, height] = [slice.naturalWidth, slice.naturalHeight];
-    document.querySelectorAll("canvas.copy").forEach((copy) => copy.remove());
+    for (const copy of document.querySelectorAll("canvas.copy")) copy.remove();
     this.copies = [slice];
-    while (Math.max(width, height) > 1200) {
+    while (Math.max(width, height) > MAX_COPY_PX) {
       [width, height] = [Math.ceil(width / 2), Math.ceil(height / 2)];
       const copy = make("canvas", { class: "copy", width, height });
-      copy.getContext("2d").drawImage(from, 0, 0, width, height);
+      copy.getContext("2d").drawImage(this.copies[this.copies.length - 1], 0, 0, width, height);
       slice.after(copy);
       this.copies.push(copy);
-      from = copy;
     }
     this.apply();
   }
 
   placeSlice() {
-    const copies = this.copies || [byId("slice")];
-    const level = Math.min(copies.length - 1, Math.max(0, Math.floor(Math.log2(1 / (this.zoom * devicePixelRatio)))));
-    copies.forEach((copy, k) => { copy.style.display = k === level ? "block" : "none"; });
-    const shown = copies[level];
-    const scale = (this.zoom * byId("slice").naturalWidth) / (shown.naturalWidth || shown.width) || this.zoom;
-    shown.style.transform = `translate(${this.x - this.zoom / 2}px, ${this.y - this.zoom / 2}px) scale(${scale})`;
+    const slice = byId("slice");
+    const copies = this.copies || [slice];
+    const halvings = Math.floor(Math.log2(1 / (this.zoom * devicePixelRatio)));
+    const shown = copies[Math.min(Math.max(halvings, 0), copies.length - 1)];
+    for (const copy of copies) copy.style.display = copy === shown ? "block" : "none";
+    const width = shown === slice ? slice.naturalWidth : shown.width;
+    const scale = (this.zoom * slice.naturalWidth) / width || this.zoom;
+    const [x, y] = this.onStage([-0.5, -0.5]);
+    shown.style.transform = `translate(${x}px, ${y}px) scale(${scale})`;
+    slice.classList.toggle("near", this.zoom * devicePixelRatio >= 3);
   }
 
   // What is drawn over the slice reaches beyond the stage: a pan shifts it as a picture, and it is
   // drawn anew once the view rests, or the shift leaves its border.
-  placeDrawing(rests = false) {
+  placeDrawing(isAtRest = false) {
     const base = this.base;
-    const [dx, dy] = base ? [this.x - base.x, this.y - base.y] : [0, 0];
-    if (base && !rests && base.zoom === this.zoom && Math.max(Math.abs(dx), Math.abs(dy)) < BORDER_PX) {
-      byId("over").style.transform = `translate(${dx}px, ${dy}px)`;
-      return;
+    if (base && !isAtRest && base.zoom === this.zoom) {
+      const [dx, dy] = [this.x - base.x, this.y - base.y];
+      if (Math.max(Math.abs(dx), Math.abs(dy)) < BORDER_PX) {
+        byId("over").style.transform = `translate(${dx}px, ${dy}px)`;
+        return;
+      }
     }
     this.base = { x: this.x, y: this.y, zoom: this.zoom };
+    const matrix = [this.zoom, 0, 0, this.zoom, this.x + BORDER_PX, this.y + BORDER_PX];
     byId("over").style.transform = "";
-    byId("world").setAttribute("transform", `matrix(${this.zoom} 0 0 ${this.zoom} ${this.x + BORDER_PX} ${this.y + BORDER_PX})`);
+    byId("world").setAttribute("transform", `matrix(${matrix.join(" ")})`);
   }
 
   apply() {
     this.placeSlice();
     this.placeDrawing();
-    if (this.unit !== 1 / this.zoom) {
-      this.unit = 1 / this.zoom;
-      byId("world").style.setProperty("--unit", this.unit);
-      byId("slice").classList.toggle("near", this.zoom * devicePixelRatio >= 3);
-      this.scaleBar();
+    if (this.shownZoom !== this.zoom) {
+      this.shownZoom = this.zoom;
+      byId("world").style.setProperty("--unit", 1 / this.zoom);
+      this.showScaleBar();
       this.zoomed?.();
     }
     clearTimeout(this.timer);
     this.timer = setTimeout(() => {
       this.placeDrawing(true);
-      this.settled.forEach((call) => call());
-    }, 250);
+      for (const call of this.settled) call();
+    }, REST_MS);
   }
 
-  size() { return [this.stage.clientWidth, this.stage.clientHeight]; }
-
+  // Show the whole slice.
   fit() {
     if (!this.image) return;
     const [width, height] = this.size();
@@ -114,13 +157,14 @@ export class View {
     this.apply();
   }
 
+  // Zoom, and leave what lies at a place of the stage where it is: its middle unless said.
   setZoom(zoom, about) {
     const [width, height] = this.size();
     const [x, y] = about || [width / 2, height / 2];
-    const next = Math.min(64, Math.max(0.02, zoom));
-    this.x = x - ((x - this.x) * next) / this.zoom;
-    this.y = y - ((y - this.y) * next) / this.zoom;
-    this.zoom = next;
+    const [u, v] = this.onSlice([x, y]);
+    this.zoom = Math.min(MAX_ZOOM, Math.max(MIN_ZOOM, zoom));
+    this.x = x - u * this.zoom;
+    this.y = y - v * this.zoom;
     this.apply();
   }
 
@@ -130,7 +174,8 @@ export class View {
     this.apply();
   }
 
-  goTo([u, v], zoom = Math.max(this.zoom, 3)) {
+  // Bring a place of the slice to the middle.
+  goTo([u, v], zoom = Math.max(this.zoom, GO_TO_ZOOM)) {
     const [width, height] = this.size();
     this.zoom = zoom;
     this.x = width / 2 - u * zoom;
@@ -142,28 +187,25 @@ export class View {
     event.preventDefault();
     const box = this.stage.getBoundingClientRect();
     const rate = event.ctrlKey ? 0.01 : 0.0016; // a pinch on a pad comes as small steps with Ctrl
-    const lines = event.deltaMode === 1 ? 30 : 1;
-    this.setZoom(this.zoom * Math.exp(-event.deltaY * lines * rate), [event.clientX - box.left, event.clientY - box.top]);
+    const turned = event.deltaMode === 1 ? 30 * event.deltaY : event.deltaY; // mode 1 counts lines
+    const about = [event.clientX - box.left, event.clientY - box.top];
+    this.setZoom(this.zoom * Math.exp(-turned * rate), about);
   }
 
-  isIn([u, v]) {
-    const [width, height] = this.size();
-    const x = u * this.zoom + this.x;
-    const y = v * this.zoom + this.y;
-    return x >= 0 && y >= 0 && x <= width && y <= height;
-  }
-
+  // Say which place of the slice is under the pointer.
   tellPlace([u, v]) {
-    if (!this.image || u < -0.5 || v < -0.5 || u > this.image.width_px - 0.5 || v > this.image.height_px - 0.5) return;
+    if (!this.image || u < -0.5 || v < -0.5) return;
+    if (u > this.image.width_px - 0.5 || v > this.image.height_px - 0.5) return;
+    const words = [`u ${u.toFixed(1)}  v ${v.toFixed(1)} px`];
     const spacing = this.image.pixel_spacing_mm;
-    const mm = spacing ? `  |  ${(u * spacing[0]).toFixed(1)}, ${(v * spacing[1]).toFixed(1)} mm` : "";
-    byId("place").textContent = `u ${u.toFixed(1)}  v ${v.toFixed(1)} px${mm}`;
+    if (spacing) words.push(`${(u * spacing[0]).toFixed(1)}, ${(v * spacing[1]).toFixed(1)} mm`);
+    byId("place").textContent = words.join("  |  ");
   }
 
-  scaleBar() {
-    const unit = this.mmPerPx || 1;
-    const length = NICE.findLast((size) => (size / unit) * this.zoom <= 160) || 1;
-    byId("bar").style.width = `${(length / unit) * this.zoom}px`;
+  showScaleBar() {
+    const pxPerUnit = this.zoom / (this.mmPerPx || 1);
+    const length = BAR_LENGTHS.findLast((size) => size * pxPerUnit <= MAX_BAR_PX) || 1;
+    byId("bar").style.width = `${length * pxPerUnit}px`;
     byId("bar-text").textContent = `${length} ${this.mmPerPx ? "mm" : "px"}`;
   }
 }
