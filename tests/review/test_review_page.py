@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from captures import capture
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
@@ -432,6 +433,67 @@ def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, run, 
     browser.run("document.querySelector('#ends button').focus()")
     browser.run(renew)
     assert browser.run("document.activeElement === document.querySelector('#ends button')")
+
+
+@pytest.mark.slow
+def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, run, tmp_path):
+    path = capture(tmp_path, vfplan.read_image(SLICE).rgb, PixelSpacing=[0.5, 0.5],
+                   ImagePositionPatient=[10, 20, 30],
+                   ImageOrientationPatient=[1, 0, 0, 0, 1, 0])  # fmt: skip
+    program = run(path, *MARKERS, "--margin", "tre95", "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    letters = "[...document.querySelectorAll('#letters span')].map((n) => n.textContent).join('')"
+    assert sorted(browser.run(letters)) == ["A", "L", "P", "R"]
+    assert browser.run("document.getElementById('bar-text').textContent") == "50 mm"
+    whole = hand.state("[review.view.x, review.view.y, review.view.zoom]")
+    # Under the pointer: pixels and millimetres.
+    browser.press(*hand.at((300.0, 40.0)), "mouseMoved", "none")
+    place = browser.run("document.getElementById('place').textContent")
+    found = [float(word.rstrip(",")) for word in place.split() if word[0].isdigit()]
+    assert np.allclose(found, (300, 40, 150, 20), atol=0.6)
+    # A drag moves the slice; with Space it does so with any tool, and draws nothing.
+    for tool in ("v", "d"):
+        browser.key(tool)
+        if tool == "d":
+            browser.do("Input.dispatchKeyEvent", type="keyDown", key=" ")
+        before = hand.at((300, 40))
+        hand.drag((300, 40), (340, 60))
+        browser.do("Input.dispatchKeyEvent", type="keyUp", key=" ")
+        zoom = hand.state("review.view.zoom")
+        assert np.allclose(np.subtract(hand.at((300, 40)), before) / zoom, (40, 20), atol=0.5)
+    assert browser.run("document.querySelectorAll('#clicks circle').length") == 0
+    browser.key("Escape")
+    browser.key("1")
+    assert hand.state("review.view.zoom") == 1
+    browser.key("+")
+    assert hand.state("review.view.zoom") == pytest.approx(1.25)
+    browser.key("f")
+    assert hand.state("[review.view.x, review.view.y, review.view.zoom]") == whole
+    # The margin is a rim around what the tool's centre is kept out of.
+    width = "Number(document.querySelector('#bands .{}').getAttribute('stroke-width'))"
+    contact, margin, bound = (
+        browser.run(width.format(kind)) * 0.25 for kind in ("contact", "margin", "tre")
+    )
+    assert contact == pytest.approx(5.0, rel=1e-3)
+    assert margin - contact == pytest.approx(bound)
+    # A box that was dragged is gone with its undo.
+    browser.key("x")
+    hand.drag((600, 60), (700, 160))
+    hand.until_steps(1)
+    browser.key("z", modifiers=CTRL)
+    hand.until_steps(0)
+    boxes = (
+        "[...document.querySelectorAll('#over rect')].filter((n) =>"
+        " getComputedStyle(n).visibility === 'visible').length"
+    )
+    assert browser.run(boxes) == 0
+    # The name is the last thing that an approval wants.
+    hand.look_along()
+    browser.until("review.state.approvable")
+    reasons = "[...document.querySelectorAll('#why-not li')].map((n) => n.textContent)"
+    assert len(browser.run(reasons)) == 1
+    hand.name()
+    browser.until(f"{reasons}.length === 0 && !document.getElementById('approve').disabled")
 
 
 def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
