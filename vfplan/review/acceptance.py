@@ -6,7 +6,6 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
 from vfplan.review.digest import digest_of
@@ -66,9 +65,11 @@ def accept(
             numbers={"unknown": unknown, "open": sorted(open_codes)},
         )
     now = now_utc()
-    findings = tuple(
-        _answered(finding, by, now, answers, answer_all) for finding in fixture.findings
-    )
+    findings = []
+    for finding in fixture.findings:
+        if finding.is_open and (answer_all or finding.code in answers):
+            finding = replace(finding, answered_by=by, answered_utc=now)
+        findings.append(finding)
     left = sorted({finding.code for finding in findings if finding.is_open})
     if left:
         raise CheckFailed(
@@ -77,20 +78,10 @@ def accept(
             code="findings-unanswered",
             numbers={"unanswered": left},
         )
-    return replace(fixture, findings=findings, reviewed=Review(by, now, digest.lower()))
+    return replace(fixture, findings=tuple(findings), reviewed=Review(by, now, digest.lower()))
 
 
 def is_digest_of(fixture: Fixture, digest: str) -> bool:
     """Whether a digest is that of the fixture's sheet, with its slice or without."""
     with_slice = digest_of(fixture)
     return digest.lower() in (with_slice, digest_of(fixture, slice_shown=False))
-
-
-def _answered(
-    finding: Finding, by: str, now: str, answers: Collection[str], answer_all: bool
-) -> Finding:
-    if not finding.is_open:
-        return finding
-    if answer_all or finding.code in answers:
-        return replace(finding, answered_by=by, answered_utc=now)
-    return finding

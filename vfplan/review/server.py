@@ -330,14 +330,11 @@ def _pages() -> dict[str, tuple[bytes, str]]:
         if suffix in MEDIA_TYPES:
             pages[f"/{file.name}"] = (file.read_bytes(), f"{MEDIA_TYPES[suffix]}; charset=utf-8")
     pages["/"] = pages.pop("/index.html")
-    pages["/palette.css"] = (_palette().encode(), "text/css; charset=utf-8")
+    # The colours of every picture, as the page's variables.
+    light = "; ".join(f"--{name}: {colour}" for name, colour in LIGHT.items())
+    dark = "; ".join(f"--{name}: {colour}" for name, colour in DARK.items())
+    palette = f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
+    pages["/palette.css"] = (palette.encode(), "text/css; charset=utf-8")
     style = files("vfplan.report").joinpath("style.css").read_bytes()
     pages["/report.css"] = (style, "text/css; charset=utf-8")
     return pages
-
-
-def _palette() -> str:
-    """The colours of every picture, as the page's variables."""
-    light = "; ".join(f"--{name}: {colour}" for name, colour in LIGHT.items())
-    dark = "; ".join(f"--{name}: {colour}" for name, colour in DARK.items())
-    return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"

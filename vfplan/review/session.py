@@ -174,7 +174,13 @@ class Session:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What a person should look at, with the answers that were given."""
-        return tuple(self._answered(finding) for finding in self.outcome.findings)
+        findings = []
+        for finding in self.outcome.findings:
+            if key_of(finding) in self.current.answers:
+                by, at = self.current.answers[key_of(finding)]
+                finding = replace(finding, answered_by=by or "", answered_utc=at)
+            findings.append(finding)
+        return tuple(findings)
 
     @property
     def why_not(self) -> list[str]:
@@ -363,12 +369,6 @@ class Session:
         """SHA-256 of the steps, as the draft holds them."""
         text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
-
-    def _answered(self, finding: Finding) -> Finding:
-        answer = self.current.answers.get(key_of(finding))
-        if answer is None:
-            return finding
-        return replace(finding, answered_by=answer[0] or "", answered_utc=answer[1])
 
     # The plan as it would be written.
 

@@ -1,6 +1,6 @@
 """A fixture in three dimensions by PyVista (extra `view`): on a screen, or as a PNG without one.
 
-view3d      the picture: cloud, paths, contact sphere, force
+view3d      the picture: slice, cloud, paths, contact sphere, force; a scale and a legend
 opengl      whether a window or a picture can be drawn here
 """
 
