@@ -172,6 +172,29 @@ def _finding(code: str, text: str, place: NDArray) -> Finding:
     return doubt(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
+def end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
+    """Another colour at an end, faint ink beyond it, and an end that is not known well."""
+    findings = []
+    for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
+        reach = curve.width + tuned.FLANK_PX
+        left, top = np.maximum(np.floor(point - reach), 0).astype(int)
+        right, bottom = np.ceil(point + reach).astype(int) + 1
+        other = ink.other[top:bottom, left:right] > OTHER_UNIT * tuned.FOREIGN
+        if other.sum() >= tuned.SPECK_PX:
+            text = "another colour lies at the end of the curve. Does it hide more of the curve?"
+            findings.append(_finding("end-other-colour", text, point))
+        to_border = np.minimum(point, ink.size - 1 - point).min()
+        if to_border <= tuned.FLANK_PX:
+            continue
+        if end.continues:
+            text = "faint ink goes on beyond the end. Does the curve go on?"
+            findings.append(_finding("ink-at-end", text, point))
+        if end.sigma > tuned.UNSURE_PX:
+            text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
+            findings.append(_finding("end-unsure", text, point))
+    return findings
+
+
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
     """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
     at_end = []
@@ -203,29 +226,6 @@ def _and_more(pieces: list[Leftover]) -> str:
     if len(pieces) <= NAMED:
         return ""
     return f", and {len(pieces) - NAMED} smaller pieces as well"
-
-
-def end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
-    """Another colour at an end, faint ink beyond it, and an end that is not known well."""
-    findings = []
-    for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
-        reach = curve.width + tuned.FLANK_PX
-        left, top = np.maximum(np.floor(point - reach), 0).astype(int)
-        right, bottom = np.ceil(point + reach).astype(int) + 1
-        other = ink.other[top:bottom, left:right] > OTHER_UNIT * tuned.FOREIGN
-        if other.sum() >= tuned.SPECK_PX:
-            text = "another colour lies at the end of the curve. Does it hide more of the curve?"
-            findings.append(_finding("end-other-colour", text, point))
-        to_border = np.minimum(point, ink.size - 1 - point).min()
-        if to_border <= tuned.FLANK_PX:
-            continue
-        if end.continues:
-            text = "faint ink goes on beyond the end of the curve. Does the curve go on there?"
-            findings.append(_finding("ink-at-end", text, point))
-        if end.sigma > tuned.UNSURE_PX:
-            text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
-            findings.append(_finding("end-unsure", text, point))
-    return findings
 
 
 def stretch_findings(curve: CentreLine) -> list[Finding]:
