@@ -9,8 +9,9 @@ int main(int argc, char** argv) {
     if (argc != 2) return 2;
     const auto fixture = vfplan::bundle::read_fixture(argv[1]);
     vfplan::Engine engine(fixture);
-    const double* on = &fixture.points[3 * (fixture.size() / 2)];
+    const double* middle = &fixture.points[3 * (fixture.size() / 2)];
     vfplan::Step s;
-    for (int i = 0; i < 100; ++i) s = engine.step({{on[0], on[1] + 0.02 - 0.0002 * i, on[2]}});
+    for (int i = 0; i < 100; ++i)
+        s = engine.step({{middle[0], middle[1] + 0.02 - 0.0002 * i, middle[2]}});
     std::printf("%.6f %.6f %.6f N\n", s.force[0], s.force[1], s.force[2]);
 }

@@ -47,7 +47,7 @@ T number(const std::string& text) {
     T value{};
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(double(value)))
-        throw FileError("'" + text + "' is not the number wanted");
+        throw FileError("'" + text + "' is no number of the kind that is needed. Mend the line.");
     return value;
 }
 
@@ -78,7 +78,7 @@ template <class H, class F>
 void each_line(const std::string& path, H&& head, F&& use) {
     std::ifstream file(path);
     std::string text;
-    if (!std::getline(file, text)) throw FileError(path + ": cannot be read");
+    if (!std::getline(file, text)) throw FileError(path + ": cannot be read. Check its name.");
     for (int line = 1; file; ++line, std::getline(file, text)) {
         const std::string place = path + ", line " + std::to_string(line);
         text = trimmed(text);
@@ -103,8 +103,8 @@ inline std::vector<std::size_t> columns(std::string head, std::vector<std::strin
     std::vector<std::size_t> at;
     for (const std::string& name : wanted) {
         if (std::count(names.begin(), names.end(), name) != 1)
-            throw FileError("a header with t,x,y,z,qw,qx,qy,qz wanted, each once; no or two " +
-                            name);
+            throw FileError("a header names " + name +
+                            " not at all or twice. Name t,x,y,z,qw,qx,qy,qz once each.");
         at.push_back(std::size_t(std::find(names.begin(), names.end(), name) - names.begin()));
     }
     if (at.size() == 8) at.push_back(at[0]);  // arrived when it was taken
@@ -122,32 +122,35 @@ inline std::vector<Posed> read_poses(const std::string& path) {
     each_line(path, head, [&](const auto& fields, const auto&) {
         if (fields.size() != at[9])
             throw FileError(std::to_string(fields.size()) + " fields; " + std::to_string(at[9]) +
-                            " wanted");
+                            " wanted. Give one for each column of the header.");
         std::vector<double> all, v;
         for (const std::string& field : fields) all.push_back(real(field));
         for (int k = 0; k < 9; ++k) v.push_back(all[at[std::size_t(k)]]);
         const double size = v[4] * v[4] + v[5] * v[5] + v[6] * v[6] + v[7] * v[7];
-        if (!(std::abs(std::sqrt(size) - 1) < 1e-3)) throw FileError("no unit quaternion");
+        if (!(std::abs(std::sqrt(size) - 1) < 1e-3))
+            throw FileError("no unit quaternion. Scale qw,qx,qy,qz to length 1.");
         for (int k = 1; k < 4; ++k)
             if (!(std::abs(v[std::size_t(k)]) <= vfplan::largest_coordinate))
-                throw FileError("a place beyond 1e6 m");
-        if (!poses.empty() && v[8] < poses.back().arrived) throw FileError("not in order");
+                throw FileError("a place beyond 1e6 m. Give metres.");
+        if (!poses.empty() && v[8] < poses.back().arrived)
+            throw FileError("not in order. Sort the poses by the time at which they arrived.");
         poses.push_back({v[0], {{{v[1], v[2], v[3]}}, v[4], {{v[5], v[6], v[7]}}}, v[8]});
     });
-    if (poses.empty()) throw FileError(path + ": holds no pose");
+    if (poses.empty()) throw FileError(path + ": holds no pose. Give one at least.");
     return poses;
 }
 
 inline std::vector<Event> read_events(const std::string& path) {
     std::vector<Event> events;
     const auto head = [](const std::string& text) {
-        if (text != "tick,what,x,y,z") throw FileError("a first line tick,what,x,y,z wanted");
+        if (text != "tick,what,x,y,z")
+            throw FileError("a first line of another form. Begin the file with tick,what,x,y,z.");
     };
     each_line(path, head, [&](const auto& fields, const auto& place) {
         const std::size_t n = fields.size(), tick = number<std::size_t>(fields[0]);
         const std::string what = n > 1 ? fields[1] : "";
         Event* last = events.empty() ? nullptr : &events.back();
-        if (last && tick < last->tick) throw FileError("not in order");
+        if (last && tick < last->tick) throw FileError("not in order. Sort the events by tick.");
         const bool goes_on = last && last->what == "edit" && tick == last->tick;
         if (what == "remove" && n == 3 && goes_on && last->add.empty())
             last->remove.push_back(number<std::uint32_t>(fields[2]));
@@ -156,7 +159,9 @@ inline std::vector<Event> read_events(const std::string& path) {
         else if ((what == "edit" || what == "remake") ? n == 2 : what == "exchange" && n == 3)
             events.push_back({tick, what, place, {}, {}, {}, {}});
         else
-            throw FileError("no event, or not the next of an edit");
+            throw FileError(
+                "no event, or not the next of an edit. docs/replay.md says how events are "
+                "written.");
         if (what == "exchange")
             events.back().bundle = std::filesystem::path(path).parent_path() / fields[2];
     });
@@ -171,7 +176,7 @@ inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine
                       : event.what == "edit"
                           ? region.edit(event.remove.data(), n, event.add.data(), m)
                           : region.remake();
-    if (!done) throw FileError("too much waits for the loop");
+    if (!done) throw FileError("too much waits for the loop. Put more ticks between the events.");
 } catch (const std::exception& error) {
     throw FileError(event.where + ": " + error.what());
 }

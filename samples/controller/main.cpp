@@ -23,7 +23,7 @@ namespace {
 
 using namespace controller;
 
-/// Its sender, when ticks are to be sent; made before the loop.
+/// What sends the ticks to a viewer, if they are to be sent.
 std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
     if (value.empty()) return nullptr;
     const std::size_t colon = std::min(value.rfind(':'), value.size());
@@ -32,7 +32,8 @@ std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
     std::uint16_t port = 0;
     const auto [stop, error] = std::from_chars(digits, end, port);
     if (error != std::errc{} || stop != end)
-        throw UsageError("--telemetry " + value + ": HOST:PORT is wanted, as 127.0.0.1:5005");
+        throw UsageError("--telemetry " + value +
+                         " is no address. Give HOST:PORT, as 127.0.0.1:5005.");
     try {
         return std::make_unique<vfplan::Telemetry>(port, value.substr(0, colon));
     } catch (const std::invalid_argument& wrong) {
@@ -40,15 +41,15 @@ std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
     }
 }
 
-/// The arm's side: a governor that may let go of the fixture's whole spring. What is not passive
-/// with this stiffness and the arm's mass is refused here.
+/// A governor that may let go of the fixture's whole spring. Limits that are not passive with this
+/// stiffness and the arm's mass are refused here.
 std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
     if (!o.governor) return std::nullopt;
     vfplan::GovernorLimits limits = *o.governor;
     limits.stiffness = stiffness;
-    char given[64];
-    std::snprintf(given, sizeof given, "--governor %g,%g", limits.force_step, limits.force_max);
-    return as_option(given, [&] { return vfplan::Governor(limits); });
+    char option[64];
+    std::snprintf(option, sizeof option, "--governor %g,%g", limits.force_step, limits.force_max);
+    return as_option(option, [&] { return vfplan::Governor(limits); });
 }
 
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
@@ -79,13 +80,13 @@ std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, con
     return missed;
 }
 
-/// The fixture, signed by one of the keys. Without keys it is whole and undamaged, which says
-/// nothing of who made it: anybody who can write the file can seal another one.
-vfplan::bundle::Fixture trusted(const Options& o, const std::string& path) {
-    if (o.from_anybody) {
+/// The fixture, signed by one of the keys. Without keys it is undamaged, which says nothing about
+/// who made it: anybody who can write the file can seal another one.
+vfplan::bundle::Fixture read_signed(const Options& o, const std::string& path) {
+    if (o.unsigned_allowed) {
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
-                     "anybody may have made it, for any patient\n",
+                     "anybody may have made it, for any patient. Sign it with `vfplan sign`.\n",
                      path.c_str());
         return vfplan::bundle::read_fixture(path);
     }
@@ -97,19 +98,19 @@ vfplan::bundle::Fixture trusted(const Options& o, const std::string& path) {
     trust.max_age = o.max_age;
     return vfplan::bundle::read_fixture(path, trust);
 #else
-    throw UsageError("--keys: this controller was built without OpenSSL");
+    throw UsageError("--keys: this controller was built without OpenSSL. Build it with OpenSSL.");
 #endif
 }
 
-/// A trusted fixture of whose planning no finding is open.
-vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
-    vfplan::bundle::Fixture fixture = trusted(o, path);
+/// A fixture as it may be rendered: signed if that is demanded, and without open findings.
+vfplan::bundle::Fixture read_approved(const Options& o, const std::string& path) {
+    vfplan::bundle::Fixture fixture = read_signed(o, path);
     const std::size_t open = fixture.findings_unanswered;
     if (open > 0 && !o.despite_findings) {
         throw vfplan::bundle::BundleError(
             "unsafe.findings", path,
             "open findings of its planning: " + std::to_string(open) +
-                "; `vfplan info` lists them, --despite-findings takes it all the same");
+                ". Answer them with `vfplan review`, or give --despite-findings.");
     }
     return fixture;
 }
@@ -127,13 +128,14 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
             if (now == vfplan::Rule::exact)
                 throw FileError(event.where +
                                 ": edit: rule 'exact' renders no points, which "
-                                "could be edited; rule 'robust' does");
+                                "could be edited. Give --rule robust.");
             hand_over(event, trial, nullptr);
             continue;
         }
-        const auto other = approved(o, event.bundle.string());
-        const bool region = other.frame == "robot_base" && !other.guidance;
-        if (!region) throw FileError(event.where + ": no forbidden region in robot_base");
+        const auto other = read_approved(o, event.bundle.string());
+        if (other.frame != "robot_base" || other.guidance)
+            throw FileError(event.where +
+                            ": no forbidden region in robot_base. Exchange it for one that is.");
         const bool exact = rule == vfplan::Rule::exact;
         const vfplan::Rule own = exact ? vfplan::bundle::best_rule(other) : rule;
         vfplan::Parameters p = vfplan::bundle::parameters(other, own);
@@ -149,21 +151,26 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
 
 int control(const Options& o) {
     // Load, check, copy to plain arrays, close: no file meets the loop.
-    const vfplan::bundle::Fixture fixture = approved(o, o.fixture);
+    const vfplan::bundle::Fixture fixture = read_approved(o, o.fixture);
     if (fixture.frame != "robot_base")
-        throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
+        throw std::invalid_argument("vfplan: frame " + fixture.frame +
+                                    ", not robot_base. Register it first: vfplan register.");
     auto poses = o.poses.empty() ? std::vector<Posed>{} : read_poses(o.poses);
     auto events = o.events.empty() ? std::vector<Event>{} : read_events(o.events);
     const bool changes = !poses.empty() || !o.events.empty();
     if (changes && fixture.guidance)
-        throw std::invalid_argument("vfplan: poses and events are for forbidden regions");
+        throw std::invalid_argument(
+            "vfplan: poses and events are for forbidden regions, and this fixture guides. Leave "
+            "--poses and --events out.");
     if (changes && !o.telemetry.empty())
         std::fprintf(stderr,
-                     "controller: warning: `vfplan live` draws the fixture as it was first\n");
+                     "controller: warning: `vfplan live` draws the fixture as it was first. Do not "
+                     "judge a contact by its picture.\n");
     if (o.rule == vfplan::Rule::exact && fixture.mesh.empty() && fixture.pieces_of(false).empty())
-        throw FileError(o.fixture +
-                        ": --rule exact wants lines and arcs, or triangles, and it has "
-                        "none: `vfplan plan --arcs` keeps them; --rule robust takes its points");
+        throw FileError(
+            o.fixture +
+            ": --rule exact needs lines and arcs, or triangles, and it has none. Plan it "
+            "with --arcs, or give --rule robust, which takes its points.");
     const auto use = o.simulated_time ? vfplan::Use::replay : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
@@ -184,7 +191,8 @@ int control(const Options& o) {
     Log log(o.log, ticks, governed.has_value());
     if (changes) log.begun = [&](std::uint64_t taken) { return changing.begun(taken); };
     Form form = o.form;
-    mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
+    // Without page faults later. The system refuses it to a user without the right to.
+    mlockall(MCL_CURRENT | MCL_FUTURE);
     const std::size_t missed =
         run(changing, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();

@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// What the controller is told on its command line.
+// The controller's command line.
 #pragma once
 #include <charconv>
 #include <chrono>
@@ -36,7 +36,7 @@ inline constexpr const char* usage =
     "  --events EVENTS.csv                    exchanges and edits of the fixture; both files as\n"
     "                                         for `vfplan replay`, in real time from a thread\n"
     "  --telemetry HOST:PORT                  send every tick by UDP, for `vfplan live`\n"
-    "  --keys KEYS.pub                        who must have signed the fixture; wanted, unless\n"
+    "  --keys KEYS.pub                        who must have signed the fixture; needed, unless\n"
     "  --unsigned                             take it from anybody: all that is known is that it\n"
     "                                         is undamaged\n"
     "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
@@ -55,12 +55,15 @@ struct Options {
     std::optional<std::string> case_token, robot_serial;
     std::optional<std::chrono::seconds> max_age;
     Form form = Impedance{};
-    std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
+    std::optional<vfplan::Rule> rule;  // without one, the rule nearest to what the bundle holds
     double seconds = 5;
     std::optional<vfplan::GovernorLimits> governor;
-    bool simulated_time = false, from_anybody = false, despite_findings = false;
+    bool simulated_time = false;
+    bool unsigned_allowed = false;
+    bool despite_findings = false;
 };
 
+/// The value of a name; refuses a name that is not among the allowed ones.
 template <class T>
 T choose(const std::map<std::string, T>& allowed, const std::string& option,
          const std::string& value) {
@@ -68,15 +71,17 @@ T choose(const std::map<std::string, T>& allowed, const std::string& option,
     if (found != allowed.end()) return found->second;
     std::string names;
     for (const auto& [name, unused] : allowed) names += (names.empty() ? "" : ", ") + name;
-    throw UsageError(option + " " + value + ": allowed are " + names);
+    throw UsageError(option + " " + value + " is not known. Give one of " + names + ".");
 }
 
+/// A number above 0 and at most 3600.
 inline double positive(const std::string& option, const std::string& value) {
     double number = 0;
     const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
     if (error != std::errc{} || end != value.data() + value.size() ||
         !(number > 0 && number <= 3600))
-        throw UsageError(option + " " + value + ": allowed is above 0 and at most 3600");
+        throw UsageError(option + " " + value +
+                         " is out of range. Give a number above 0 and at most 3600.");
     return number;
 }
 
@@ -86,11 +91,13 @@ inline std::chrono::seconds age(const std::string& value) {
     const std::string unit = value.substr(digits);
     const std::map<std::string, long> seconds_of{{"h", 3600}, {"min", 60}, {"s", 1}};
     if (digits == 0 || digits > 6 || !seconds_of.contains(unit))
-        throw UsageError("--max-age " + value + ": a time like 12h, 30min or 45s is wanted");
+        throw UsageError("--max-age " + value +
+                         " is no time. Give a number and its unit, as 12h, 30min or 45s.");
     return std::chrono::seconds(std::stol(value.substr(0, digits)) * seconds_of.at(unit));
 }
 
-inline vfplan::GovernorLimits limits(const std::string& value) {
+/// The governor's limits, as STEP,MAX [N].
+inline vfplan::GovernorLimits governor_limits(const std::string& value) {
     const std::size_t comma = std::min(value.find(','), value.size() - 1);
     vfplan::GovernorLimits limits;
     limits.force_step = positive("--governor", value.substr(0, comma));
@@ -99,7 +106,7 @@ inline vfplan::GovernorLimits limits(const std::string& value) {
     return limits;
 }
 
-/// What `use` refuses is the option's fault.
+/// Calls `use`; what it refuses is reported as a mistake in the option.
 template <class F>
 auto as_option(const std::string& option, F&& use) try {
     return use();
@@ -107,11 +114,11 @@ auto as_option(const std::string& option, F&& use) try {
     throw UsageError(option + ": " + error.what());
 }
 
-/// A part of how a fixture moves.
+/// Three numbers, separated by commas.
 inline std::vector<double> three(const std::string& option, const std::string& value) try {
     std::vector<double> numbers;
     for (const std::string& field : split(value)) numbers.push_back(number<double>(field));
-    if (numbers.size() != 3) throw FileError("three numbers are wanted");
+    if (numbers.size() != 3) throw FileError("it has not three numbers. Give three, as 0,0,0.");
     return numbers;
 } catch (const FileError& error) {
     throw UsageError(option + " " + value + ": " + error.what());
@@ -121,7 +128,8 @@ inline Options parse(const std::vector<std::string>& args) {
     Options o;
     for (std::size_t i = 0; i < args.size(); ++i) {
         const auto value = [&] {
-            if (i + 1 == args.size()) throw UsageError(args[i] + ": a value is missing");
+            if (i + 1 == args.size())
+                throw UsageError(args[i] + " has no value. Give one after it.");
             return args[++i];
         };
         if (args[i] == "--form")
@@ -151,39 +159,42 @@ inline Options parse(const std::vector<std::string>& args) {
         else if (args[i] == "--despite-findings")
             o.despite_findings = true;
         else if (args[i] == "--governor")
-            o.governor = limits(value());
+            o.governor = governor_limits(value());
         else if (args[i] == "--poses")
             o.poses = value();
         else if (args[i] == "--events")
             o.events = value();
         else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
             if (!o.moving) o.moving.emplace();
-            const bool pivot = args[i] == "--pivot";
-            const std::vector<double> v = three(pivot ? "--pivot" : "--pose-limits", value());
-            if (pivot)
+            const std::string option = args[i];
+            const std::vector<double> v = three(option, value());
+            if (option == "--pivot") {
                 o.moving->pivot = {{v[0], v[1], v[2]}};
-            else
-                o.moving->max_age = v[0], o.moving->max_speed = v[1], o.moving->max_turn = v[2];
-            as_option(args[i - 1] + " " + args[i], [&] { vfplan::MovingFrame frame(*o.moving); });
+            } else {
+                o.moving->max_age = v[0];
+                o.moving->max_speed = v[1];
+                o.moving->max_turn = v[2];
+            }
+            as_option(option + " " + args[i], [&] { vfplan::MovingFrame frame(*o.moving); });
         } else if (args[i] == "--simulated-time")
             o.simulated_time = true;
         else if (args[i] == "--unsigned")
-            o.from_anybody = true;
+            o.unsigned_allowed = true;
         else if (o.fixture.empty() && !args[i].starts_with("--"))
             o.fixture = args[i];
         else
-            throw UsageError(args[i] + ": not understood");
+            throw UsageError(args[i] + " is not understood. Give one of the options below.");
     }
-    if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
+    if (o.fixture.empty()) throw UsageError("No fixture is named. Give FIXTURE.h5.");
     if (o.moving && o.poses.empty())
-        throw UsageError("--pose-limits and --pivot are for a fixture that moves: --poses");
+        throw UsageError("--pose-limits and --pivot need a fixture that moves. Give --poses too.");
     if (o.keys.empty() && (o.case_token || o.robot_serial || o.max_age))
         throw UsageError(
-            "--case, --robot-serial and --max-age need --keys: the signature covers them");
-    if (o.keys.empty() != o.from_anybody)
+            "--case, --robot-serial and --max-age read a signature. Give --keys KEYS.pub too.");
+    if (o.keys.empty() != o.unsigned_allowed)
         throw UsageError(
-            "either --keys KEYS.pub, who must have signed the fixture, or --unsigned, which takes "
-            "what anybody may have made");
+            "It is not said who may have made the fixture. Give either --keys KEYS.pub, who must "
+            "have signed it, or --unsigned, which takes it from anybody.");
     return o;
 }
 

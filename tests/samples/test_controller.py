@@ -398,14 +398,12 @@ def test_a_curve_has_no_points_to_edit(controller, planned, drawn, tmp_path):
     (tmp_path / "e.csv").write_text(EVENT + "0,remove,1\n")
     done = controller(planned, "--seconds", 0.05, "--events", tmp_path / "e.csv")
     assert done.returncode == 3
-    assert done.stderr.endswith(
-        "e.csv, line 2: edit: rule 'exact' renders no points, which could be edited; rule "
-        "'robust' does\n"
-    )
+    assert "e.csv, line 2: edit: rule 'exact' renders no points" in done.stderr
+    assert "--rule robust" in done.stderr
     bare = controller(drawn, "--rule", "exact")
     assert bare.returncode == 3
-    assert "--rule exact wants" in bare.stderr
-    assert "vfplan plan --arcs" in bare.stderr
+    assert "--rule exact needs" in bare.stderr
+    assert "--arcs" in bare.stderr
 
 
 @pytest.mark.parametrize("form", FORMS)
