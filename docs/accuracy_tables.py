@@ -169,13 +169,14 @@ def engines(document: Document) -> str:
     for scene in values_of(results, "scene"):
         row = [scene]
         for method in methods:
-            row.append(_cell_of(results, scene, method))
+            row.append(engine_cell(results, scene, method))
         if set(row[1:]) != {"–"}:
             rows.append(row)
     return table(["scene", *(f"`{method}`" for method in methods)], rows)
 
 
-def _cell_of(results: list[Result], scene: str, method: str) -> str:
+def engine_cell(results: list[Result], scene: str, method: str) -> str:
+    """Error and time of an engine on a scene; a dash where it was not run."""
     for result in results:
         same = result["scene"] == scene and result["method"] == method
         if same and result["settings"].get("spacing_m") == SPACING_M:

@@ -33,8 +33,8 @@ def main(arguments: list[str]) -> None:
     if folders:
         fill(folders)
         return
-    with tempfile.TemporaryDirectory() as made:
-        folder = Path(made) / "bench"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "bench"
         subprocess.run([PROGRAM, "bench", "all", "-o", folder, *arguments], check=True)
         fill([folder])
 
@@ -54,14 +54,17 @@ def fill(folders: list[Path]) -> None:
 
 def joined(documents: list[dict[str, Any]]) -> dict[str, Any]:
     """One document of several runs."""
-    whole = dict(documents[0])
+    result = dict(documents[0])
     for document in documents[1:]:
         for key in ("results", "refused"):
-            others = [r for r in whole.get(key, []) if r["stage"] not in document["stages"]]
-            whole[key] = others + document.get(key, [])
-        whole["elapsed_s"] += document["elapsed_s"]
-        whole["chosen"] = document.get("chosen") or whole.get("chosen")
-    return whole
+            entries = []
+            for entry in result.get(key, []):
+                if entry["stage"] not in document["stages"]:
+                    entries.append(entry)
+            result[key] = entries + document.get(key, [])
+        result["elapsed_s"] += document["elapsed_s"]
+        result["chosen"] = document.get("chosen") or result.get("chosen")
+    return result
 
 
 def filled(page: str, name: str, text: str) -> str:
@@ -75,12 +78,13 @@ def filled(page: str, name: str, text: str) -> str:
 def papers_scenes() -> dict[str, dict[str, Any]]:
     """Draw the figures of the paper; the numbers of each scene."""
     numbers = {}
-    with tempfile.TemporaryDirectory() as made:
-        subprocess.run([PROGRAM, "demo", "paper", "-o", made, "-q"], check=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        subprocess.run([PROGRAM, "demo", "paper", "-o", folder, "-q"], check=True)
         for figure in ("fig2", "fig4", "fig5", "fig6"):
-            keep(Path(made) / f"{figure}.png", PICTURES / f"paper_{figure}.png")
+            keep(folder / f"{figure}.png", PICTURES / f"paper_{figure}.png")
         for figure in ("fig2", "fig4", "fig6"):
-            numbers[figure] = json.loads((Path(made) / f"{figure}.json").read_text())
+            numbers[figure] = json.loads((folder / f"{figure}.json").read_text())
     return {
         **numbers["fig2"],
         "Experiment 1": numbers["fig4"],

@@ -88,20 +88,22 @@ def collect() -> list[Entry]:
             if path.relative_to(ROOT).parts[0] == "cli":
                 package = "cli"
             if package != "conformance":  # the kit holds findings that are made up
-                entries += _entries_of(ast.parse(path.read_text()), package)
+                entries += entries_of(ast.parse(path.read_text()), package)
     return entries
 
 
-def _entries_of(tree: ast.Module, package: str) -> Iterator[Entry]:
+def entries_of(tree: ast.Module, package: str) -> Iterator[Entry]:
+    """The places of a file that give a code."""
     for function in ast.walk(tree):
         if not isinstance(function, ast.FunctionDef):
             continue
         for call in ast.walk(function):
             if isinstance(call, ast.Call):
-                yield from _entries_of_call(call, function, package)
+                yield from entries_of_call(call, function, package)
 
 
-def _entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> Iterator[Entry]:
+def entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> Iterator[Entry]:
+    """The codes that a call gives; none where it gives none."""
     name = getattr(call.func, "id", getattr(call.func, "attr", ""))
     if name == "kind":  # a reader of tables raises the class of error that it was given
         name = "InputError"
@@ -139,8 +141,10 @@ def codes_of(node: ast.expr, function: ast.FunctionDef) -> tuple[str, ...]:
     if isinstance(node, ast.IfExp):
         return (*codes_of(node.body, function), *codes_of(node.orelse, function))
     if isinstance(node, ast.Name):
-        assigned = _assigned(node.id, function, node.lineno)
-        return tuple(code for value in assigned for code in codes_of(value, function))
+        codes: tuple[str, ...] = ()
+        for value in assigned_values(node.id, function, node.lineno):
+            codes += codes_of(value, function)
+        return codes
     if not isinstance(node, ast.Constant | ast.JoinedStr):
         return ()
     text = sentence_of(node, function)
@@ -152,24 +156,28 @@ def sentence_of(node: ast.expr, function: ast.FunctionDef) -> str:
     if isinstance(node, ast.Constant):
         return str(node.value)
     if isinstance(node, ast.JoinedStr):
-        return "".join(sentence_of(part, function) for part in node.values)
+        text = ""
+        for part in node.values:
+            text += sentence_of(part, function)
+        return text
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         return sentence_of(node.left, function) + sentence_of(node.right, function)
     if isinstance(node, ast.IfExp):
         return sentence_of(node.body, function)
     if isinstance(node, ast.Name):
-        assigned = _assigned(node.id, function, node.lineno)
-        if assigned and not _names_itself(node.id, assigned[-1]):
-            return sentence_of(assigned[-1], function)
+        values = assigned_values(node.id, function, node.lineno)
+        if values and not holds_name(values[-1], node.id):
+            return sentence_of(values[-1], function)
     return VALUE
 
 
-def _names_itself(name: str, value: ast.expr) -> bool:
+def holds_name(value: ast.expr, name: str) -> bool:
+    """Whether an expression uses a name."""
     return any(isinstance(part, ast.Name) and part.id == name for part in ast.walk(value))
 
 
-def _assigned(name: str, function: ast.FunctionDef, before: int) -> list[ast.expr]:
-    """What a function assigns to a name above a line."""
+def assigned_values(name: str, function: ast.FunctionDef, before: int) -> list[ast.expr]:
+    """What a function assigns to a name above a line, in the order of the lines."""
     values = []
     for node in ast.walk(function):
         if isinstance(node, ast.Assign) and node.lineno < before:
@@ -192,82 +200,92 @@ def page() -> str:
         ("What an imported cloud or mesh asks", "import"),
     ):
         rows = [e for e in entries if e.kind in ("doubt", "note") and e.stage == stage]
-        text += f"\n## {heading}\n\n" + _advised(rows, advice, with_kind=True)
+        text += f"\n## {heading}\n\n" + advised_table(rows, advice, with_kind=True)
     refused = [e for e in entries if e.kind in ("CurveError", "ImageError")]
     text += "\n## Why a slice is refused\n\n"
     text += "Exit code 3. [A slice was refused](howto/refused.md) goes through the usual ones.\n\n"
-    text += _advised(refused, advice, with_kind=False)
+    text += advised_table(refused, advice, with_kind=False)
     replayed = [e for e in entries if e.kind == "replay"]
-    text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n" + _plain(replayed)
+    text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n" + plain_table(
+        replayed
+    )
     validated = [e for e in entries if e.kind == "validate"]
-    text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n" + _plain(
+    text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n" + plain_table(
         validated
     )
     text += "\n## Other errors\n"
-    for error in _error_classes():
+    for error in error_classes():
         rows = [e for e in entries if e.kind == error.__name__]
         if rows and error not in (errors.CurveError, errors.ImageError):
-            text += f"\n### {error.__name__}\n\n{_summary(error)} Exit code {error.exit_code}.\n\n"
-            text += _plain(rows)
+            text += (
+                f"\n### {error.__name__}\n\n{summary_of(error)} Exit code {error.exit_code}.\n\n"
+            )
+            text += plain_table(rows)
     text += "\n## Errors without a code of their own\n\n"
     text += "These carry the code of their class. The sentence says what to do.\n\n"
     text += "| code | class | exit code | meaning |\n|---|---|---|---|\n"
-    for error in _error_classes():
-        text += f"| `{error.code}` | {error.__name__} | {error.exit_code} | {_summary(error)} |\n"
+    for error in error_classes():
+        text += f"| `{error.code}` | {error.__name__} | {error.exit_code} | {summary_of(error)} |\n"
     text += FOOT
     return text
 
 
-def _error_classes() -> list[type[errors.VfplanError]]:
-    found = []
+def error_classes() -> list[type[errors.VfplanError]]:
+    """The classes of errors, in the order of their module."""
+    classes = []
     for value in vars(errors).values():
         if isinstance(value, type) and issubclass(value, errors.VfplanError):
-            found.append(value)
-    return found
+            classes.append(value)
+    return classes
 
 
-def _summary(error: type) -> str:
+def summary_of(error: type) -> str:
+    """The first line of a class's docstring."""
     return (error.__doc__ or "").strip().splitlines()[0]
 
 
-def _first_of_each(entries: list[Entry]) -> list[Entry]:
+def one_of_each_code(entries: list[Entry]) -> list[Entry]:
     """One entry for each code: the one whose sentence says most without a value."""
     best: dict[str, Entry] = {}
     for entry in entries:
         known = best.get(entry.code)
-        if known is None or _letters(entry.sentence) > _letters(known.sentence):
+        if known is None or letter_count(entry.sentence) > letter_count(known.sentence):
             best[entry.code] = entry
     return sorted(best.values(), key=lambda entry: entry.code)
 
 
-def _letters(sentence: str) -> int:
+def letter_count(sentence: str) -> int:
+    """How many letters a sentence has."""
     return len(re.sub(r"[^A-Za-z]", "", sentence))
 
 
-def _advised(entries: list[Entry], advice: dict, with_kind: bool) -> str:
+def advised_table(entries: list[Entry], advice: dict, with_kind: bool) -> str:
+    """A table of codes with what to do about each."""
     if with_kind:
         text = "| code | severity | what you see | what to do |\n|---|---|---|---|\n"
     else:
         text = "| code | what you see | what to do |\n|---|---|---|\n"
-    for entry in _first_of_each(entries):
+    for entry in one_of_each_code(entries):
         kind = ""
         if with_kind:
             kinds = sorted({e.kind for e in entries if e.code == entry.code})
             kind = f"| {' or '.join(kinds)} "
         words = advice[entry.code]
-        sentence = _cell(words.get("sees", entry.sentence))
+        sentence = cell(words.get("sees", entry.sentence))
         text += f"| `{entry.code}` {kind}| {sentence} | {words['do']} |\n"
     return text
 
 
-def _plain(entries: list[Entry]) -> str:
+def plain_table(entries: list[Entry]) -> str:
+    """A table of codes and their sentences."""
     text = "| code | what you see |\n|---|---|\n"
-    for entry in _first_of_each(entries):
-        text += f"| `{entry.code}` | {_cell(entry.sentence)} |\n"
+    for entry in one_of_each_code(entries):
+        text += f"| `{entry.code}` | {cell(entry.sentence)} |\n"
     return text
 
 
-def _cell(sentence: str) -> str:
+def cell(sentence: str) -> str:
+    """A sentence as a cell of a table, with a capital and a full stop."""
     text = " ".join(sentence.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
     if not text.endswith((".", "?", VALUE)):
         text += "."

@@ -69,6 +69,6 @@ def test_codes_and_sentences_are_read_from_the_source(source, codes, sentence):
 
     lines = "".join(f"    {line}\n" for line in source.splitlines())
     tree = ast.parse(f"def f(x):\n{lines}")
-    entries = list(findings._entries_of(tree, "planning"))
+    entries = list(findings.entries_of(tree, "planning"))
     assert [entry.code for entry in entries] == codes
     assert {entry.sentence for entry in entries} == {sentence}
