@@ -89,7 +89,7 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[AccountLine]) -> tuple
         return ()
     pixels = nonzero.reshape(-1, 2).astype(np.int64)
     entries = []
-    for piece in _pieces(pixels[_edge_distance(pixels, lines) > tuned.BESIDE_PX]):
+    for piece in _pieces(pixels[_edge_distance(pixels, lines) > tuned.EDGE_BLUR_PX]):
         low, high = piece.min(axis=0), piece.max(axis=0)
         box = (*low.tolist(), *(high - low + 1).tolist())
         piece_mask = np.zeros((box[3], box[2]), bool)
