@@ -115,7 +115,7 @@ def drawing_refusal(image: Path, settings: Any, overlay: Path | None) -> Iterato
                 max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
             )  # fmt: skip
             draw_refusal(planned, error, overlay)
-            error.message += f" {overlay} shows it."
+            error.message = f"{error.message.rstrip('.')}. The picture {overlay} shows the place."
         raise
 
 

@@ -107,7 +107,7 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     numbers = tmp_path / "o.png"
     done = vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers)
     assert done.code == 3
-    assert f"{numbers} shows it." in done.error_line
+    assert str(numbers) in done.error_line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
     chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json")
     assert chosen.code == 0

@@ -66,7 +66,7 @@ def open_session(
     try:
         file = OpenedFile(path, SessionError)
     except SessionError as error:
-        error.message += "; a session file or a ROS bag is wanted"
+        error.message += ", or give another session file or ROS bag"
         raise
     name = path.name
     source = {"file": file, "where": name, "kind": SessionError}

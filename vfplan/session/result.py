@@ -112,7 +112,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     try:
         file = OpenedFile(Path(path))
     except InputError as error:
-        error.message += "; a result of `vfplan replay -o` is wanted"
+        error.message += ", or give a result of `vfplan replay -o`"
         error.where = where
         raise
     answers = run_in_sandbox(
