@@ -167,7 +167,7 @@ def test_a_name_that_is_no_bundles_is_refused(vfplan_cli, image, tmp_path, name)
     empty.mkdir()
     done = vfplan_cli("extract", image, "-o", name, cwd=empty)
     assert done.code == 2
-    assert "end the name in .h5 or .hdf5" in done.error_line
+    assert "End the name in .h5 or .hdf5" in done.error_line
     assert not list(empty.iterdir())
 
 
@@ -176,7 +176,7 @@ def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
     os.mkfifo(pipe)
     done = vfplan_cli("extract", image, "-o", pipe, "--overwrite")
     assert done.code == 2
-    assert "name a file" in done.error_line
+    assert "Name a file" in done.error_line
     assert pipe.is_fifo()
 
 

@@ -20,12 +20,12 @@ def test_without_a_command_the_help_is_shown(vfplan_cli):
 
 @pytest.mark.parametrize(
     ("word", "hint"),
-    [("registr", "did you mean 'register'?"), ("xyzzy", "they are plan, extract, register")],
+    [("registr", "Did you mean 'register'?"), ("xyzzy", "Choose one of plan, extract, register")],
 )
 def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hint):
     run = vfplan_cli(word)
     assert (run.code, run.stdout) == (2, "")
-    assert f"no command '{word}'; {hint}" in run.error_line
+    assert f"no command '{word}'. {hint}" in run.error_line
 
 
 def test_cmake_dir_is_the_packages(vfplan_cli):

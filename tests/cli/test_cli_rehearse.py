@@ -72,10 +72,10 @@ def test_bad_calls(scene, vfplan_cli, tmp_path):
     model = tmp_path / "arm.xml"
     model.write_text("<mujoco><include file='a'/></mujoco>")
     for code, words, *more in (
-        (2, "a robot is wanted", "--arm", model),
+        (2, "Name a robot with --robot", "--arm", model),
         (3, "<include> is not allowed", "--arm", model, "--robot", "franka"),
         (3, "panda, fr3 or an MJCF file", "--arm", "kuka", "--robot", "franka"),
-        (2, "type 3 or 7", "--base", "1,2"),
+        (2, "Type 3 or 7", "--base", "1,2"),
     ):
         done = vfplan_cli("rehearse", *scene, *more, "-o", tmp_path / "r.h5")
         assert done.code == code, done
