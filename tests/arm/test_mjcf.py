@@ -109,5 +109,5 @@ def test_files_that_are_none(tmp_path):
 def test_base_and_tool_of_another_form(settings, code):
     with refuses(SettingError, code):
         Arm("panda", **settings)
-    with pytest.raises(SettingError, match="tool .*nan"):
+    with pytest.raises(SettingError, match=r"tool .*nan"):
         Arm("panda", tool=(0, 0, float("nan")))
