@@ -111,8 +111,10 @@ def test_a_curve_off_the_plane_or_the_image_is_refused(tmp_path):
     image = grey_slice(tmp_path)
     with pytest.raises(CurveError, match="off the slice's plane"):
         extract(image, ExtractSettings(), curve=slicer(tmp_path, RING_MM + np.array([0, 0, 3.0])))
-    with pytest.raises(CurveError, match="leaves the image"):
+    with pytest.raises(CurveError) as refused:
         extract(image, ExtractSettings(), curve=polyline(tmp_path, [(5, 5), (500, 5)]))
+    assert refused.value.code == "vector-outside-image"
+    assert refused.value.numbers["v_px"] == 5
 
 
 def test_a_patients_curve_needs_a_placed_image(tmp_path):

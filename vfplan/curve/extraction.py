@@ -226,7 +226,8 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
     if outside.any():
         u, v = (float(x) for x in points_px[np.argmax(outside)])
         raise CurveError(
-            f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
+            f"The curve leaves the image of {image.width_px}x{image.height_px} px at "
+            f"({u:.1f}, {v:.1f}). Give the image that it was drawn on.",
             where=where,
             code="vector-outside-image",
             numbers={"u_px": u, "v_px": v},
@@ -244,12 +245,12 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
     is_number = isinstance(stroke, int) and stroke is not True and stroke >= 1
     if stroke not in (None, "all", "longest") and not is_number:
         raise SettingError(
-            f"The stroke {stroke!r} is not 'all', 'longest' or a number from 1.",
+            f"The stroke {stroke!r} is unknown. Give 'all', 'longest' or a number from 1.",
             code="stroke-unknown",
         )
     if not 0 <= max_gap_px < float("inf"):
         raise SettingError(
-            f"The longest gap {max_gap_px} px is not a finite number from 0.",
+            f"A gap of {max_gap_px} px cannot be bridged. Give a finite number from 0.",
             code="max-gap",
             numbers={"max_gap_px": max_gap_px},
         )
@@ -268,7 +269,10 @@ def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[F
     findings = []
     for (u, v), distance in zip(ends, region.border_distance(ends, size), strict=True):
         if distance <= curve.width + tuned.FLANK_PX:
-            text = f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region."
+            text = (
+                f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region. "
+                "Widen the region if it goes on."
+            )
             place = (round(float(u), 1), round(float(v), 1))
             findings.append(note("end-at-region", "extract", text, place_px=place))
     return findings

@@ -74,14 +74,15 @@ class Region:
 def _check_box(box: Box, shape: tuple[int, ...]) -> None:
     if np.shape(box) != (4,) or np.asarray(box).dtype.kind not in "iu":
         raise SettingError(
-            f"The region {box} is not u, v, width, height in whole pixels.", code="region-not-a-box"
+            f"The region {box} is no box. Give u, v, width and height in whole pixels.",
+            code="region-not-a-box",
         )
     u, v, width, height = (int(x) for x in box)
     rows, columns = shape[:2]
     fits = u >= 0 and v >= 0 and width > 0 and height > 0
     if not fits or u + width > columns or v + height > rows:
         raise SettingError(
-            f"The region {u},{v},{width},{height} does not lie in the picture of "
+            f"The region {u},{v},{width},{height} leaves the picture. Keep it within its "
             f"{columns}x{rows} px.",
             code="region-outside",
             numbers={"region": [u, v, width, height], "width_px": columns, "height_px": rows},
