@@ -22,14 +22,15 @@ from numpy.typing import NDArray
 
 import vfplan
 from vfplan.errors import VfplanError
-from vfplan.registration import Registration, fit_registration
-from vfplan.registration.checks import (
+from vfplan.registration import (
+    Registration,
     error_findings,
+    fit_registration,
     refuse_large_error,
     refuse_wrong_markers,
     registration_findings,
+    target_error,
 )
-from vfplan.registration.error import target_error
 from vfplan.registration.perspective import POSSIBLE_PROBABILITY, SURE_PROBABILITY
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,7 +21,7 @@ from vfplan.bundle.schema import table
 from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError, InputError, OutputError
 from vfplan.fixture import Fixture, Pieces
-from vfplan.session.result import RESULT_FORMAT
+from vfplan.session import RESULT_FORMAT
 
 MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
 

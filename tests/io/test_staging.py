@@ -16,7 +16,7 @@ from vfplan.io.staging import move_into_place, write_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session
-from vfplan.vectors.read import read_vector_curve
+from vfplan.vectors import read_vector_curve
 
 
 @pytest.fixture

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from vfplan.registration.models import rotation
-
-R = rotation(np.array([3.0, 0.2, 0.1]))
+R = Rotation.from_rotvec([3.0, 0.2, 0.1]).as_matrix()
 
 
 MODELS = ("affine", "similarity", "rigid")

@@ -8,14 +8,14 @@ from conftest import ROOT
 from docs_modules import load
 from layouts import MODELS, PX, grid, planar, solid
 
-from vfplan.registration import fit_registration
-from vfplan.registration.checks import (
+from vfplan.registration import (
     describe_checks,
     error_findings,
+    fit_registration,
     registration_findings,
     side_finding,
+    target_error,
 )
-from vfplan.registration.error import target_error
 from vfplan.registration.labels import label_mistakes
 from vfplan.registration.perspective import perspective_test
 from vfplan.registration.scale import scale_departures

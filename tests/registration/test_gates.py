@@ -10,9 +10,12 @@ from layouts import MODELS, PX, grid, planar, solid
 from marker_sets import SPACING_M, marker_sets
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.registration import fit_registration
-from vfplan.registration.checks import refuse_large_error, refuse_wrong_markers
-from vfplan.registration.error import target_error
+from vfplan.registration import (
+    fit_registration,
+    refuse_large_error,
+    refuse_wrong_markers,
+    target_error,
+)
 
 NAMES = [f"x{i}" for i in range(1, 10)]
 table = load(ROOT / "docs" / "make_registration_table.py")

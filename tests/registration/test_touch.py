@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration import fit_registration
+from vfplan.registration import fit_registration, refine_by_touch
 from vfplan.registration.nearest import NearestOnMesh
-from vfplan.registration.touch import refine_by_touch
 from vfplan.surface import SurfaceSettings, surface
 
 MARKS = 1e-3 * np.array(

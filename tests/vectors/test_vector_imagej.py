@@ -12,7 +12,7 @@ from vector_files import polyline
 
 from vfplan.errors import CurveError, MissingExtra, SettingError
 from vfplan.planning import ExtractSettings, extract
-from vfplan.vectors.read import read_vector_curve
+from vfplan.vectors import read_vector_curve
 
 roifile = pytest.importorskip("roifile", reason="needs pip install 'vfplan[imagej]'")
 

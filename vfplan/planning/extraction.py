@@ -79,7 +79,7 @@ def extract(
     """
     from vfplan.curve import extract_curve, load_libraries
     from vfplan.images.read import MAX_MEGAPIXELS, read_image
-    from vfplan.vectors.read import SUFFIXES
+    from vfplan.vectors import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
@@ -150,8 +150,8 @@ def read_vectors(
 ) -> tuple[Extraction, str]:
     """A vector curve on its slice, and the SHA-256 of its file."""
     from vfplan.curve import vector_stroke
+    from vfplan.vectors import onto_slice, read_vector_curve
     from vfplan.vectors.presentation import check_drawn_on
-    from vfplan.vectors.read import onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))

@@ -82,8 +82,8 @@ def match(
     """
     from vfplan.markers import read_markers
     from vfplan.markers.marks import compare_with_marks
-    from vfplan.registration import fit_registration
-    from vfplan.registration.checks import (
+    from vfplan.registration import (
+        fit_registration,
         refuse_wrong_markers,
         registration_findings,
         side_finding,

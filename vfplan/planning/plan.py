@@ -150,9 +150,13 @@ def register(
         above `settings.max_residual_m`, an error that may be larger than `settings.max_tre_m`. Or
         a guide that leads into what is forbidden.
     """
-    from vfplan.registration import describe
-    from vfplan.registration.checks import describe_checks, error_findings, refuse_large_error
-    from vfplan.registration.error import target_error
+    from vfplan.registration import (
+        describe,
+        describe_checks,
+        error_findings,
+        refuse_large_error,
+        target_error,
+    )
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()

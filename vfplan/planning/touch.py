@@ -43,7 +43,7 @@ def refine(
         out of range
     Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
-    from vfplan.registration.touch import refine_by_touch
+    from vfplan.registration import refine_by_touch
 
     if curve.mesh is None:
         raise SettingError(

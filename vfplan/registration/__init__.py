@@ -2,6 +2,28 @@
 
 from __future__ import annotations
 
+from vfplan.registration.checks import (
+    describe_checks,
+    error_findings,
+    refuse_large_error,
+    refuse_wrong_markers,
+    registration_findings,
+    side_finding,
+)
+from vfplan.registration.error import target_error
 from vfplan.registration.registration import Registration, describe, fit_registration
+from vfplan.registration.touch import refine_by_touch
 
-__all__ = ["Registration", "describe", "fit_registration"]
+__all__ = [
+    "Registration",
+    "describe",
+    "describe_checks",
+    "error_findings",
+    "fit_registration",
+    "refine_by_touch",
+    "refuse_large_error",
+    "refuse_wrong_markers",
+    "registration_findings",
+    "side_finding",
+    "target_error",
+]

@@ -25,9 +25,6 @@ Array = NDArray[np.float64]
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = ("affine", "similarity", "rigid")
 
-# A step of Gauss-Newton turns by at most this angle [rad], so that its linear model stays true.
-MAX_TURN_RAD = 0.3
-
 
 @dataclass(frozen=True)
 class Affine:
@@ -131,9 +128,6 @@ class Orthogonal:
         for _ in range(50):
             rows = root.reshape(-1, 1) * (marker_rows(x) @ self.tangent(m))
             step = np.linalg.lstsq(rows, error.ravel(), rcond=None)[0]
-            turn = np.abs(np.delete(step, [3, 4, 5])).max()
-            if turn > MAX_TURN_RAD:
-                step *= MAX_TURN_RAD / turn
             before = float((error**2).sum())
             # Halve the step until it makes the sum smaller.
             for _ in range(20):

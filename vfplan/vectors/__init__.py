@@ -7,3 +7,9 @@ imagej        ImageJ's `.roi` and its tables of X,Y coordinates
 presentation  lines of a DICOM presentation state
 table         a CSV of its points
 """
+
+from __future__ import annotations
+
+from vfplan.vectors.read import SUFFIXES, VectorCurve, onto_slice, read_vector_curve
+
+__all__ = ["SUFFIXES", "VectorCurve", "onto_slice", "read_vector_curve"]
