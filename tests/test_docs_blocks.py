@@ -131,13 +131,11 @@ const double* points = cloud.data();
 std::size_t n = 3, k = 1;
 std::int32_t triangles[] = {0, 1, 2};
 vfplan::Stroke stroke{cloud, {0, 0, 0}, false};
-vfplan::Parameters p = [] {
-    vfplan::Parameters given;
-    given.ignore_axis = vfplan::Vec3{{0, 0, 1}};
-    return given;
-}();
+vfplan::Parameters p;
 auto fixture = vfplan::bundle::read_fixture("mesh.h5");
 """
+CPP_OF_STROKE = "vfplan::Parameters p; p.ignore_axis = vfplan::Vec3{{0, 0, 1}};"
+"""Lines and arcs are rendered across an axis, a mesh is not."""
 CPP_OF_LIVE = "const double t = 0; const vfplan::Step step{};"
 CPP_PAGES = {
     "README.md": ("bundle/engine.hpp", CPP_BEFORE),
@@ -186,6 +184,8 @@ def test_blocks_of_cpp_run(name, tmp_path):
         body = [line for line in lines if not line.startswith("#include")]
         if name == "docs/controller.md":  # its second block goes on with the engine of the first
             code += [re.sub(r"for \(;;\) \{.*", "{", line) for line in body]
+        elif "{stroke}" in block:
+            code += ["{", CPP_OF_STROKE, *body, "}"]
         else:
             code += ["{", *body, "}"]
     source = tmp_path / "blocks.cpp"
