@@ -82,18 +82,16 @@ def ready_pyvista(*, screen: bool) -> Any:
     """PyVista, ready to render; raises `MissingExtra` where it would crash."""
     if find_spec("pyvista") is None:
         raise MissingExtra(
-            "three-dimensional views need the package pyvista: pip install pyvista",
+            "three-dimensional views need the package pyvista. Run pip install pyvista",
             code="pyvista-missing",
         )
     if screen:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise MissingExtra(
-                "there is no screen here; --screenshot PNG works without one", code="no-screen"
-            )
+            raise MissingExtra("there is no screen here. Give --screenshot PNG", code="no-screen")
         fault = rendering_fault(None)
         if fault:
             raise MissingExtra(
-                f"nothing can be drawn on this screen: {fault}; Debian's package libgl1 has OpenGL",
+                f"nothing can be drawn on this screen: {fault}. Run apt install libgl1",
                 code="no-opengl",
             )
     else:
@@ -102,9 +100,8 @@ def ready_pyvista(*, screen: bool) -> Any:
             fault = rendering_fault(list(WINDOWS)[-1])
             packages = " or ".join(WINDOWS.values())
             raise MissingExtra(
-                f"nothing can be drawn without a screen: {fault}; where an OpenGL library that "
-                f"renders without a screen is missing, Debian's {packages} helps "
-                f"(apt install {WINDOWS['vtkOSOpenGLRenderWindow']})",
+                f"nothing can be drawn without a screen: {fault}. Install Debian's "
+                f"{packages}: apt install {WINDOWS['vtkOSOpenGLRenderWindow']}",
                 code="no-opengl",
             )
         # VTK reads the variable when it is first imported.

@@ -254,14 +254,17 @@ class Stage:
         """The tick at a time, or the deepest one."""
         if self._ticks is None:
             if time is not None:
-                raise SettingError("a time needs a result to show", code="time-without-result")
+                raise SettingError(
+                    "a time needs a result to show. Give one, or leave the time out",
+                    code="time-without-result",
+                )
             return 0
         if time is None:
             return int(np.argmax(self._ticks.penetration))
         first, last = self._ticks.time[0], self._ticks.time[-1]
         if not first <= time <= last:
             raise SettingError(
-                f"time {time:g} s; {first:g} to {last:g} s is wanted",
+                f"time is {time:g} s. Give {first:g} to {last:g} s",
                 code="time-outside-result",
                 numbers={"time_s": time},
             )
