@@ -303,8 +303,8 @@ class Payload:
         require(end <= MAX_PAYLOAD, "C4", f"{end} bytes")
         require(end % 8 == 0, "L9", "the payload's length is no multiple of 8")
         head = struct.unpack_from("<8sBBBBQQQQI", data, 0)
-        _, version, offsets, lengths, _, base, extension, stated, root, checksum = head
-        plain = (version, offsets, lengths, base, extension) == (2, 8, 8, 0, UNDEFINED)
+        _, version, offsets, lengths, flags, base, extension, stated, root, checksum = head
+        plain = (version, offsets, lengths, flags, base, extension) == (2, 8, 8, 0, 0, UNDEFINED)
         require(plain, "L1", "a superblock of another kind")
         require(stated == len(data), "L2", f"its end of file is {stated}")
         require(checksum == lookup3(data[:44]), "L2", "the superblock's checksum differs")
@@ -370,6 +370,7 @@ class Payload:
             owner.messages[kind] = body
         elif kind == 0x0A:
             known = body[:1] == b"\0" and len(body) >= 2 and body[1] <= 3
+            known = known and len(body) == 2 + 4 * (body[1] & 1) + 2 * (body[1] & 2)
             require(known, "L3", "a group info of another kind")
             require(kind not in owner.messages, "L3", "a message twice")
             owner.messages[kind] = body
@@ -383,12 +384,12 @@ class Payload:
         """The value of a dataset."""
         messages = dataset.messages
         layout = messages[0x08]
-        require(layout[:2] == b"\x03\x01" and len(layout) >= 18, "L4", "not in one piece")
-        require(not any(layout[18:]), "L4", "a layout of another size")
+        require(layout[:2] == b"\x03\x01" and len(layout) == 18, "L4", "not in one piece")
         address, size = struct.unpack_from("<QQ", layout, 2)
         require(address != UNDEFINED, "L4", "no data")
-        check_fill(messages.get(0x05, b""))
         type_, item, shape = type_and_shape(messages[0x03], messages[0x01])
+        if 0x05 in messages:
+            check_fill(messages[0x05], item)
         require(shape != (), "C1", "a scalar dataset")
         require(math.prod(shape) * item == size, "L4", "its size is not that of its shape")
         return value_of(type_, item, shape, self.take(address, size))
@@ -487,17 +488,13 @@ def type_and_shape(datatype, dataspace):
     plain = bytes(datatype)
     if plain[:1] == b"\x13" and len(plain) >= 8:
         bits, item = plain[1], struct.unpack_from("<I", plain, 4)[0]
-        utf8 = bits in (0x00, 0x01, 0x10, 0x11) and plain[2:4] == b"\0\0" and not any(plain[8:])
+        utf8 = bits in (0x00, 0x01, 0x10, 0x11) and plain[2:4] == b"\0\0" and len(plain) == 8
         require(utf8, "L6", "a text padded with blanks, or in an unknown encoding")
         require(1 <= item <= MAX_TEXT, "L6", f"a text of {item} bytes")
         type_ = "text"
     else:
-        type_ = None
-        for start, (name, _, size) in NUMBERS.items():
-            if plain.startswith(start) and not any(plain[len(start) :]):
-                type_ = name
-                item = size
-        require(type_, "L7", "a type that is none of f8, i4, u1 and text")
+        require(plain in NUMBERS, "L7", "a type that is none of f8, i4, u1 and text")
+        type_, _, item = NUMBERS[plain]
     require(len(dataspace) >= 4 and dataspace[0] == 2, "L3", "a dataspace of another kind")
     rank, flags, kind = dataspace[1:4]
     is_array = int(rank > 0)
@@ -507,7 +504,7 @@ def type_and_shape(datatype, dataspace):
     count = rank
     if flags:
         count = 2 * rank
-    require(len(dataspace) >= 4 + 8 * count, "L3", "a dataspace of another size")
+    require(len(dataspace) == 4 + 8 * count, "L3", "a dataspace of another size")
     sizes = struct.unpack_from(f"<{count}Q", dataspace, 4)
     require(sizes[:rank] == sizes[count - rank :], "L4", "it can grow")
     require(all(size >= 1 for size in sizes), "L10", "a table without rows")
@@ -526,16 +523,19 @@ def value_of(type_, item, shape, raw):
     return Value(type_, shape, struct.unpack(f"<{len(raw) // item}{code}", raw))
 
 
-def check_fill(body):
+def check_fill(body, item):
     """A fill value is zero."""
     require(body[:1] == b"\x03" and len(body) >= 2, "L3", "a fill value of another kind")
-    require(not body[1] & 0xC0, "L3", "a fill value with unknown flags")
+    flags = body[1]
+    require(not flags & 0xC0 and flags & 0x30 != 0x30, "L3", "a fill value with unknown flags")
     value = b""
-    if body[1] & 0x20:
+    if flags & 0x20:
         require(len(body) >= 6, "L3", "a fill value of another size")
         size = struct.unpack_from("<I", body, 2)[0]
-        require(len(body) >= 6 + size, "L3", "a fill value of another size")
-        value = body[6 : 6 + size]
+        value = body[6:]
+        require(len(value) == size and size in (0, item), "L3", "a fill value of another size")
+    else:
+        require(len(body) == 2, "L3", "a fill value of another size")
     require(not any(value), "L4", "a fill value is not zero")
 
 

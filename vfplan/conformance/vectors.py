@@ -169,6 +169,13 @@ def superblock_of_version_3() -> bytes:
 
 
 @vector("L1")
+def superblock_with_a_flag() -> bytes:
+    """A flag of the superblock is set."""
+    payload = payload_of("minimal")
+    return sealed_as_it_is(hdf5.checked(payload[:11] + b"\x01" + payload[12:]))
+
+
+@vector("L1")
 def base_address_512() -> bytes:
     """The base address is 512."""
     payload = payload_of("minimal")
@@ -226,6 +233,14 @@ def group_info_twice() -> bytes:
     """A group has two messages of group info."""
     changed_items = items("minimal")
     changed_items["/provenance"].more.append((hdf5.GROUP_INFO, b"\0\0"))
+    return of_items(changed_items)
+
+
+@vector("L3")
+def bytes_behind_a_message() -> bytes:
+    """A message has bytes behind its fields."""
+    changed_items = items("minimal")
+    changed_items["/points"].dataspace += bytes(8)
     return of_items(changed_items)
 
 
