@@ -417,6 +417,21 @@ def test_a_finding_is_accepted_though_the_list_is_renewed_under_the_pointer(brow
     browser.until(f"{READY} && {unanswered}.length === {before - 1}")
 
 
+def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(browser, run, tmp_path):
+    program = run(SLICE, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    knot = hand.state("review.state.knots_px[0][12]")
+    home = (knot[0] + 30, knot[1] + 50)
+    browser.drag(hand.at(knot), hand.at(home), release=False)
+    before = browser.run("document.getElementById('preview').getAttribute('points')")
+    browser.run("review.receive({state: review.state, version: review.version})")
+    time.sleep(0.2)
+    assert before == browser.run("document.getElementById('preview').getAttribute('points')") != ""
+    browser.press(*hand.at(home), "mouseReleased")
+    hand.until_steps(1)
+    assert np.allclose(hand.state("review.state.knots_px[0][12]"), home, atol=1.0)
+
+
 def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, run, tmp_path):
     program = run(SLICE, *MARKERS, "-o", tmp_path / "o.h5")
     hand = Hand(browser, program.address)

@@ -79,9 +79,9 @@ const pointer = new Pointer(app, view, { curve, markers, findings, tools, select
 const keys = new Keys(app, view, { findings, approval, selection, tools, pointer });
 const parts = [view, curve, findings, markers, approval, selection, tools, keys];
 
-// A button that is pressed stays where it is: what would change the page waits for its release.
-// Without this a new row of buttons would stand in place of the one that is pressed, and the
-// browser makes no click of a press and a release on two elements.
+// A button that is pressed and a knot that is dragged stay as they are: what would change the page
+// waits for the release. Without this a new row of buttons would stand in place of the one that is
+// pressed, and the browser makes no click of a press and a release on two elements.
 const PRESSED = "button:active, input[type=checkbox]:active, label:active, summary:active";
 const RELEASE_CHECK_MS = 30;
 const postponed = [];
@@ -95,7 +95,7 @@ function afterRelease(call) {
 function doPostponed() {
   releaseCheck = null;
   while (postponed.length) {
-    if (document.querySelector(PRESSED)) {
+    if (document.querySelector(PRESSED) || pointer.isDragging()) {
       releaseCheck = setTimeout(doPostponed, RELEASE_CHECK_MS);
       return;
     }
@@ -104,7 +104,9 @@ function doPostponed() {
 }
 
 function receive(message) {
-  afterRelease(() => showMessage(message));
+  // A preview shows what a drag would do, while it goes on.
+  if (message.preview) markers.preview(message.preview);
+  else afterRelease(() => showMessage(message));
 }
 
 function showMessage(message) {
@@ -116,8 +118,6 @@ function showMessage(message) {
     app.version = message.version;
     if (message.state) show(message.state, true);
     else show(withPlanOf(app.state, message.quick), false);
-  } else if (message.preview) {
-    markers.preview(message.preview);
   } else if (message.error) {
     app.toast(message.error.message);
     markers.forgetDrag();

@@ -60,6 +60,11 @@ export class Pointer {
     return { kind: thing.kind, thing, shift, to: null };
   }
 
+  // Whether a knot or a marker is held.
+  isDragging() {
+    return Boolean(this.drag?.thing);
+  }
+
   // Of two fingers: their distance, and the place between them.
   spread() {
     const [a, b] = [...this.pointers.values()];
