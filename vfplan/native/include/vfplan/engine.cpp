@@ -4,4 +4,9 @@
 #ifndef VFPLAN_COMPILED
 #define VFPLAN_COMPILED
 #endif
+#include "vfplan/engine.hpp"
+
+#include "vfplan/tick_time.hpp"
+
+// What they declare:
 #include "vfplan/engine_impl.hpp"

@@ -35,10 +35,6 @@ namespace bundle {
 struct Fixture;
 }
 
-/// The most that a tick may take in a loop of 1 kHz [s]: what is left of the millisecond is the
-/// robot's and the operating system's.
-inline constexpr double max_tick_time = 0.3e-3;
-
 namespace detail {
 
 /// The engine of n points [m], x y z of each in turn. Throws std::invalid_argument, as the others.

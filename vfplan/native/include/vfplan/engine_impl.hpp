@@ -1,8 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The rules in their spaces, behind the type that an engine holds, and how long a tick of theirs
-// may take. Part of engine.hpp, which a controller includes, and of tick_time.hpp: both declare
-// what is defined here.
+// may take. engine.hpp, which a controller includes, and tick_time.hpp declare what is defined
+// here.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,6 @@
 #include "vfplan/cloud/density.hpp"
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/curve/exact.hpp"
-#include "vfplan/engine.hpp"
 #include "vfplan/exchange.hpp"
 #include "vfplan/mesh/exact.hpp"
 #include "vfplan/mesh/triangles.hpp"
@@ -303,11 +302,15 @@ inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geome
 /// the bound over the worst tick measured for it.
 inline constexpr double search_margin = 2.2;
 
-/// `search_margin` times what the search finds, and the time `besides` of what is not counted, but
-/// no more than is proven [s].
-inline double bound_by_search(EngineImpl& engine, const std::vector<Vec3>& geometry, double besides,
+/// What a tick takes besides that no count tells [s]: the first one reads memory that no cache
+/// holds yet.
+inline constexpr double uncounted_time = 3e-6;
+
+/// `search_margin` times what the search finds, and what is not counted, but no more than is
+/// proven [s].
+inline double bound_by_search(EngineImpl& engine, const std::vector<Vec3>& geometry,
                               double proven) {
-    return std::min(proven, besides + search_margin * most_work_found(engine, geometry));
+    return std::min(proven, uncounted_time + search_margin * most_work_found(engine, geometry));
 }
 
 inline std::vector<Vec3> rows_of(const double* xyz, std::size_t n) {
@@ -363,8 +366,7 @@ double tick_time_in_space(Space space, const double* xyz, std::size_t n, const P
     const bool has_long_ticks =
         p.rule == Rule::robust && p.max_iterations > max_searched_iterations;
     if (!searches || has_long_ticks) return proven;
-    const double besides = p.rule == Rule::paper ? 1e-6 : 2e-6;
-    return bound_by_search(*engine, rows_of(xyz, n), besides, proven);
+    return bound_by_search(*engine, rows_of(xyz, n), proven);
 }
 
 inline double tick_time_of(const double* xyz, std::size_t n, const Parameters& p, bool searches) {
@@ -425,13 +427,13 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
         const auto more = detail::rows_of(stroke.vertices.data(), stroke.vertices.size() / 3);
         corners.insert(corners.end(), more.begin(), more.end());
     }
-    return detail::bound_by_search(*detail::make_impl(strokes, p), corners, 3e-6, proven);
+    return detail::bound_by_search(*detail::make_impl(strokes, p), corners, proven);
 }
 
 VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
     const double proven = proven_tick_time(surface, p);
     return detail::bound_by_search(*detail::make_impl(surface, p),
-                                   detail::rows_of(surface.points, surface.n), 3e-6, proven);
+                                   detail::rows_of(surface.points, surface.n), proven);
 }
 
 }  // namespace vfplan

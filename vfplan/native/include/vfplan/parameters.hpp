@@ -25,6 +25,10 @@ inline constexpr double finest_band = 1e-8;
 /// Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
 inline constexpr double roundings_a_band = 1e4;
 
+/// The most that a tick may take in a loop of 1 kHz [s]: what is left of the millisecond is the
+/// robot's and the operating system's.
+inline constexpr double max_tick_time = 0.3e-3;
+
 enum class Rule { robust, paper, exact };
 /// `editable`: for Engine::edit; of the robust rule.
 enum class Search { automatic, grid, brute, editable };

@@ -138,12 +138,12 @@ inline bool is_version(std::string_view text, Version& version) {
 
 /// A number in the shortest form that reads back as itself, or as `form` says.
 template <class... Form>
-std::string shown(double x, Form... form) {
+std::string shortest_text(double x, Form... form) {
     std::array<char, 32> out{};
     return {out.data(), std::to_chars(out.data(), out.data() + out.size(), x, form...).ptr};
 }
 /// A number with six digits.
-inline std::string rounded(double x) { return shown(x, std::chars_format::general, 6); }
+inline std::string six_digits(double x) { return shortest_text(x, std::chars_format::general, 6); }
 
 /// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
 inline std::string in_quotes(std::string_view text) {
@@ -276,9 +276,9 @@ inline std::uint64_t number_at(View data, std::size_t at, std::size_t width) {
 namespace detail {
 
 /// Reads bytes from front to back; what is wrong is reported at `where`, by BundleError.
-class Window {
+class ByteReader {
   public:
-    Window(View data, std::string where) : data_(data), where_(std::move(where)) {}
+    ByteReader(View data, std::string where) : data_(data), where_(std::move(where)) {}
 
     View take(std::uint64_t count) {
         require(count <= left(), "an object header is cut short");
@@ -286,12 +286,12 @@ class Window {
         return data_.part(at_ - static_cast<std::size_t>(count), static_cast<std::size_t>(count));
     }
     std::uint64_t number(std::size_t width) { return number_at(take(width), 0, width); }
-    void wanted(std::size_t width, std::uint64_t value, const char* what) {
+    void expect(std::size_t width, std::uint64_t value, const char* what) {
         const std::uint64_t found = number(width);
         require(found == value, std::string(what) + " is " + std::to_string(found) + "; " +
                                     std::to_string(value) + " wanted");
     }
-    void done() const { require(left() == 0, "a header message is too long"); }
+    void expect_end() const { require(left() == 0, "a header message is too long"); }
 
     [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
     [[nodiscard]] std::size_t at() const { return at_; }

@@ -155,8 +155,8 @@ inline std::size_t element_size(View message, const Row& row) {
 /// An array's sides, or none of a scalar.
 inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     constexpr std::uint64_t scalar = 0, simple = 1;
-    Window body(message, std::string(row.path));
-    body.wanted(1, 2, "version of a dataspace");
+    ByteReader body(message, std::string(row.path));
+    body.expect(1, 2, "version of a dataspace");
     const auto rank = body.number(1), flags = body.number(1), kind = body.number(1);
     const bool array = kind == simple && rank > 0;
     require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
@@ -165,7 +165,7 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     std::vector<std::uint64_t> sides, most;
     for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
     for (std::uint64_t i = 0; i < rank * flags; ++i) most.push_back(body.number(8));
-    body.done();
+    body.expect_end();
     require(flags == 0 || sides == most, "unsafe.layout", row,
             "can grow; only arrays of fixed size are allowed");
     return sides;
@@ -182,7 +182,7 @@ inline std::string text_of(View raw, const Row& row) {
 }
 
 /// A value of `count` elements whose numbers are still to be filled in.
-inline Value room_for(const Row& row, std::size_t count) {
+inline Value empty_value(const Row& row, std::size_t count) {
     Value value;
     value.type = row.type;
     value.visit([&](auto& all) { all.resize(count); });
@@ -205,26 +205,26 @@ inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
 /// Refuses a fill value other than zeros.
 inline void check_fill(const Object& object, std::size_t element) {
     if (!object.fill) return;
-    Window body(*object.fill, object.path);
-    body.wanted(1, 3, "version of a fill value");
+    ByteReader body(*object.fill, object.path);
+    body.expect(1, 3, "version of a fill value");
     const auto flags = body.number(1);
     const auto size = (flags & 0x20) != 0 ? body.number(4) : 0;
     const View value = body.take(size);
     body.require((flags & 0xC0) == 0 && (flags & 0x30) != 0x30 && (size == 0 || size == element) &&
                      value.all_zero(),
                  "has another fill value than zero");
-    body.done();
+    body.expect_end();
 }
 
 /// The bytes of a table, which stand in one piece; known to be so many, whatever the file says.
 inline View data_of(File& file, const Object& object, std::uint64_t bytes, const Row& row) {
     constexpr std::uint64_t contiguous = 1;
-    Window layout(*object.layout, object.path);
+    ByteReader layout(*object.layout, object.path);
     layout.require(layout.number(1) == 3 && layout.number(1) == contiguous,
                    "is not stored in one piece, as libver v108 does; no other layout is allowed",
                    "unsafe.layout");
     const auto address = layout.number(8), size = layout.number(8);
-    layout.done();
+    layout.expect_end();
     require(address != nowhere, "corrupt.storage", row, "has no data");
     require(size == bytes, "corrupt.storage", row,
             "has " + std::to_string(size) + " bytes of data; its shape and type need " +
@@ -239,7 +239,7 @@ inline Value table_of(File& file, const Object& object, const std::vector<std::u
     std::uint64_t count = 1;  // the caps on sides and texts keep these products small
     for (const auto side : sides) count *= side;
     const View data = data_of(file, object, count * element, row);
-    Value value = room_for(row, static_cast<std::size_t>(count));
+    Value value = empty_value(row, static_cast<std::size_t>(count));
     fill(value, data, element, row);
     for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
     return value;
@@ -252,7 +252,7 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     require(attribute.data.size() == size, "corrupt.hdf5", row,
             "has " + std::to_string(attribute.data.size()) + " bytes; " + std::to_string(size) +
                 " wanted");
-    Value value = room_for(row, 1);
+    Value value = empty_value(row, 1);
     fill(value, attribute.data, size, row);
     return value;
 }
@@ -303,10 +303,10 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
     const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
     const double least = std::max(-cap, row.min), most = std::min(cap, row.max);
     require(low >= least && high <= most, "corrupt.range", row,
-            "runs from " + shown(low) + " to " + shown(high) + "; " + shown(least) + " to " +
-                shown(most) + " allowed");
+            "runs from " + shortest_text(low) + " to " + shortest_text(high) + "; " +
+                shortest_text(least) + " to " + shortest_text(most) + " allowed");
     require(low > row.above, "corrupt.range", row,
-            "is " + shown(low) + "; more than " + shown(row.above) + " wanted");
+            "is " + shortest_text(low) + "; more than " + shortest_text(row.above) + " wanted");
 }
 
 }  // namespace vfplan::bundle::detail
@@ -326,7 +326,7 @@ inline std::pair<std::string_view, std::string_view> split(const Row& row) {
 namespace detail {
 
 /// A unit or frame of a row with "@frame" and "@source_frame" filled in.
-inline std::string filled(std::string_view text, const Content& content, bool as_unit) {
+inline std::string with_frame_names(std::string_view text, const Content& content, bool as_unit) {
     std::string out(text);
     for (const auto& [name, path] : {std::pair{"@frame", "/@frame"},
                                      std::pair{"@source_frame", "/registration@source_frame"}}) {
@@ -381,10 +381,10 @@ class Reader {
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
             for (const Row& row : rows) {
-                if (row.kind == kind && knows(row)) guarded([&] { take(row); });
+                if (row.kind == kind && knows(row)) collecting([&] { read_row(row); });
             }
         }
-        if (findings_.sound()) guarded([&] { file_.check_rest(unknown_); });
+        if (findings_.sound()) collecting([&] { file_.check_unclaimed(unknown_); });
         return std::move(content_);
     }
     [[nodiscard]] const Version& version() const { return version_; }
@@ -405,7 +405,7 @@ class Reader {
                      : "`pip install --upgrade vfplan` gets a program that reads it"));
     }
 
-    void guarded(const std::function<void()>& work) {
+    void collecting(const std::function<void()>& work) {
         try {
             work();
         } catch (const BundleError& error) {
@@ -413,7 +413,7 @@ class Reader {
         }
     }
 
-    void take(const Row& row) {
+    void read_row(const Row& row) {
         if (row.path == "/") return check_names(groups_.at("/"), row);
         const auto group = groups_.find(split(row).first);
         if (group == groups_.end()) return;
@@ -427,7 +427,7 @@ class Reader {
         }
         if (row.kind == Kind::group) return open_group(row, link->address);
         Value value = is_attribute ? scalar_of(*attribute, row) : table(row, link->address);
-        check_range(value, row, filled(row.unit, content_, true));
+        check_range(value, row, with_frame_names(row.unit, content_, true));
         content_.put(row.path, std::move(value));
     }
 
@@ -479,12 +479,12 @@ class Reader {
         const auto sides = sides_of(*object.space, row);
         check_shape(sides, row);
         Value value = table_of(file_, object, sides, element_size(*object.type, row), row);
-        check_own(object, row);
+        check_unit_and_frame(object, row);
         return value;
     }
 
     /// A table's own attributes are its unit and its frame, and say what the format says.
-    void check_own(const Object& object, const Row& row) {
+    void check_unit_and_frame(const Object& object, const Row& row) {
         Row plain = row;
         plain.type = Type::text;
         for (const Attribute& attribute : object.attributes) {
@@ -492,8 +492,9 @@ class Reader {
                                (attribute.name == "frame" && !row.frame.empty());
             check_known(known, attribute.name, row);
         }
-        for (const auto& [name, text] : {std::pair{"unit", filled(row.unit, content_, true)},
-                                         std::pair{"frame", filled(row.frame, content_, false)}}) {
+        for (const auto& [name, text] :
+             {std::pair{"unit", with_frame_names(row.unit, content_, true)},
+              std::pair{"frame", with_frame_names(row.frame, content_, false)}}) {
             if (text.empty()) continue;
             const Attribute* attribute = object.attributes.find(name);
             require(attribute != nullptr, "corrupt.missing", row,

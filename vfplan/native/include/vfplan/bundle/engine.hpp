@@ -56,8 +56,8 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
 /// Throws std::invalid_argument where a tick of `work` [s] is longer than a loop of 1 kHz can wait.
 inline void check_tick_time(double work) {
     if (work > max_tick_time)
-        reject("a tick may take " + rounded(1e6 * work) + " us, at most " +
-               rounded(1e6 * max_tick_time) +
+        reject("a tick may take " + six_digits(1e6 * work) + " us, at most " +
+               six_digits(1e6 * max_tick_time) +
                " us are given: too many points or pieces around one place, or "
                "max_iterations too "
                "high; Use::replay takes it");

@@ -70,15 +70,15 @@ struct Link {
 };
 
 /// The name of a link or an attribute: UTF-8 that can be shown.
-inline void check_name(const Window& body, std::string_view name) {
+inline void check_name(const ByteReader& body, std::string_view name) {
     body.require(!name.empty() && is_utf8(name) && !has_control(name) &&
                      name.find('/') == std::string_view::npos,
                  "has the name " + in_quotes(name) + ", which is none");
 }
 
 /// A link message; its address is not looked at here.
-inline Link read_link(Window& body) {
-    body.wanted(1, 1, "version of a link");
+inline Link read_link(ByteReader& body) {
+    body.expect(1, 1, "version of a link");
     const auto flags = body.number(1);
     body.require((flags & 0x08) == 0 || body.number(1) == 0,
                  "holds a link that is not hard; no other is allowed", "unsafe.link");
@@ -130,7 +130,7 @@ class File {
     /// No byte belongs to two things; what belongs to none, between them, is zero.
     ///
     /// Not so with `unknown` parts, which nobody looked at: their bytes are not known.
-    void check_rest(bool unknown) {
+    void check_unclaimed(bool unknown) {
         std::sort(claims_.begin(), claims_.end());
         std::uint64_t at = 0;
         for (const auto& [first, end] : claims_) {
@@ -168,7 +168,7 @@ struct Named : std::vector<T> {
             std::find_if(this->begin(), this->end(), [&](const T& t) { return t.name == name; });
         return found == this->end() ? nullptr : &*found;
     }
-    void add(const Window& body, T one, std::uint64_t most, const std::string& noun) {
+    void add(const ByteReader& body, T one, std::uint64_t most, const std::string& noun) {
         body.require(find(one.name) == nullptr,
                      "has two " + noun + " of the name " + in_quotes(one.name));
         this->push_back(std::move(one));
@@ -197,23 +197,23 @@ struct Object {
 };
 
 /// Link info and attribute info: heap and index must not be there, nor creation order.
-inline void read_info(Window& body) {
-    body.wanted(2, 0, "version and flags of link or attribute info");
+inline void read_info(ByteReader& body) {
+    body.expect(2, 0, "version and flags of link or attribute info");
     const auto heap = body.number(8), index = body.number(8);
     body.require(heap == nowhere && index == nowhere, "keeps links or attributes in a heap",
                  "unsafe.layout");
 }
 
-inline void read_group_info(Window& body) {
-    body.wanted(1, 0, "version of group info");
+inline void read_group_info(ByteReader& body) {
+    body.expect(1, 0, "version of group info");
     const auto flags = body.number(1);
     body.require((flags & ~std::uint64_t{3}) == 0, "group info flags");
     body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
 }
 
-inline Attribute read_attribute(Window& body) {
-    body.wanted(1, 3, "version of an attribute");
-    body.wanted(1, 0, "flags of an attribute");
+inline Attribute read_attribute(ByteReader& body) {
+    body.expect(1, 3, "version of an attribute");
+    body.expect(1, 0, "flags of an attribute");
     const auto name = body.number(2), type = body.number(2), space = body.number(2);
     body.require(body.number(1) <= 1, "has a name of another encoding");
     const auto ended = body.take(name).text();
@@ -226,9 +226,9 @@ inline Attribute read_attribute(Window& body) {
     return attribute;
 }
 
-inline constexpr char gap[] = "has a gap in its object header that is not zero";
+inline constexpr char nonzero_gap[] = "has a gap in its object header that is not zero";
 
-inline void read_message(std::uint64_t kind, Window& body, Object& object) {
+inline void read_message(std::uint64_t kind, ByteReader& body, Object& object) {
     const auto keep = [&](std::optional<View>& into) {
         body.require(!into, "has a header message twice");
         into = body.take(body.left());
@@ -238,7 +238,7 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
     };
     switch (kind) {
         case 0x00:
-            return body.require(body.take(body.left()).all_zero(), gap);
+            return body.require(body.take(body.left()).all_zero(), nonzero_gap);
         case 0x01:
             return keep(object.space);
         case link_info:
@@ -270,13 +270,13 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
 }
 
 /// Reads one block's messages; adds to `more` where its header goes on.
-inline void read_messages(Window block, Object& object,
+inline void read_messages(ByteReader block, Object& object,
                           std::vector<std::pair<std::uint64_t, std::uint64_t>>& more) {
     constexpr std::uint64_t empty = 0x00, continuation = 0x10, constant_or_known = 0x05;
     bool has_empty_message = false;
     while (block.left() >= 4) {
         const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
-        Window body(block.take(size), object.path);
+        ByteReader body(block.take(size), object.path);
         body.require((flags & ~constant_or_known) == 0,
                      "holds a header message with flags " + std::to_string(flags) +
                          ", which no bundle needs",
@@ -288,12 +288,12 @@ inline void read_messages(Window block, Object& object,
             read_message(kind, body, object);
         }
         has_empty_message = has_empty_message || kind == empty;
-        body.done();
+        body.expect_end();
     }
     // As libhdf5: a block has an empty message, or a gap too small for one, but not both.
     block.require(block.left() == 0 || !has_empty_message,
                   "has a gap in its object header beside an empty message");
-    block.require(block.take(block.left()).all_zero(), gap);
+    block.require(block.take(block.left()).all_zero(), nonzero_gap);
 }
 
 /// The object header at an address, with all blocks that it goes on in.
@@ -301,7 +301,7 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     constexpr std::size_t most_blocks = 64;
     Object object;
     object.path = std::move(path);
-    Window head(file.within(address, 16, object.path), object.path);  // no header is shorter
+    ByteReader head(file.within(address, 16, object.path), object.path);  // no header is shorter
     head.require(head.take(4).text() == "OHDR" && head.number(1) == 2,
                  "has no object header of version 2");
     const auto flags = head.number(1);
@@ -313,13 +313,13 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     head.require(size <= limits::payload_bytes, "an object header is cut short");
     const View block = file.claim_checked(address, front + size + 4, object.path);
     std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
-    read_messages(Window(block.from(front), object.path), object, more);
+    read_messages(ByteReader(block.from(front), object.path), object, more);
     for (std::size_t i = 0; i < more.size(); ++i) {
         head.require(i < most_blocks, "has too many header blocks", "unsafe.cap");
         const auto [start, length] = more[i];
         const View chunk = file.claim_checked(start, length, object.path);
         head.require(chunk.begins("OCHK"), "a header block has no signature");
-        read_messages(Window(chunk.from(4), object.path), object, more);
+        read_messages(ByteReader(chunk.from(4), object.path), object, more);
     }
     return object;
 }

@@ -29,9 +29,9 @@ namespace vfplan::bundle::detail {
 using Point = std::array<double, 3>;
 
 /// Distances between a fixture's points, across the ignored axis if there is one.
-class Across {
+class PointDistances {
   public:
-    explicit Across(const Content& content) : points_(content.at("/points").f8) {
+    explicit PointDistances(const Content& content) : points_(content.at("/points").f8) {
         if (const Value* axis = content.find("/rendering/ignore_axis")) {
             std::copy_n(axis->f8.begin(), 3, axis_.begin());
         }
@@ -52,18 +52,18 @@ class Across {
 
 /// The widest gap between neighbours along the strokes, closed ones too [m].
 inline double largest_gap(const Content& content) {
-    const Across across(content);
+    const PointDistances points(content);
     const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
     const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
     double largest = 0;
     std::size_t first = 0;
     for (std::size_t i = 1; i <= stroke.size(); ++i) {
         if (i < stroke.size() && stroke[i] == stroke[i - 1]) {
-            largest = std::max(largest, across.distance(i, i - 1));
+            largest = std::max(largest, points.distance(i, i - 1));
             continue;
         }
         if (closed[static_cast<std::size_t>(stroke[i - 1])] != 0) {
-            largest = std::max(largest, across.distance(first, i - 1));
+            largest = std::max(largest, points.distance(first, i - 1));
         }
         first = i;
     }
@@ -73,27 +73,27 @@ inline double largest_gap(const Content& content) {
 /// How far a place of the mesh may be from the nearest sample [m]: of the samples in the file, or
 /// of those that a reader takes where it renders points.
 inline double largest_cover(const Content& content) {
-    const Across across(content);
+    const PointDistances points(content);
     const std::vector<std::int32_t>& t = content.at("/mesh/triangles").i4;
     double largest = 0;
     for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
         const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
-        largest = std::max(largest, mesh::covering_radius({across.distance(corner(0), corner(1)),
-                                                           across.distance(corner(1), corner(2)),
-                                                           across.distance(corner(2), corner(0))}));
+        largest = std::max(largest, mesh::covering_radius({points.distance(corner(0), corner(1)),
+                                                           points.distance(corner(1), corner(2)),
+                                                           points.distance(corner(2), corner(0))}));
     }
     return std::min(largest, content.number("/mesh@sample_radius_m", largest));
 }
 
 /// "the fixture leaks ...", with the size of the opening and its place.
-inline std::string leaking(const Content& content) {
+inline std::string leak_message(const Content& content) {
     const std::vector<double>& place = content.at("/leak/place").f8;
     const bool curve = content.at("/leak@kind").string() == "curve";
     return std::string("the fixture leaks between samples: ") +
            (curve ? "gap between neighbours" : "covering radius of a triangle") + " of " +
-           rounded(content.number("/leak@largest_m")) + " m at (" + rounded(place[0]) + ", " +
-           rounded(place[1]) + ", " + rounded(place[2]) + "); at most " +
-           rounded(content.number("/leak@limit_m")) + " m holds the proxy back";
+           six_digits(content.number("/leak@largest_m")) + " m at (" + six_digits(place[0]) + ", " +
+           six_digits(place[1]) + ", " + six_digits(place[2]) + "); at most " +
+           six_digits(content.number("/leak@limit_m")) + " m holds the proxy back";
 }
 
 inline void compare(const Content& content, std::string_view path, double wanted,
@@ -102,12 +102,12 @@ inline void compare(const Content& content, std::string_view path, double wanted
     findings.require(
         found != nullptr && std::abs(found->number() - wanted) <= 1e-9 * std::max(wanted, 1e-3),
         "corrupt.leak", path,
-        "is " + (found == nullptr ? "absent" : shown(found->number())) + "; the fixture gives " +
-            shown(wanted));
+        "is " + (found == nullptr ? "absent" : shortest_text(found->number())) +
+            "; the fixture gives " + shortest_text(wanted));
 }
 
 /// Compares largest_m and limit_m; whether the fixture, of this kind, holds its proxy back.
-inline bool holds_back(const Content& content, bool mesh, Findings& findings) {
+inline bool is_leak_proof(const Content& content, bool mesh, Findings& findings) {
     const double reach = content.number("/rendering@contact_radius_m") +
                          content.number("/rendering@point_radius_m") -
                          content.number("/rendering@band_m");
@@ -115,7 +115,7 @@ inline bool holds_back(const Content& content, bool mesh, Findings& findings) {
     compare(content, "/leak@largest_m", mesh ? largest_cover(content) : largest_gap(content),
             findings);
     const bool holds = content.number("/leak@largest_m") <= content.number("/leak@limit_m");
-    if (!holds) findings.error("unsafe.leak", "/leak", leaking(content));
+    if (!holds) findings.error("unsafe.leak", "/leak", leak_message(content));
     return holds;
 }
 
@@ -131,7 +131,7 @@ inline void check_leak(const Content& content, Findings& findings) {
     }
     bool holds = false;
     if (kind != "cloud") {
-        holds = holds_back(content, mesh, findings);
+        holds = is_leak_proof(content, mesh, findings);
     } else {
         findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
                          "must be absent of a cloud");
@@ -449,13 +449,13 @@ inline void check_stability(const Content& content, Findings& findings) {
     const std::vector<double>& verdict = content.at("/rendering/stability").f8;
     const double K = verdict[4], largest_stable = verdict[5], margin = verdict[6];
     constexpr double rounding = 1e-6;
-    findings.require(std::abs(K - wanted) <= rounding * wanted, "unsafe.stability",
-                     "/rendering/stability",
-                     "judges K = " + shown(K) + " N/m; the fixture renders " + shown(wanted));
-    findings.require(K * margin <= largest_stable * (1 + rounding), "unsafe.stability",
-                     "/rendering/stability",
-                     "judges K = " + shown(K) + " N/m with a margin of " + shown(margin) +
-                         ", and only " + shown(largest_stable) + " is stable");
+    findings.require(
+        std::abs(K - wanted) <= rounding * wanted, "unsafe.stability", "/rendering/stability",
+        "judges K = " + shortest_text(K) + " N/m; the fixture renders " + shortest_text(wanted));
+    findings.require(
+        K * margin <= largest_stable * (1 + rounding), "unsafe.stability", "/rendering/stability",
+        "judges K = " + shortest_text(K) + " N/m with a margin of " + shortest_text(margin) +
+            ", and only " + shortest_text(largest_stable) + " is stable");
 }
 
 /// The transform's value at a row of the source: (u, v) of a slice, or (x, y, z).
@@ -485,8 +485,9 @@ inline void check_registered(const Content& content, Findings& findings) {
         for (std::size_t k = 0; k < 3; ++k) square += std::pow(place[k] - target[3 * i + k], 2);
         worst = std::max(worst, std::abs(std::sqrt(square) - residuals[i]));
     }
-    findings.require(worst <= same_place_m, "unsafe.registration", "/registration/residuals",
-                     "differ by up to " + shown(worst) + " m from what transform and markers give");
+    findings.require(
+        worst <= same_place_m, "unsafe.registration", "/registration/residuals",
+        "differ by up to " + shortest_text(worst) + " m from what transform and markers give");
     if (transform.shape[0] != 3) return;
     const std::vector<double>& T = transform.f8;
     std::array<double, 3> normal{};
@@ -509,7 +510,7 @@ inline void check_registered(const Content& content, Findings& findings) {
     }
     farthest /= std::sqrt(square);
     findings.require(farthest <= same_place_m, "unsafe.registration", "/points",
-                     "lie up to " + shown(farthest) +
+                     "lie up to " + shortest_text(farthest) +
                          " m from the plane to which the registration takes the slice");
 }
 
@@ -631,12 +632,12 @@ inline void check_rendering(const Content& content, Findings& findings) {
         const std::vector<double>& a = axis->f8;
         const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
         findings.require(std::abs(length - 1) <= 1e-9, "corrupt.value", "/rendering/ignore_axis",
-                         "has length " + shown(length) + "; 1 wanted");
+                         "has length " + shortest_text(length) + "; 1 wanted");
     }
     const double radius =
         content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
     findings.require(content.number("/rendering@band_m") < radius, "corrupt.value",
-                     "/rendering@band_m", "must be less than R = " + shown(radius) + " m");
+                     "/rendering@band_m", "must be less than R = " + shortest_text(radius) + " m");
 }
 
 inline void check_guidance(const Content& content, Findings& findings) {
