@@ -6,9 +6,9 @@
 // that lie together, each with the time that it costs. A tick among real shapes takes up to eighty
 // times less, for it seldom uses its iterations. So the bound that an engine is held to comes from
 // a search: HIPs are led about where the geometry is most laborious, the work of each tick is
-// counted, and the bound is 2.2 times the most that was found. tests/engine/test_worst_tick.py
-// holds it against measured ticks of fixtures of every kind. All times are those of the machine of
-// docs/engine.md.
+// counted, and the bound is 3 us and 2.2 times the most that was found.
+// tests/engine/test_worst_tick.py holds it against measured ticks of fixtures of every kind. All
+// times are those of the machine of docs/engine.md.
 #pragma once
 
 #include <vector>
@@ -20,9 +20,9 @@
 
 namespace vfplan {
 
-/// Time [s] that a tick among n points takes at most: 2.2 times the most that a search finds, or
-/// `proven_tick_time` where that is less or where a tick may use more than 32 iterations. It is for
-/// HIPs of up to 3 m/s: one that jumps also costs what lies along its way. Throws
+/// Time [s] that a tick among n points takes at most: 3 us and 2.2 times the most that a search
+/// finds, or `proven_tick_time` where that is less or where a tick may use more than 32 iterations.
+/// It is for HIPs of up to 3 m/s: one that jumps also costs what lies along its way. Throws
 /// std::invalid_argument, as all these functions do.
 VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
 /// The same of rule exact among lines and arcs.
