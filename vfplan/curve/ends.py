@@ -27,7 +27,7 @@ GAUSSIAN_WIDTH = 2 * np.sqrt(np.log(2)) / (np.sqrt(-np.log(LOW)) - np.sqrt(-np.l
 
 @dataclass(frozen=True)
 class End:
-    """One end of an open line, in points of its path.
+    """One end of an open line, in points of its path, which lie 1 px apart.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Run:
     Parameters
     ----------
     mass
-        (N,) ink across the line.
+        (N,) ink across the line; 1 where it is as much as usual.
     coverage
         (N, K) across the line, at the places `x`.
     x
@@ -146,7 +146,7 @@ def _find_end(run: Run) -> End:
     noise = tuned.INK_NOISE
     if run.noisy:
         noise = tuned.INK_NOISE_NOISY
-    visible = tuned.VISIBLE_SIGMAS * noise
+    visible_ink = tuned.VISIBLE_SIGMAS * noise
     high = _crossing(ink, _last_above(ink, HIGH, run.visible), HIGH)
     half = _crossing(ink, high, tuned.HALF)
     low = _crossing(ink, half, LOW)
@@ -158,6 +158,7 @@ def _find_end(run: Run) -> End:
     blunt += tuned.BLUNT_ROUGH_PX * rough
     tapered = _taper_share(FALLS_PX, blunt)
     if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
+        # From high to half the ink falls a part of the way; the whole fall is as steep.
         observed = _taper_share((half - high) / (HIGH - tuned.HALF), blunt)
         tapered = np.minimum(tapered, observed)
 
@@ -173,19 +174,19 @@ def _find_end(run: Run) -> End:
     blunt_place = middle - back * (1 - flat)
     place = tapered * foot + (1 - tapered) * blunt_place
     mean = float((likely * place).sum())
-    variance = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
-    variance = float((likely * variance).sum())
+    spread = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
+    variance = float((likely * spread).sum())
     variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
 
     is_drawn_out = (likely * tapered).sum() > tuned.HALF
     whole = half
     if is_drawn_out:
-        whole = _crossing(ink, half, visible)
+        whole = _crossing(ink, half, visible_ink)
     beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
     continues = False
     if len(ahead) == tuned.SUDDEN_PX:  # More ink than that is no faint one; the account lists it.
-        continues = bool(visible < np.median(ahead) <= tuned.VISIBLE)
+        continues = bool(visible_ink < np.median(ahead) <= tuned.VISIBLE)
     return End(
         place=mean,
         whole=whole,
@@ -271,7 +272,7 @@ def _smoothed(ink: NDArray) -> NDArray[np.float64]:
 
 
 def _last_above(ink: NDArray, level: float, visible: int) -> int:
-    """The last point up to `seen` at which the ink has a level."""
+    """The last point up to `visible` at which the ink has a level."""
     above = np.flatnonzero(ink[: visible + 1] >= level)
     if len(above) == 0:
         return visible

@@ -170,29 +170,29 @@ def register(
 
     # Markers -> transform, or a refusal that names the marker.
     matched = match(curve, markers, markers2, settings, image)
-    source, registration, refined = matched.curve, matched.registration, None
+    # `drawn` is the curve as it is measured: in pixels, or in the patient's frame of its slice.
+    drawn, registration, refined = matched.curve, matched.registration, None
     if touched is not None:
-        refined = refine(source, registration, touched, tip_radius)
+        refined = refine(drawn, registration, touched, tip_radius)
         registration = refined.registration
 
     # How far the curve may lie from where it belongs.
-    error = target_error(registration, source.points)
-    if settings.largest_tre_m is not None:
-        refuse_large_error(error, settings.largest_tre_m, registration, source.points)
+    error = target_error(registration, drawn.points)
+    if settings.max_tre_length_m is not None:
+        refuse_large_error(error, settings.max_tre_length_m, registration, drawn.points)
     margin, margin_m = None, 0.0
     if settings.margin is not None:
-        settings, margin = add_margin(source, registration, settings)
+        settings, margin = add_margin(drawn, registration, settings)
         margin_m = margin.largest_m
 
     # The curve in the target frame, sampled as finely as the tolerance asks.
-    rendered = render(source, registration, settings, matched.slice_axes, margin_m)
+    rendered = render(drawn, registration, settings, matched.slice_axes, margin_m)
     fixture = make_fixture(matched, registration, rendered, settings, refined)
-    guide, guide_findings = {}, ()
+    guide_report, guide_findings = {}, ()
     if settings.guide_m is not None:
-        fixture, guide, guide_findings = add_guidance(fixture, settings)
+        fixture, guide_report, guide_findings = add_guidance(fixture, settings)
 
-    # What a person should look at. What the curve brought along has places in a frame that the
-    # fixture leaves.
+    # What a person should look at.
     findings = list(matched.findings)
     if refined is None:
         findings += error_findings(error)
@@ -207,18 +207,19 @@ def register(
         work = slow_tick_text(fixture)
         if work is not None:
             findings.append(doubt("tick-too-long", "plan", work))
-    before = [replace(finding, place_m=None) for finding in curve.findings]
-    fixture = replace(fixture, findings=(*before, *findings))
+    # The curve's own findings keep no place: theirs is in the frame that the fixture has left.
+    earlier = [replace(finding, place_m=None) for finding in curve.findings]
+    fixture = replace(fixture, findings=(*earlier, *findings))
 
     # The report: the markers' own fit, and what the touched points made of it.
-    report = describe(matched.registration, source.points, error=error)
+    report = describe(matched.registration, drawn.points, error=error)
     report |= describe_checks(matched.registration)
-    report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
+    report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
     if margin is not None:
         report["margin"] = margin.report
     if refined is not None:
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
-        report["tre"]["worst_target_m"] = registration.apply(source.points[[error.worst]])[0]
+        report["tre"]["worst_target_m"] = registration.apply(drawn.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
     return RegisterResult(fixture, registration, report, tuple(findings))
 
@@ -249,9 +250,9 @@ def make_fixture(
     if source.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
-    before, now = source.provenance, Provenance.now(inputs, settings)
+    earlier, now = source.provenance, Provenance.now(inputs, settings)
     provenance = replace(
-        now, settings=before.settings | now.settings | choices, history=before.history
+        now, settings=earlier.settings | now.settings | choices, history=earlier.history
     )
 
     image, record = None, None

@@ -262,7 +262,7 @@ class FixtureSettings:
                 )
 
     @property
-    def largest_tre_m(self) -> float | None:
+    def max_tre_length_m(self) -> float | None:
         """The gate `max_tre_m` as a length [m]; `None`: any error is taken."""
         if self.max_tre_m == "contact radius":
             return self.contact_radius

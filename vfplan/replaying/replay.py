@@ -178,8 +178,8 @@ def replay(
     else:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
 
-    # One run of each rule, and behind a lossy link one more over a perfect link. Of a mesh, rules
-    # that render points render samples.
+    # One run of each rule, and behind a lossy link one more over a perfect link. On a mesh, a rule
+    # for points renders the mesh's samples; of two rules, both are rules for points.
     with naming_place(path):
         fixture = as_rendered(fixture, rules[0])
         settings: dict[str, Any] = {"robot": robot, "governor": governor}
@@ -211,7 +211,7 @@ def replay(
             blocks.append(ticks)
             for sink in sinks:
                 sink(run.rule, ticks)
-        if len(blocks) == 2:
+        if rule == "both":
             between_rules.update(*blocks)
         if perfect is not None:
             between_links.update(blocks[0], perfect.feed(time, hand))

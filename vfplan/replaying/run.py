@@ -61,7 +61,7 @@ class EngineRun:
         if governor is not None:
             stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
             self._governor = GovernedForces(governor, stiffness)
-        # The HIP is beyond a cloud's own surface from this depth on; a guide has no surface.
+        # From this depth on the HIP is beyond the points themselves; a guide has no surface.
         self._surface_depth = np.inf
         if fixture.region is not None:
             self._surface_depth = fixture.contact_radius
@@ -84,12 +84,13 @@ class EngineRun:
         ticks = self._ticks(time, hip, trace)
 
         measured = ticks
+        hand_in_frame = hand
         if self.changing is not None and len(hand):
-            hand, in_frame = self.changing.in_fixture_frame(hip, trace)
-            measured = self._ticks(time, hand, in_frame)
+            hand_in_frame, in_frame = self.changing.in_fixture_frame(hip, trace)
+            measured = self._ticks(time, hand_in_frame, in_frame)
 
         self._metrics.note_status(trace.status)
-        steps = self._pairs.push(measured, hand)
+        steps = self._pairs.push(measured, hand_in_frame)
         if steps is not None:
             self._metrics.update(steps)
         self.kept.update(ticks)
@@ -107,10 +108,11 @@ class EngineRun:
         hip = arrived.hip
         trace = self._run(hip)
         if self._last_packet is not None:
-            # A tick before this block's first packet has row -1: the last row, which is appended.
+            # Rows: the packets of this block, 0 to n - 1, and then the packet before them. A tick
+            # before this block's first packet has row -1, which NumPy reads as that last row.
             hip = np.concatenate((hip, self._last_packet[0]))
             trace = concatenate_ticks([trace, self._last_packet[1]])
-        # The last packet of this block, or again the one of a block before: the last row.
+        # The last packet of this block. Where none arrived this is -1, the packet before.
         last = len(arrived.hip) - 1
         self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
         return hip[arrived.row], select_ticks(trace, arrived.row)

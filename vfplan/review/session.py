@@ -124,7 +124,8 @@ class Session:
         state = STEPS[name](self, step)
         kept = dict(step)
         if name == "answer":
-            # The time belongs to the step: the draft shall give the same answer again.
+            # The time belongs to the step, so that a draft gives the same answer again. The newest
+            # answer is the last of the dictionary.
             kept.setdefault("utc", next(reversed(state.answers.values()))[1])
         undone: tuple[dict[str, Any], ...] = ()
         if name == "viewed":
@@ -138,6 +139,7 @@ class Session:
         """The session before the last step; what was merely looked at since is undone with it."""
         if not self.steps:
             raise SettingError("There is no step to undo.", code="nothing-to-undo")
+        # Go back to the last step that is more than a look.
         count = len(self.steps) - 1
         while count > 0 and self.steps[count]["do"] == "viewed":
             count -= 1

@@ -131,6 +131,8 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
         return LargestStiffness(0.0, 0.0)
     ticks = run_length(robot, exact)
     low, high = bracket(contact, robot, engine, exact, ticks)
+    if high == 0.0:
+        return LargestStiffness(0.0, exact)
     if math.isinf(high):
         return LargestStiffness(low, exact, is_above_search=True)
     while high > (1 + RESOLUTION) * low:
@@ -190,7 +192,9 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
     velocity = speed * contact.push_direction
     motion = simulate(engine, robot, hand, stiffness, still, velocity, ticks)
 
-    energy = motion.energy - (motion.energy[0] - blow_energy)
+    # Energy above that of the pressed mass at rest.
+    rest_energy = motion.energy[0] - blow_energy
+    energy = motion.energy - rest_energy
     eighth = ticks // 8
     first = energy[:eighth].mean()
     last = energy[-eighth:].mean()
@@ -199,8 +203,8 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
 
 def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
     """A hand that presses `PRESS_DEPTH` R deep into each wall at this K [N/m]."""
-    depth = PRESS_DEPTH * contact.radius * contact.inward
+    press = PRESS_DEPTH * contact.radius * contact.inward
     hand_stiffness = 0.0
     if contact.needs_spring:
         hand_stiffness = HAND_SHARE * stiffness
-    return SimulatedHand(stiffness * depth, hand_stiffness, contact.touch + depth)
+    return SimulatedHand(stiffness * press, hand_stiffness, contact.touch + press)

@@ -73,6 +73,7 @@ class Outline:
         workers = 1
         if len(xy) > THREADED_POINTS:
             workers = -1
+        # The edges that begin or end in the two nearest corners.
         _, corners = edges.corners.query(xy, k=2, workers=workers)
         candidates = np.concatenate([corners, edges.before[corners]], axis=1)
 
@@ -89,9 +90,10 @@ class Outline:
         distance = np.sqrt(square[nearest])
 
         at_corner = edges.corner_normal[np.where(t <= 0, edge, edges.after[edge])]
-        side = np.where((t > 0) & (t < 1), edges.normal[edge], at_corner)
+        normal = np.where((t > 0) & (t < 1), edges.normal[edge], at_corner)
         has_distance = distance > 1e-12
-        distance[(offset * side.conj()).real < 0] *= -1
+        distance[(offset * normal.conj()).real < 0] *= -1
+        # Divided by the signed distance the gradient points outwards on both sides.
         gradient = np.where(
             has_distance, offset / np.where(has_distance, distance, 1.0), edges.normal[edge]
         )
@@ -170,7 +172,7 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
         for index, part in enumerate(parts):
             if is_inside(polygon, part, where):
                 outer = index
-                break
+                break  # Parts do not overlap, so no other one can hold the polygon.
         if outer is None:
             parts.append(polygon)
             continue
@@ -244,6 +246,7 @@ def with_closed_channel(ring: Array) -> Array:
     from scipy.spatial import cKDTree
 
     edge_lengths = np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1)
+    # Place of each corner along the ring, counted from the second one; only differences count.
     position = np.cumsum(edge_lengths)
     pairs = cKDTree(ring).query_pairs(CHANNEL_M, output_type="ndarray")
     along = np.abs(position[pairs[:, 0]] - position[pairs[:, 1]])
