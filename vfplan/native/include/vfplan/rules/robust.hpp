@@ -7,12 +7,14 @@
 // A tick first tries the straight path to the HIP. Where something is in the way, it iterates. Each
 // iteration finds the surfaces that TOUCH the proxy, chooses the STEP towards the HIP that keeps to
 // all of them, SWEEPS along it until the sphere of a point is met, and ACCEPTS what brings the
-// proxy nearer. GuardedRule (rules/rule.hpp) then checks where the proxy has come to.
+// proxy nearer, or on one surface a bounded lift. GuardedRule (rules/rule.hpp) then checks where
+// the proxy has come to.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <cstddef>
+#include <limits>
 
 #include "vfplan/base/half_spaces.hpp"
 #include "vfplan/base/vec.hpp"
@@ -99,7 +101,8 @@ template <int D>
 class RobustMotion {
   public:
     static constexpr int dimension = D;
-    /// A proxy at rest may move on under a HIP that stays where it is, until it is stalled.
+    /// A proxy at rest may move on under a HIP that stays where it is, until it is stalled, so a
+    /// tick with an unmoved HIP is computed again.
     static constexpr bool rest_is_final = false;
 
     RobustMotion(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
@@ -109,9 +112,9 @@ class RobustMotion {
           safe2_((R_ - p.band + thinned.lent) * (R_ - p.band + thinned.lent)),
           g_(std::sqrt(p.band / R_)),
           sliding_radii_{
-              R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin),
+              R_, inner_radius(thinned, p),
               std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
-          free_radii_{R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin), 0},
+          free_radii_{R_, inner_radius(thinned, p), 0},
           surfaces_(kernels, R_, p.band),
           neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
                       2 * tuned::list_margin * R_, p.search, kernels),
@@ -129,8 +132,10 @@ class RobustMotion {
     }
     int iterations() const noexcept { return iterations_; }
 
+    /// Asked before a motion, as `is_outside` is after one. Among points both are one test.
     bool is_clear(const Vec<D>& proxy) noexcept { return is_outside(proxy); }
-    /// Whether no point is nearer than R - b. (R6)
+    /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud. (R6) Keeps
+    /// the distance that it measures for `contact`.
     bool is_outside(const Vec<D>& proxy) noexcept {
         nearest2_ = nearest2(proxy, surfaces_.touch_radius());
         return nearest2_ >= safe2_;
@@ -141,7 +146,8 @@ class RobustMotion {
     MotionEnd move(Vec<D>& proxy, const Vec<D>& hip, StallTest<D>& stall,
                    PlannedPath<D>& path) noexcept {
         const double distance = norm(hip - proxy);
-        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait its turn.
+        // |proxy - HIP| never grows by more than the band in a tick: a longer lift is refused and
+        // tried again in the next tick.
         distance_limit_ = distance + p_.band * (1 - tuned::gain_margin);
         is_path_too_long_ = false;
         iterations_ = 0;
@@ -151,12 +157,15 @@ class RobustMotion {
             return MotionEnd::rests;
         }
 
+        // A path that is planned whole in one tick counts as 32 ticks of rest. PlannedPath stands
+        // in rules/start_inside.hpp.
         const int ticks = path.is_recording() ? tuned::ticks_to_stall : 1;
         const Vec<D>& goal = stall.goal(hip, distance, ticks);
         lift_first_ = false;
         for (; iterations_ < p_.max_iterations && !is_path_too_long_; ++iterations_) {
             const Iteration done = iterate(proxy, goal, stall, path);
             if (done == Iteration::rests && !is_path_too_long_) {
+                // The iteration that fills the path is counted neither here nor at the break below.
                 if (!path.is_full()) ++iterations_;
                 return MotionEnd::rests;
             }
@@ -174,7 +183,7 @@ class RobustMotion {
         if (nearest2_ <= contact * contact || is_known_to_touch) {
             answer.state = State::in_contact;
             surfaces_.update(neighbours_, proxy);
-            count_choices(surfaces_.count());
+            charge_plane_choices(surfaces_.count());
             answer.normal = surfaces_.normal(hip - proxy, min_step(), plane_slack());
         } else if (nearest2_ < neighbourhood * neighbourhood ||
                    nearest2(proxy, neighbourhood) < neighbourhood * neighbourhood) {
@@ -196,44 +205,49 @@ class RobustMotion {
             const SurfaceContact<D>& contact = surfaces_.contact(j);
             if (contact.distance <= R_ && dot(contact.nearest, to_hip) < 0) return false;
         }
-        if (move_to_first_sphere(proxy, hip, distance, path)) return true;
-        return distance <= plane_slack();  // there but for a rounding
+        if (move_straight(proxy, hip, distance, path)) return true;
+        return distance <= plane_slack();  // as near as rounding allows
     }
 
-    /// Straight to the HIP, or, where nothing touches, up to what is met. True where the proxy has
-    /// arrived.
-    bool move_to_first_sphere(Vec<D>& proxy, const Vec<D>& hip, double distance,
-                              PlannedPath<D>& path) noexcept {
-        const Vec<D> to_hip = hip - proxy;
-        const double free = sweep(proxy, (1 / distance) * to_hip, distance, free_radii_);
+    /// Straight to the goal where nothing is in the way; true then. Where something is, a proxy
+    /// that nothing touches moves up to it, and one that a surface touches stays.
+    bool move_straight(Vec<D>& proxy, const Vec<D>& goal, double distance,
+                       PlannedPath<D>& path) noexcept {
+        const Vec<D> to_goal = goal - proxy;
+        const double free = sweep(proxy, (1 / distance) * to_goal, distance, free_radii_);
         if (free >= distance) {
-            move_to(proxy, hip, path);
+            move_to(proxy, goal, path);
             return true;
         }
-        if (surfaces_.count() == 0) move_to(proxy, proxy + (free / distance) * to_hip, path);
+        if (surfaces_.count() == 0) move_to(proxy, proxy + (free / distance) * to_goal, path);
         return false;
     }
 
     /// The plane of the one surface that touches, with the lift that this iteration may take.
+    ///
+    /// A slide takes its lift along. Where its sweep is stopped, as in a hollow, the next iteration
+    /// lifts only. The one after that slides again, so that a lift that is stopped is not repeated.
     struct OneSurface {
         ContactPlane<D> plane;
-        bool lift_now;   ///< the last sweep was stopped below R, as in a hollow: lift first
-        bool lift_next;  ///< the same in the next iteration, should this sweep be stopped
+        bool lift_now = false;   ///< this iteration lifts only
+        bool lift_next = false;  ///< the next one does, should this sweep be stopped
     };
-    OneSurface one_surface(const Vec<D>& to_hip, double limit) noexcept {
+    /// `lift_limit`: the lift may not take the proxy further from the goal than this [m].
+    OneSurface one_surface(const Vec<D>& to_goal, double lift_limit,
+                           bool is_lift_due) const noexcept {
         OneSurface one;
         one.plane = surfaces_.planes()[0];
-        one.plane.lift = std::min(one.plane.lift, limit + dot(one.plane.normal, to_hip));
-        const bool is_below_R = surfaces_.count() == 1 && one.plane.lift > min_step();
-        one.lift_now = std::exchange(lift_first_, false) && is_below_R;
-        one.lift_next = is_below_R && !one.lift_now;
+        one.plane.lift = std::min(one.plane.lift, lift_limit + dot(one.plane.normal, to_goal));
+        const bool has_lift = one.plane.lift > min_step();
+        one.lift_now = is_lift_due && has_lift;
+        one.lift_next = has_lift && !one.lift_now;
         return one;
     }
 
-    Iteration iterate(Vec<D>& proxy, const Vec<D>& hip, StallTest<D>& stall,
+    Iteration iterate(Vec<D>& proxy, const Vec<D>& goal, StallTest<D>& stall,
                       PlannedPath<D>& path) noexcept {
-        const Vec<D> to_hip = hip - proxy;
-        const double distance = norm(to_hip);
+        const Vec<D> to_goal = goal - proxy;
+        const double distance = norm(to_goal);
         if (!(distance > 0)) return Iteration::rests;
 
         // Touch: groups of points within R + 2 b, and for each group the plane of a quadric fitted
@@ -241,27 +255,38 @@ class RobustMotion {
         surfaces_.update(neighbours_, proxy);
         const int surfaces = surfaces_.count();
         if (surfaces == 0) {
-            const bool arrived = move_to_first_sphere(proxy, hip, distance, path);
+            const bool arrived = move_straight(proxy, goal, distance, path);
             return arrived ? Iteration::rests : Iteration::moved;
         }
 
-        // Step: the one nearest to the HIP that keeps every plane at height R. (R3, R4)
-        const double margin = gain_margin();
-        const double limit = stall.is_stalled() ? distance - margin : distance_limit_;
-        const OneSurface one = one_surface(to_hip, limit);
+        // How far from the goal a lift may take the proxy, and where a sweep may end. A stalled
+        // proxy has to come nearer, any other one stays within what the tick allows.
+        double lift_limit = distance_limit_;
+        if (stall.is_stalled()) lift_limit = distance - gain_margin();
+        double accept_limit = lift_limit + gain_margin();
+        if (surfaces > 1) accept_limit = distance;
+
+        // Step: the one nearest to the goal that keeps every plane at height R. (R3, R4)
+        const bool is_lift_due = lift_first_;
+        lift_first_ = false;
+        OneSurface one;
         Vec<D> step;
         if (surfaces > 1) {
-            count_choices(surfaces);
-            step = surfaces_.step(to_hip, plane_slack());
-        } else if (one.lift_now) {
-            step = one.plane.lift * one.plane.normal;
+            charge_plane_choices(surfaces);
+            step = surfaces_.step(to_goal, plane_slack());
         } else {
-            step = surfaces_.slide(to_hip, one.plane, plane_slack());
+            one = one_surface(to_goal, lift_limit, is_lift_due);
+            if (one.lift_now)
+                step = one.plane.lift * one.plane.normal;
+            else
+                step = surfaces_.slide(to_goal, one.plane, plane_slack());
         }
         const double length = norm(step);
         if (!(length > min_step())) {
+            // One plane leaves no step where the proxy is nearest to the goal. Several may leave
+            // none although there is a way between their points.
             if (surfaces == 1) return Iteration::rests;
-            return step_between_points(proxy, hip, path);
+            return step_between_points(proxy, goal, path);
         }
 
         // Sweep: as much of the step as lies outside of the sphere of every point. (R5)
@@ -269,90 +294,94 @@ class RobustMotion {
         Vec<D> next;
         if (free < length) {
             next = proxy + (free / length) * step;
-        } else if (step == to_hip) {
-            next = hip;
+        } else if (step == to_goal) {
+            next = goal;  // No plane has changed the step, so the proxy arrives to the bit.
         } else {
             next = proxy + step;
         }
-        const bool is_stuck = free < std::min(length, min_step());
-        if (is_stuck && surfaces > 1 && lift_then_step(proxy, hip, step, path))
+        const bool is_stuck = free < min_step();
+        if (is_stuck && surfaces > 1 && lift_then_step(proxy, goal, step, path))
             return Iteration::moved;
 
         // Accept: between several surfaces only a gain, for their fitted normals would let the
         // proxy wander; on one surface a lift may take it away by the band at most. (R6)
-        const double left = norm(hip - next);
-        const double allowed = surfaces > 1 ? distance : limit + margin;
-        if (!(left < allowed) || (is_stuck && !one.lift_next))
-            return step_between_points(proxy, hip, path);
+        // What is refused, or stopped at once by points that its planes leave free, is tried past
+        // these points.
+        const double left = norm(goal - next);
+        if (!(left < accept_limit) || (is_stuck && !one.lift_next))
+            return step_between_points(proxy, goal, path);
         move_to(proxy, next, path);
         stall.count_lift(left - distance);
         lift_first_ = one.lift_next && free < length;
-        return proxy == hip ? Iteration::rests : Iteration::moved;
+        return proxy == goal ? Iteration::rests : Iteration::moved;
     }
 
     /// Between several surfaces, where the step is stopped at once by the points that the proxy has
     /// sunk among: first up to R above all planes, then on as the step asks. False, and nothing
-    /// done, unless both bring the proxy nearer. For test_coarse_channel_is_followed_at_speed.
-    bool lift_then_step(Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& step,
+    /// done, unless the two together bring the proxy nearer. A proxy that is led askew through a
+    /// coarsely sampled channel needs it (test_coarse_channel_is_followed_at_speed).
+    bool lift_then_step(Vec<D>& proxy, const Vec<D>& goal, const Vec<D>& step,
                         PlannedPath<D>& path) noexcept {
-        count_choices(surfaces_.count());
+        charge_plane_choices(surfaces_.count());
         const Vec<D> up =
             nearest_step(Vec<D>{}, surfaces_.planes(), surfaces_.count(), plane_slack());
         const Vec<D> rest = step - up;
         if (!(norm(up) > min_step() && norm(rest) > min_step())) return false;
         const Vec<D> top = swept(proxy, up);
         const Vec<D> next = swept(top, rest);
-        if (!(norm(hip - next) < norm(hip - proxy))) return false;
+        if (!(norm(goal - next) < norm(goal - proxy))) return false;
         move_to(proxy, top, path);
         move_to(proxy, next, path);
         return true;
     }
 
     /// Past the points that touch, where the planes leave no way: the step of the god-object
-    /// method, which runs into none of these points. It is never away from the HIP. For
-    /// test_where_it_rests_there_is_no_way_on. (R4)
-    Iteration step_between_points(Vec<D>& proxy, const Vec<D>& hip, PlannedPath<D>& path) noexcept {
-        const Vec<D> to_hip = hip - proxy;
-        const Vec<D> step = step_past_points(proxy, to_hip);
+    /// method, which runs into none of these points. It is never away from the goal. Without it a
+    /// proxy would rest where there is still a way on between the points
+    /// (test_where_it_rests_there_is_no_way_on). (R4)
+    Iteration step_between_points(Vec<D>& proxy, const Vec<D>& goal,
+                                  PlannedPath<D>& path) noexcept {
+        const Vec<D> to_goal = goal - proxy;
+        const Vec<D> step = step_past_points(proxy, to_goal);
         // A step as flat as the slopes between samples gains nothing: the proxy would wander on it.
-        if (!(norm(step) > std::max(min_step(), g_ * norm(to_hip)))) return Iteration::rests;
+        if (!(norm(step) > std::max(min_step(), g_ * norm(to_goal)))) return Iteration::rests;
         const Vec<D> next = swept(proxy, step);
-        // Between several surfaces a gain of the band may be no more than sinking through it.
+        // Between several surfaces a gain of two bands may be no more than sinking through them.
         double least_gain = 0;
-        if (surfaces_.count() > 1) least_gain = tuned::max_lift_bands * p_.band;
+        if (surfaces_.count() > 1) least_gain = sinking_depth();
         const bool moves = norm(next - proxy) > min_step();
-        if (!(moves && norm(hip - next) < norm(to_hip) - least_gain)) return Iteration::rests;
+        if (!(moves && norm(goal - next) < norm(to_goal) - least_gain)) return Iteration::rests;
         move_to(proxy, next, path);
         return Iteration::moved;
     }
-    /// argmin |v - to_hip| subject to (x - p) . v >= 0 for the points p that touch x, by a little
+    /// argmin |v - to_goal| subject to (x - p) . v >= 0 for the points p that touch x, by a little
     /// more than 0, so that a rounding does not stop the step at once. The points that v runs into
     /// most steeply are taken one after the other, until there is none.
-    Vec<D> step_past_points(const Vec<D>& x, const Vec<D>& to_hip) noexcept {
+    Vec<D> step_past_points(const Vec<D>& x, const Vec<D>& to_goal) noexcept {
         constexpr int max_points = 8;
         ContactPlane<D> planes[max_points];
         const double slack = plane_slack();
-        Vec<D> step = to_hip;
+        Vec<D> step = to_goal;
         for (int count = 0; count < max_points; ++count) {
-            double steepest = 0;
+            double most_negative = 0;
             const auto include = [&](const Vec<D>& away) noexcept {
                 const double r = norm(away);
                 const double approach = dot(away, step);
-                if (!(r > 0 && approach < steepest * r)) return;
-                steepest = approach / r;
+                if (!(r > 0 && approach < most_negative * r)) return;
+                most_negative = approach / r;
                 planes[count] = {(1 / r) * away, slack};
             };
             visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
-            if (steepest == 0) break;
-            count_choices(count + 1);
-            step = nearest_step(to_hip, planes, count + 1, 0.5 * slack);
+            if (most_negative == 0) break;
+            charge_plane_choices(count + 1);
+            step = nearest_step(to_goal, planes, count + 1, 0.5 * slack);
             if (!(norm(step) > slack)) break;
         }
         return step;
     }
 
-    /// Counts a search for the step that keeps to so many planes.
-    void count_choices(int planes) noexcept {
+    /// Adds what a search for the step that keeps to so many planes costs.
+    void charge_plane_choices(int planes) noexcept {
         neighbours_.index().work().choices += static_cast<std::size_t>(plane_choices<D>(planes));
     }
     double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
@@ -381,15 +410,22 @@ class RobustMotion {
     double nearest2(const Vec<D>& x, double reach) noexcept {
         return vfplan::nearest2(neighbours_, kernels_, x, reach);
     }
+    /// Radius of the spheres that a sweep may graze but not enter: R - b, a margin above it, and
+    /// what thinning the cloud has taken of the band. [m]
+    static double inner_radius(const Thinned<D>& thinned, const Parameters& p) noexcept {
+        return p.R() - (p.band - thinned.lent) * (1 - tuned::gain_margin);
+    }
     double min_step() const noexcept { return tuned::min_step * p_.band; }
     double gain_margin() const noexcept { return tuned::gain_margin * p_.band; }
+    /// How much nearer to the goal sinking between the points of a surface brings the proxy [m].
+    double sinking_depth() const noexcept { return tuned::max_lift_bands * p_.band; }
     double plane_slack() const noexcept { return tuned::plane_slack * p_.band; }
 
     Parameters p_;
     Kernels<D> kernels_;
     double R_;
-    double safe2_;  // (R - b)^2, and what a thinned cloud lends of the band
-    double g_;      // sqrt(b / R)
+    double safe2_;  // (R - b + lent)^2; lent: what thinning the cloud has taken of the band
+    double g_;      // sqrt(b / R), the slope between samples (docs/robust.md)
     SweepRadii sliding_radii_, free_radii_;
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
@@ -397,7 +433,7 @@ class RobustMotion {
     double distance_limit_ = 0;      // |proxy - HIP| that this tick may end with [m]
     double nearest2_ = 0;            // to the nearest point, where the proxy was checked last [m^2]
     int iterations_ = 0;             // of this tick
-    bool lift_first_ = false;        // the last iteration was stopped below R
+    bool lift_first_ = false;        // the next iteration lifts only, if it has a lift
     bool is_path_too_long_ = false;  // the path of this tick is longer than a tick may look at
 };
 
@@ -410,7 +446,7 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         : Guarded(RobustMotion<D>(thinned, p, kernels), p.R(), p.band) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
-    /// Time that the work of all ticks so far takes [s].
+    /// Time that the work of all ticks so far takes [s], on the machine of docs/engine.md.
     double work_time() noexcept {
         WorkCosts costs;
         if (D == 2) {
