@@ -489,7 +489,7 @@ def type_and_shape(datatype, dataspace):
     if plain[:1] == b"\x13" and len(plain) >= 8:
         bits, item = plain[1], struct.unpack_from("<I", plain, 4)[0]
         utf8 = bits in (0x00, 0x01, 0x10, 0x11) and plain[2:4] == b"\0\0" and len(plain) == 8
-        require(utf8, "L6", "a text padded with blanks, or in an unknown encoding")
+        require(utf8, "L7", "a text padded with blanks, or in an unknown encoding")
         require(1 <= item <= MAX_TEXT, "L6", f"a text of {item} bytes")
         type_ = "text"
     else:
@@ -527,7 +527,7 @@ def check_fill(body, item):
     """A fill value is zero."""
     require(body[:1] == b"\x03" and len(body) >= 2, "L3", "a fill value of another kind")
     flags = body[1]
-    require(not flags & 0xC0 and flags & 0x30 != 0x30, "L3", "a fill value with unknown flags")
+    require(not flags & 0xC0 and flags & 0x30 != 0x30, "L4", "a fill value with unknown flags")
     value = b""
     if flags & 0x20:
         require(len(body) >= 6, "L3", "a fill value of another size")

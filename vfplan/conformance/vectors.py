@@ -334,7 +334,7 @@ def text_too_long() -> bytes:
     return changed("minimal", provenance_at_software="k" * 4097)
 
 
-@vector("L6")
+@vector("L7")
 def text_padded_with_blanks() -> bytes:
     """A text is padded with blanks."""
     changed_items = items("minimal")
