@@ -317,10 +317,14 @@ class Payload:
         self.spans.append((first, first + length))
         return self.data[first : first + length]
 
-    def object_at(self, address):
-        """The object whose header is at an address."""
+    def enter_address(self, address):
+        """Enter where a link leads: no other link may lead there."""
         require(address not in self.addresses, "L5", "two links lead to one object")
         self.addresses.add(address)
+
+    def object_at(self, address):
+        """The object whose header is at an address."""
+        self.enter_address(address)
         require(48 <= address <= self.end - 16, "L8", "an object outside of the payload")
         require(self.data[address : address + 5] == b"OHDR\x02", "L3", "no header of version 2")
         flags = self.data[address + 5]
@@ -568,6 +572,7 @@ def read_content(payload):
             inner = path.rstrip("/") + "/" + name
             if inner not in TABLE or TABLE[inner].is_attribute:
                 require(newer, "M4", f"{inner} is unknown")
+                payload.enter_address(address)
                 has_unknown = True
                 continue
             objects[inner] = payload.object_at(address)
