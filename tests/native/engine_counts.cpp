@@ -60,10 +60,10 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
     scenes::Path path(xyz);
     Count by_state[4][loops] = {};
     long ticks[4] = {};
-    vfplan::Vec<D> proxy = space.across({{0.05, 0.05, 0.05}});
+    vfplan::Vec<D> proxy = space.project({{0.05, 0.05, 0.05}});
     for (long t = 0; t < length; ++t) {
         std::memset(counts, 0, sizeof counts);
-        const auto tick = rule.step(proxy, space.across(path(t)));
+        const auto tick = rule.step(proxy, space.project(path(t)));
         const int state = static_cast<int>(tick.state) + 1;
         ++ticks[state];
         for (int i = 0; i < loops; ++i) {

@@ -60,14 +60,14 @@ void play(const scenes::Scene& scene, Space space) {
     scenes::Path path(scene.points);
     Most most;
     for (long t = 0; t < 4000; ++t) {
-        const auto x = space.across(path(t));
+        const auto x = space.project(path(t));
         if (t % 1000 == 999) near.forget();
         for (int i = 0; i < 3; ++i) ask(near, cloud, x, random(0, radius + skin), scene.name, most);
     }
     for (double reach = 1e-6; reach < 2e3; reach *= 10) {
         most = {};
         for (long t = 0; t < 40; ++t)
-            ask(near.index(), cloud, space.across(path(50 * t)), reach, scene.name, most);
+            ask(near.index(), cloud, space.project(path(50 * t)), reach, scene.name, most);
         std::printf("%-27s %d %g %zu %zu %zu\n", scene.name.c_str(), D, reach, cloud.size(),
                     most.spans, most.points);
     }

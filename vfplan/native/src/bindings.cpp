@@ -104,7 +104,7 @@ nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const
         const vfplan::curve::Curve curve(all, space, 1);
         const double* x = points.data();
         for (std::size_t i = 0; i < n; ++i)
-            out.data()[i] = curve.distance(space.across({{x[3 * i], x[3 * i + 1], x[3 * i + 2]}}));
+            out.data()[i] = curve.distance(space.project({{x[3 * i], x[3 * i + 1], x[3 * i + 2]}}));
     }
     return nb::cast(out);
 }

@@ -44,7 +44,7 @@ class RuleInSpace : public EngineImpl {
         is_placed_ = is_good(hip);
         if (!is_placed_) return;
         last_.proxy = hip;
-        proxy_ = space_.across(hip);
+        proxy_ = space_.project(hip);
     }
     void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept final {
         reset(proxy);
@@ -61,7 +61,7 @@ class RuleInSpace : public EngineImpl {
             return s;
         }
         if (!is_placed_) reset(hip);
-        const Vec<D> h = space_.across(hip);
+        const Vec<D> h = space_.project(hip);
         const RuleAnswer<D> answer = rule_.step(proxy_, h);
         last_.proxy = space_.place(proxy_, hip, h);
         last_.normal = space_.direction(answer.normal);
@@ -109,7 +109,7 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     }
     void add(const Vec3& point) noexcept override {
         if constexpr (is_editable) {
-            const Vec<D> p = this->space_.across(point);
+            const Vec<D> p = this->space_.project(point);
             index().add(p);
             this->rule_.point_changed(p, true);
         }
@@ -119,10 +119,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     }
     std::size_t cells() noexcept override { return index().cells(); }
     double distance_within(const Vec3& x, double reach) noexcept override {
-        return distance_within(index(), this->space_.across(x), reach);
+        return distance_within(index(), this->space_.project(x), reach);
     }
     double distance(const Vec3& x) noexcept override {
-        const Vec<D> y = this->space_.across(x);
+        const Vec<D> y = this->space_.project(x);
         return all_ ? distance(*all_, y) : distance(index(), y);
     }
 
@@ -157,7 +157,7 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
     std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.bytes(); }
     std::size_t cells() noexcept override { return this->rule_.cells(); }
     double distance(const Vec3& x) noexcept override {
-        return this->rule_.distance(this->space_.across(x));
+        return this->rule_.distance(this->space_.project(x));
     }
     double distance_within(const Vec3& x, double reach) noexcept override {
         return std::min(distance(x), reach);

@@ -169,7 +169,7 @@ struct Box {
 struct Space {
     static constexpr int dimension = 3;
 
-    Vec3 across(const Vec3& p) const noexcept { return p; }
+    Vec3 project(const Vec3& p) const noexcept { return p; }
     Vec3 direction(const Vec3& v) const noexcept { return v; }
     Vec3 place(const Vec3& q, const Vec3&, const Vec3&) const noexcept { return q; }
 };
@@ -189,7 +189,7 @@ struct Slice {
         e1 = (1 / norm(e1)) * e1;
         e2 = cross(a, e1);
     }
-    Vec2 across(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
+    Vec2 project(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
     Vec3 direction(const Vec2& v) const noexcept { return v[0] * e1 + v[1] * e2; }
     /// The proxy at q, where the HIP is at hip, seen across the axis at h.
     Vec3 place(const Vec2& q, const Vec3& hip, const Vec2& h) const noexcept {
@@ -207,7 +207,7 @@ struct Stiffness {
         const Vec3 d = space.direction(across);
         if (k[0] == k[1] && k[1] == k[2]) return k[0] * d;
         const Vec3 kd{{k[0] * d[0], k[1] * d[1], k[2] * d[2]}};
-        return space.direction(space.across(kd));
+        return space.direction(space.project(kd));
     }
 };
 

@@ -94,7 +94,7 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
     check_coordinates(xyz, n);
     Cloud<S::dimension> cloud(n);
     for (std::size_t i = 0; i < n; ++i)
-        cloud.set(i, space.across({{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}}));
+        cloud.set(i, space.project({{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}}));
     return cloud;
 }
 

@@ -28,26 +28,27 @@ namespace vfplan::curve {
 /// No feature of a curve.
 inline constexpr int none = -1;
 
+/// A length without bound; `never` (offset.hpp) is the parameter of a place that no path reaches.
+inline constexpr double infinity = std::numeric_limits<double>::infinity();
+
 /// A curve of lines and arcs in the plane: its features in drawing order, under a tree of boxes.
 class Curve {
   public:
     Curve() = default;
 
-    /// `space`: gives the plane's two coordinates of a point. `level`: R of the proxy that is to go
-    /// round the curve [m].
-    template <class Slice>
-    Curve(const std::vector<Stroke>& strokes, const Slice& space, double level) : level_(level) {
+    /// `plane`: in which the curve lies. `level`: R of the proxy that is to go round the curve [m].
+    Curve(const std::vector<Stroke>& strokes, const Slice& plane, double level) : level_(level) {
         for (const Stroke& stroke : strokes) {
             std::vector<Vec2> corners(stroke.bulges.size());
             for (std::size_t i = 0; i < corners.size(); ++i) {
                 const double* v = stroke.vertices.data() + 3 * i;
-                corners[i] = space.across({{v[0], v[1], v[2]}});
+                corners[i] = plane.project({{v[0], v[1], v[2]}});
             }
             add(corners, stroke);
         }
         features_.shrink_to_fit();
         const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<2> box{{{never, never}}, {{-never, -never}}};
+            Box<2> box{{{infinity, infinity}}, {{-infinity, -infinity}}};
             for (std::size_t i = first; i < last; ++i) {
                 for (int k = 0; k < 2; ++k) {
                     box.low.c[k] = std::min(box.low.c[k], features_[i].box.low.c[k]);
@@ -75,13 +76,13 @@ class Curve {
     void visit(IsNear&& is_near, F&& f) const noexcept {
         spend(tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
     }
-    /// Counts inner steps: one for each box, three for each feature under it, one for each in a
-    /// list, ten for each that a path is tried with, thirty for each turn of a slide.
+    /// Counts inner steps, each of which takes CurveRule::a_step. BoundsTree::visit says what a
+    /// look at the tree costs, and every other cost stands where it is spent.
     void spend(int steps) const noexcept { steps_ += static_cast<std::size_t>(steps); }
     /// The inner steps of all ticks so far.
     std::size_t steps() const noexcept { return steps_; }
-    /// Calls f(i) for every feature within `reach` of y, which may shrink meanwhile, and for some
-    /// more.
+    /// Calls f(i) for every feature within `reach` of y, and for some more. `reach` is taken by
+    /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
     template <class F>
     void around(const Vec2& y, const double& reach, F&& f) const noexcept {
         visit(
@@ -99,10 +100,11 @@ class Curve {
 
     /// Distance of y from the curve [m].
     double distance(const Vec2& y) const noexcept {
-        double nearest = never;
-        around(y, nearest,
-               [&](int i) noexcept { nearest = std::min(nearest, (*this)[i].distance(y)); });
-        return nearest;
+        double nearest_so_far = infinity;
+        around(y, nearest_so_far, [&](int i) noexcept {
+            nearest_so_far = std::min(nearest_so_far, (*this)[i].distance(y));
+        });
+        return nearest_so_far;
     }
 
   private:
@@ -111,37 +113,38 @@ class Curve {
         std::vector<PlanarPiece> pieces;
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < n; ++i)
             cut_into_quarters(corners[i], corners[(i + 1) % n], stroke.bulges[i], pieces);
-        const int first = static_cast<int>(features_.size());
+        const int first_feature = static_cast<int>(features_.size());
         if (pieces.empty()) {
             features_.push_back(joint(corners[0]));
             return;
         }
-        // A joint, a side, a joint, a side, ...: of a closed stroke the last side leads back to the
-        // first joint.
+        // A joint, a side, a joint, a side, ...: an open stroke ends with a joint, and of a closed
+        // one the last side leads back to the first joint.
         const int count = static_cast<int>(pieces.size());
-        const int last = first + 2 * count - (stroke.closed ? 1 : 0);
+        const int last_feature = first_feature + 2 * count - (stroke.closed ? 1 : 0);
         for (int i = 0; i < count; ++i) {
             const PlanarPiece& piece = pieces[static_cast<std::size_t>(i)];
-            const int at = first + 2 * i;
+            const int at = first_feature + 2 * i;
             features_.push_back(joint(piece.a));
-            Feature& corner = features_.back();
+            Feature& joint_before = features_.back();
             if (i > 0)
-                corner.ends[0] = end_of(pieces[static_cast<std::size_t>(i - 1)], at - 1);
+                joint_before.ends[0] = end_of(pieces[static_cast<std::size_t>(i - 1)], at - 1);
             else if (stroke.closed)
-                corner.ends[0] = end_of(pieces.back(), last);
-            corner.ends[1] = {corner.base, piece.start_tangent, at + 1};
+                joint_before.ends[0] = end_of(pieces.back(), last_feature);
+            joint_before.ends[1] = {joint_before.base, piece.start_tangent, at + 1};
             const bool leads_back = stroke.closed && i + 1 == count;
-            features_.push_back(side(piece, at, leads_back ? first : at + 2));
+            features_.push_back(side(piece, at, leads_back ? first_feature : at + 2));
         }
         if (stroke.closed) return;
         features_.push_back(joint(pieces.back().b));
-        features_.back().ends[0] = end_of(pieces.back(), last - 1);
+        features_.back().ends[0] = end_of(pieces.back(), last_feature - 1);
     }
     /// The end of a joint towards the piece that comes before it.
     static EndNormal end_of(const PlanarPiece& piece, int feature) noexcept {
         return {piece.b, -1.0 * piece.end_tangent, feature};
     }
 
+    /// A joint forbids what lies below the level R^2 / 2, for there G = d^2 / 2. (offset.hpp, E5)
     Feature joint(const Vec2& at) const noexcept {
         Feature f;
         f.base = at;
@@ -152,6 +155,8 @@ class Curve {
         for (EndNormal& end : f.ends) end.at = at;
         return f;
     }
+    /// A side forbids what lies between the levels of G at d = R and at d = -R. (offset.hpp, E5) An
+    /// arc of radius R or less leaves no room in its hollow, which is then forbidden as a whole.
     Feature side(const PlanarPiece& p, int before, int behind) const noexcept {
         Feature f;
         f.base = p.a;
@@ -184,13 +189,18 @@ class Curve {
 
 /// What a path meets first.
 struct FeatureHit {
-    double t = never;
+    /// A path that starts at the height R and leads in under a slope of 1e-4 has sunk by the start
+    /// slack after so many slacks. One that is still flatter goes on.
+    static constexpr double slacks_to_sink = 1e4;
+
+    double t = never;  ///< the parameter of (E1), which is the length on a line [m]
     int feature = none;
     bool is_touching = false;  ///< the path started at the height R of the feature
 
     /// Whether the feature is met at the path's start already.
     bool is_immediate(const RoundingLimits& limits) const noexcept {
-        return t < (is_touching ? 1e4 : 1.0) * limits.start_slack;
+        if (is_touching) return t < slacks_to_sink * limits.start_slack;
+        return t < limits.start_slack;
     }
 };
 
@@ -200,10 +210,12 @@ class FeatureQuery {
   public:
     /// How far the proxy may go with one gathered list [R].
     static constexpr double skin = 0.2;
+    /// Inner steps of trying a path with a feature.
+    static constexpr int steps_a_try = 10;
 
     FeatureQuery(Curve curve, double radius, double band)
         : curve_(std::move(curve)),
-          limits_{1e-3 * band, 0.75 * band, 0.1 * band},
+          limits_{.start_slack = 1e-3 * band, .max_sink = 0.75 * band, .full_hollow = 0.1 * band},
           R_(radius),
           band_(band) {
         list_.reserve(curve_.size());
@@ -214,8 +226,8 @@ class FeatureQuery {
     void forget() noexcept { is_gathered_ = false; }
     std::size_t bytes() const noexcept { return list_.capacity() * sizeof list_[0]; }
 
-    /// What the path meets first up to `max_t`, except the feature `skip`. It is looked at from
-    /// near to far.
+    /// What the path meets first up to the parameter `max_t` of (E1), except the feature `skip`. It
+    /// is looked at from near to far.
     FeatureHit sweep(const ArcPath& path, double max_t, int skip) noexcept {
         for (double reach = skin * R_ / 2;; reach *= 4) {
             const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
@@ -227,7 +239,7 @@ class FeatureQuery {
     double distance(const Vec2& x) noexcept {
         gather(x, 0);
         spend_on_list();
-        double nearest = never;
+        double nearest = infinity;
         for (int i : list_) nearest = std::min(nearest, curve_[i].distance(x));
         return nearest;
     }
@@ -239,7 +251,7 @@ class FeatureQuery {
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
             bool is_touching;
-            curve_.spend(10);
+            curve_.spend(steps_a_try);
             const double t =
                 first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
             if (t < hit.t) hit = {t, i, is_touching};
@@ -256,7 +268,8 @@ class FeatureQuery {
         }
         return hit;
     }
-    /// Whether the path up to `max_t` may come within R of a box.
+    /// Whether the path up to `max_t` may come within R of a box. An arc gets no further from its
+    /// start than t.
     bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
         double from = 0;
         double to = max_t;
@@ -276,11 +289,12 @@ class FeatureQuery {
         return from <= to;
     }
 
-    /// Makes the list serve a path of length `max_t` from x; gathers it anew where it has to. False
-    /// where the path is too long for a list.
+    /// Makes the list serve a path from x up to the parameter `max_t`, which leads no further than
+    /// that from x; gathers it anew where it has to. False where the path is too long for a list.
     bool gather(const Vec2& x, double max_t) noexcept {
         if (is_gathered_ && norm(x - centre_) + max_t <= skin * R_) return true;
         if (!(max_t <= skin * R_ / 2)) return false;
+        // CurveRule::list_reach is how far this gathers.
         list_.clear();
         centre_ = x;
         is_gathered_ = true;
@@ -288,6 +302,7 @@ class FeatureQuery {
         return true;
     }
 
+    /// One inner step for each feature in the list.
     void spend_on_list() const noexcept { curve_.spend(static_cast<int>(list_.size())); }
 
     Curve curve_;
@@ -313,7 +328,8 @@ inline ArcPath offset_path(const Vec2& x, const Vec2& tangent,
     return path;
 }
 
-/// Whether a proxy fills a hollow arc: it is pushed from all its directions at once.
+/// Whether a proxy fills a hollow arc, and is pushed from all its directions at once: what lies R
+/// from the arc is a circle with a radius below `full_hollow`.
 inline bool is_full_hollow(const FeatureContact& contact, const RoundingLimits& limits) noexcept {
     return -contact.curvature * limits.full_hollow > 1;
 }
@@ -377,7 +393,7 @@ class InsideCurve {
     }
     double exit_distance(const Vec2& y, const Vec2& direction) const noexcept {
         const ArcPath path(y, direction, 0);
-        double distance = -never;
+        double distance = -infinity;
         curve_.around(y, R_, [&](int i) noexcept {
             if (curve_[i].distance(y) < R_ * (1 - 1e-9))
                 distance = std::max(distance, curve_[i].exit_parameter(path));
@@ -394,8 +410,12 @@ class InsideCurve {
 class CurveMotion {
   public:
     static constexpr int dimension = 2;
+    /// A proxy at rest stays there as long as the HIP does not move, so a tick with an unmoved HIP
+    /// gives the last answer again.
     static constexpr bool rest_is_final = true;
     static constexpr int max_iterations = 32;
+    /// Inner steps of a turn of a slide.
+    static constexpr int steps_a_turn = 30;
 
     CurveMotion(Curve curve, const Parameters& p)
         : query_(std::move(curve), p.R(), p.band),
@@ -412,6 +432,8 @@ class CurveMotion {
         query_.forget();
         release();
     }
+    /// The most that a motion takes, and not those of the last one: only the stall test asks for
+    /// them, and NoStall ignores what it is told.
     int iterations() const noexcept { return max_iterations; }
 
     bool is_clear(const Vec2& proxy) const noexcept {
@@ -425,7 +447,8 @@ class CurveMotion {
     MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
         return move_to_hip(proxy, hip, nullptr);
     }
-    /// As `move`, while the rule takes over from a way out.
+    /// As `move`, but no further than to the edge of the ball. So the proxy moves while it is
+    /// handed over to the rule after a start inside, because the force may change only slowly. (W3)
     MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
         return move_to_hip(proxy, hip, &ball);
     }
@@ -438,16 +461,17 @@ class CurveMotion {
                 answer.normal = along(proxy - hip, 1);
             else
                 answer.normal = curve()[current_].contact(proxy).normal;
-        } else if (std::min(distance_, neighbourhood_) < neighbourhood_ ||
-                   curve().distance(proxy) < neighbourhood_) {
+        } else if (distance_ < neighbourhood_ || curve().distance(proxy) < neighbourhood_) {
+            // `distance_` is exact only near R, so a larger one is measured again.
             answer.state = State::free_motion;
         }
         return answer;
     }
 
   private:
-    /// How a part of the motion ended; `blocked` by what the proxy stands at, `more` is to come.
-    enum class SlideEnd { arrived, rest, corner, more, blocked, force_ball, limit };
+    /// How a part of the motion ended. After `goes_on` another part follows, free or along a
+    /// feature. After `blocked` the proxy slides along the feature at which it stands.
+    enum class SlideEnd { arrived, rest, corner, goes_on, blocked, force_ball, limit };
     /// From feature to feature where the proxy stands.
     static constexpr int max_turns = 12;
 
@@ -470,7 +494,7 @@ class CurveMotion {
             SlideEnd end = SlideEnd::blocked;
             if (!is_held(proxy, to_hip)) end = move_freely(proxy, hip, to_hip, length, ball);
             if (end == SlideEnd::blocked) end = slide(proxy, hip, ball);
-            if (end != SlideEnd::more) return end;
+            if (end != SlideEnd::goes_on) return end;
         }
         return SlideEnd::limit;
     }
@@ -503,7 +527,7 @@ class CurveMotion {
         }
         if (hit.is_immediate(query_.limits())) return SlideEnd::blocked;
         proxy = path.at(hit.t);
-        return SlideEnd::more;
+        return SlideEnd::goes_on;
     }
 
     /// Where a path along a feature ends, and the feature on which it goes on.
@@ -514,9 +538,11 @@ class CurveMotion {
     };
 
     /// Along what holds the proxy. What lies R from a line is a line, from an arc or a joint a
-    /// circle (E1): so the proxy's path has one curvature, and it ends at the first of four places,
-    /// each the root of a quadratic: nearest to the HIP (E2), in sight of the HIP (E3), at the end
-    /// of the feature (E4), or where it meets another feature (E5).
+    /// circle (E1): so the proxy's path has one curvature, and it ends at the first of six places.
+    /// Four are roots of quadratics: nearest to the HIP (E2), in sight of the HIP (E3), at the end
+    /// of the feature (E4), and where the path meets another feature (E5). The fifth is a quarter
+    /// of the circle, for t measures no more than a half circle well. The sixth is the edge of the
+    /// ball, during a handover.
     SlideEnd slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         lift_to_R(proxy);
         const Vec2 to_hip = hip - proxy;
@@ -524,7 +550,7 @@ class CurveMotion {
         holding.add(query_, current_, proxy);
         Vec2 last_tangent;
         for (int turn = 0; turn < max_turns; ++turn) {
-            curve().spend(30);
+            curve().spend(steps_a_turn);
             // The one of them along which there is a path towards the HIP and into no other one.
             const int i = holding.open_towards(to_hip);
             if (i == none) return holding.count > 1 ? SlideEnd::corner : SlideEnd::rest;
@@ -557,7 +583,7 @@ class CurveMotion {
                 last_tangent = {};
                 continue;
             }
-            if (hit.feature != none) end = {hit.t, SlideEnd::more, hit.feature};
+            if (hit.feature != none) end = {hit.t, SlideEnd::goes_on, hit.feature};
             if (ball) {
                 const double t = leaves(*ball, path);
                 if (t < end.t) end = {t, SlideEnd::force_ball, feature};
@@ -577,19 +603,20 @@ class CurveMotion {
                         int feature) const noexcept {
         PathEnd end{path.nearest(to_hip), SlideEnd::rest, feature};  // (E2)
         const auto end_sooner = [&](double t, int next) noexcept {
-            if (t < end.t) end = {t, SlideEnd::more, next};
+            if (t < end.t) end = {t, SlideEnd::goes_on, next};
         };
         if (contact.curvature > 0)
             end_sooner(path.in_sight(to_hip, contact.normal), feature);  // (E3)
-        end_sooner(path.quarter(), feature);
+        end_sooner(path.quarter(), feature);  // t measures no more than a half circle well
         for (const EndNormal& side : curve()[feature].ends)
             end_sooner(side.passed_at(path), side.next);  // (E4)
         return end;
     }
 
     /// Whether the proxy stands in a slight hollow kink, between a feature and one that the path
-    /// along it had sunk into: each holds it from sliding on the other. In a gate, sinking a little
-    /// gets the proxy through.
+    /// along it had sunk into: each holds it from sliding on the other. The two features of a gate
+    /// face each other, so that their normals are opposed. That is no wedge, for there the proxy
+    /// gets through by sinking a little.
     bool is_wedged(int feature, const FeatureHit& hit, const Vec2& proxy,
                    const Vec2& hip) const noexcept {
         if (!hit.is_touching || current_ != hit.feature) return false;
@@ -620,7 +647,7 @@ class CurveMotion {
     double R_, band_, neighbourhood_;
     int current_ = none;  // the feature that the proxy slid along last
     SlideEnd end_ = SlideEnd::arrived;
-    double distance_ = never;  // from the curve, where the proxy was checked last [m]
+    double distance_ = infinity;  // from the curve, where the proxy was checked last [m]
 };
 
 class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
@@ -630,7 +657,9 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     static constexpr int max_iterations = CurveMotion::max_iterations;
     /// Time of an inner step [s], on the machine of docs/engine.md.
     static constexpr double a_step = 5e-9;
-    /// How far away the features in the list lie at most [R].
+    /// How far away the features in the list lie at most [R]: R (1 + skin) + 2 band, with a band of
+    /// up to 2 `roundings` R. Strokes of coordinates beyond 9e4 R have a larger band, and their
+    /// list reaches further by as much.
     static constexpr double list_reach = 1 + FeatureQuery::skin + 4 * roundings;
 
     /// What roundings take [m], where the strokes lie far from the origin too.
