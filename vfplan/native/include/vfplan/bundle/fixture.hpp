@@ -16,8 +16,8 @@
 #include <vector>
 
 #include "vfplan/bundle/bytes.hpp"
+#include "vfplan/bundle/checks.hpp"
 #include "vfplan/bundle/content.hpp"
-#include "vfplan/bundle/rules.hpp"
 #include "vfplan/bundle/seal.hpp"
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/mesh/triangles.hpp"

@@ -62,7 +62,7 @@ inline std::uint32_t lookup3(View data) {
 }
 
 // Links of an HDF5 file: hard ones only. A soft or an external one, which could lead out of the
-// file, is refused; that no two lead to one object is seen to where all are known, in parse.hpp.
+// file, is refused; that no two lead to one object is seen to where all are known, in content.hpp.
 
 struct Link {
     std::string name;
