@@ -455,11 +455,16 @@ def hard_link(body):
         size = int.from_bytes(body[at : at + width], "little")
         at += width
         require(len(body) == at + size + 8, "L5", "a link of another size")
-        name = decoded(body[at : at + size])
-        require(name != "" and "/" not in name, "L6", f"a name {name!r}")
-        return name, struct.unpack_from("<Q", body, at + size)[0]
+        return name_of(body[at : at + size]), struct.unpack_from("<Q", body, at + size)[0]
     except (IndexError, struct.error):
         raise FormatError("L5", "a link of another size") from None
+
+
+def name_of(data):
+    """The name of a link or an attribute."""
+    name = decoded(data)
+    require(name != "" and "/" not in name, "L6", f"a name {name!r}")
+    return name
 
 
 def attribute(body):
@@ -475,7 +480,7 @@ def attribute(body):
     at += type_size
     dataspace = body[at : at + space_size]
     at += space_size
-    return decoded(name[:-1]), (datatype, dataspace, body[at:])
+    return name_of(name[:-1]), (datatype, dataspace, body[at:])
 
 
 def attribute_value(parts):

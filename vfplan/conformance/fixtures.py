@@ -161,6 +161,19 @@ def pieces(line: int = 10, arc: int = 7, circle: int = 16) -> Fixture:
     )
 
 
+def mirrored_pieces() -> Fixture:
+    """The same seen in a mirror: all arcs turn right."""
+    base = pieces()
+    curve = base.curve
+    assert curve is not None
+    assert curve.pieces is not None
+    mirror = np.array([1.0, -1.0, 1.0])
+    drawn = replace(
+        curve.pieces, vertices=curve.pieces.vertices * mirror, bulges=0.0 - curve.pieces.bulges
+    )
+    return replace(base, points=base.points * mirror, curve=replace(curve, pieces=drawn))
+
+
 def guided() -> Fixture:
     """The curve, whose closed stroke guides and whose open one is forbidden."""
     return replace(curve(), guidance=Guidance(radius=1e-3, stiffness=800.0, ends="stop", stroke=1))

@@ -151,6 +151,12 @@ def soft_link(name: bytes, target: bytes) -> bytes:
     return head + name + struct.pack("<H", len(target)) + target
 
 
+def attribute(name: bytes, datatype: bytes, dataspace: bytes, value: bytes) -> bytes:
+    """The body of an attribute's message."""
+    sizes = struct.pack("<BBHHHB", 3, 0, len(name) + 1, len(datatype), len(dataspace), 1)
+    return sizes + name + b"\0" + datatype + dataspace + value
+
+
 def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     """The object header of an item whose data lie at `data_at`."""
     messages: list[tuple[int, int, bytes]] = []
@@ -164,8 +170,7 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
         messages.append((FILL, 1, item.fill))
         messages.append((LAYOUT, 0, layout))
     for name, (datatype, dataspace, value) in item.attributes.items():
-        sizes = struct.pack("<BBHHHB", 3, 0, len(name) + 1, len(datatype), len(dataspace), 1)
-        messages.append((ATTRIBUTE, 0, sizes + name + b"\0" + datatype + dataspace + value))
+        messages.append((ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
     for name, target in item.links.items():
         body = target if isinstance(target, bytes) else link(name, addresses[target])
         messages.append((LINK, 0, body))

@@ -26,6 +26,7 @@ FIXTURES = (
     "mesh",
     "drawn_mesh",
     "pieces",
+    "mirrored_pieces",
     "guided",
     "findings",
     "reviewed",
@@ -84,6 +85,7 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
         yield name, b"".join(seal.unsigned(to_payload(content)))
         yield f"{name}_plain", vectors.of_content(content)
     yield "newer_minor", vectors.newer_minor()
+    yield "quoted_setting", vectors.quoted_setting()
     yield "signed", vectors.signed("reviewed", despite_findings=False)
     yield "signed_despite_findings", vectors.signed("findings")
 

@@ -313,6 +313,31 @@ def two_links_to_one_object() -> bytes:
     return of_items(changed_items)
 
 
+@vector("L5")
+def two_attributes_of_one_name() -> bytes:
+    """Two attributes of an object have one name."""
+    changed_items = items("minimal")
+    second = hdf5.attribute(b"software", *hdf5.stored("kit 2", "text"))
+    changed_items["/provenance"].more.append((hdf5.ATTRIBUTE, second))
+    return of_items(changed_items)
+
+
+@vector("L5")
+def two_unknown_links_to_one_object() -> bytes:
+    """In a file of a later minor version, two unknown links lead to one object."""
+    later = later_items()
+    later["/"].links[b"again"] = "/surprise"
+    return of_items(later)
+
+
+@vector("L6")
+def slash_in_a_name() -> bytes:
+    """In a file of a later minor version, the name of an unknown attribute holds a slash."""
+    later = later_items()
+    set_attribute(later["/points"], "dark/light", "red")
+    return of_items(later)
+
+
 @vector("L6")
 def control_character() -> bytes:
     """A text holds a control character."""
@@ -435,6 +460,14 @@ def no_points() -> bytes:
     """A dataset that must be there is missing."""
     changed_items = items("minimal")
     hdf5.remove(changed_items, "/points")
+    return of_items(changed_items)
+
+
+@vector("C1")
+def group_for_a_dataset() -> bytes:
+    """A group stands where a dataset belongs."""
+    changed_items = items("curve")
+    changed_items["/curve/edited"] = Item()
     return of_items(changed_items)
 
 
@@ -787,6 +820,12 @@ def time_without_a_zone() -> bytes:
     return changed("minimal", provenance_at_created_utc="2026-01-02 03:04:05")
 
 
+@vector("V16")
+def answered_on_a_day() -> bytes:
+    """The time of an answer is a day alone."""
+    return changed("findings", findings__answered_utc=("", "", "2026-01-02"))
+
+
 @vector("V17")
 def names_without_values() -> bytes:
     """Settings have names and no values."""
@@ -1052,8 +1091,8 @@ def unknown_attribute() -> bytes:
     return of_items(changed_items)
 
 
-def newer_minor() -> bytes:
-    """A sound file of a later minor version, with parts that this version does not know."""
+def later_items() -> dict[str, Item]:
+    """The items of a sound file of a later minor version, with parts that this one lacks."""
     content = content_of("curve")
     content["/@version"] = "2.9"
     later = hdf5.items_of(content)
@@ -1062,4 +1101,14 @@ def newer_minor() -> bytes:
     )
     add(later, "/surprise", item)
     set_attribute(later["/points"], "colour", "red")
-    return of_items(later)
+    return later
+
+
+def newer_minor() -> bytes:
+    """A sound file of a later minor version, with parts that this version does not know."""
+    return of_items(later_items())
+
+
+def quoted_setting() -> bytes:
+    """A sound file with a setting's text that holds a double quote and a backslash."""
+    return changed("curve", provenance__setting_values=('"a"b\\c"', "1e-05", "false"))
