@@ -376,7 +376,7 @@ def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     yield "| model | sets | holds at a point | holds over the whole curve |", coverage
     photographs = [photograph_row(tilt, sets) for tilt in (0, 1, 2, 5, 10, 20)]
     yield (
-        "| tilt | sets | refused | doubt | note | silent | bound holds | or a finding |",
+        "| tilt | sets | refused | doubt | note | no finding | bound holds | bound or finding |",
         photographs,
     )
     tilts = [tilt_row(markers) for markers in (6, 8, 10, 12)]
