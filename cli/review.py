@@ -209,6 +209,7 @@ def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     from vfplan.images.read import read_image
     from vfplan.planning import register
     from vfplan.review import sheet_input
+    from vfplan.review.source import refuse_planning_of_planned
 
     fixture = read_fixture(files.source)
     image = None
@@ -220,6 +221,7 @@ def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
         )  # fmt: skip
         sheet_input.check_slice(fixture, image)
     if files.markers is None:
+        refuse_planning_of_planned(fixture, options.fixture_settings(arguments))
         return sheet_input.of_fixture(fixture, files.source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError(

@@ -129,6 +129,19 @@ def test_another_slice_is_refused(vfplan_cli, planned, tmp_path):
     assert list(tmp_path.iterdir()) == [other]
 
 
+@pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
+@pytest.mark.parametrize("output", ["--sheet-out", "-o"])
+def test_options_of_planning_are_refused_for_a_fixture(
+    output, option, vfplan_cli, planned, tmp_path
+):
+    name = {"--sheet-out": "s.png", "-o": "o.h5"}[output]
+    words = ("--slice", IMAGE, *option, output, tmp_path / name, "--no-browser", "--json")
+    run = vfplan_cli("review", planned[0] / "elbow.h5", *words)
+    assert run.code == 2
+    assert run.json["error"]["code"] == "planned-already"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_slice_option_belongs_to_a_bundle(vfplan_cli, tmp_path):
     run = vfplan_cli("review", IMAGE, "--slice", IMAGE, "--sheet-out", tmp_path / "s.png")
     assert run.code == 2

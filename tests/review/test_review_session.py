@@ -380,6 +380,25 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     assert fixture.rendering.contact_radius == vfplan.read_fixture(path).rendering.contact_radius
 
 
+@pytest.mark.parametrize(
+    "planning",
+    [{"margin": "tre95"}, {"contact_radius": 0.008}, {"max_tre_m": 1e-4}, {"tolerance_m": 1e-4}],
+)
+def test_settings_that_would_plan_a_fixture_anew_are_refused(planning, tmp_path):
+    path = tmp_path / "f.h5"
+    planned = vfplan.plan(SLICE, *MARKERS, settings=FixtureSettings(contact_radius=0.006))
+    vfplan.write_fixture(planned.fixture, path)
+    with pytest.raises(SettingError) as refused:
+        Session.open(path, slice=SLICE, **planning)
+    assert refused.value.code == "planned-already"
+    assert refused.value.numbers == {"settings": list(planning)}
+    # With its markers the fixture is planned anew, so there they have an effect.
+    if "contact_radius" in planning:
+        session = looked_at(Session.open(path, *MARKERS, slice=SLICE, **planning))
+        assert session.approve("A. Planner").rendering.contact_radius == 0.008
+        assert session.state()["contact_m"] == 0.008
+
+
 BAD_STEPS = [
     {}, {"do": 3}, {"do": "fly"}, [], "x", {"do": "move_knot"},
     {"do": "move_knot", "stroke": 5, "knot": 0, "to": [1, 1]},

@@ -150,6 +150,8 @@ def open_source(
             )
         source = _of_slice(path, curve_path, extraction, planning)
     if markers is None:
+        if source.fixture is not None:
+            refuse_planning_of_planned(source.fixture, planning)
         return source
     pairs = read_markers(markers, markers2, common=planning.common)
     second = None
@@ -170,6 +172,28 @@ def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[
         for field in fields(settings):
             by_name[field.name] = getattr(settings, field.name)
     return by_name
+
+
+def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> None:
+    """Refuse settings that would plan a fixture otherwise; a curve is not planned yet.
+
+    An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
+    """
+    if fixture.frame == "image" or fixture.rendering is None:
+        return
+    usual = FixtureSettings()
+    without_effect = []
+    for setting in fields(FixtureSettings):
+        if getattr(planning, setting.name) != getattr(usual, setting.name):
+            without_effect.append(setting.name)
+    if without_effect:
+        raise SettingError(
+            "The fixture is planned already, and these settings would not change it: "
+            f"{', '.join(without_effect)}. Leave them out, or plan anew with them: vfplan plan "
+            "IMAGE MARKERS.",
+            code="planned-already",
+            numbers={"settings": without_effect},
+        )
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
