@@ -30,7 +30,10 @@ def command(fixture, everything, values) -> CommandResult:
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
         verdict = "sound, not signed"
-        next_step = f"vfplan review {fixture} -o APPROVED.h5, then sign it"
+        slice_option = ""
+        if any(path.startswith("/image@") for path in data):
+            slice_option = "--slice IMAGE "
+        next_step = f"vfplan review {fixture} {slice_option}-o APPROVED.h5, then sign it"
         if data["reviewed"] is not None:
             next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5"
         if data["seal"]["signed"]:

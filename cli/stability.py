@@ -115,7 +115,10 @@ def command(
         verdict = f"pass: {subject} is stable with this robot"
         next_step = "vfplan plan IMAGE MARKERS --robot NAME, which judges a plan in the same way"
         if judged is not None and judged.reviewed is None:
-            next_step = f"vfplan review {fixture} -o APPROVED.h5, then sign it"
+            slice_option = ""
+            if judged.image is not None:
+                slice_option = "--slice IMAGE "
+            next_step = f"vfplan review {fixture} {slice_option}-o APPROVED.h5, then sign it"
         elif judged is not None:
             next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5, then load it on the robot"
     if not studied.rows:

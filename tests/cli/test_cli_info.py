@@ -1,5 +1,7 @@
 """`vfplan info`: a page for a person, JSON for a program, one line for a bad file."""
 
+from dataclasses import replace
+
 import bundles
 import pytest
 
@@ -42,6 +44,17 @@ def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
         run = vfplan_cli("info", path, "--json")
         assert run.code == 3
         assert run.json["error"]["kind"] == "InputError"
+
+
+@pytest.mark.parametrize("from_slice", [True, False])
+def test_the_next_step_shows_the_slice_that_a_bundle_came_from(vfplan_cli, from_slice, tmp_path):
+    fixture = replace(bundles.whole(), reviewed=None)
+    if not from_slice:
+        fixture = replace(fixture, image=None)
+    vfplan.write_fixture(fixture, tmp_path / "b.h5")
+    run = vfplan_cli("info", tmp_path / "b.h5")
+    assert ("--slice IMAGE" in run.stdout) == from_slice
+    assert " -o APPROVED.h5" in run.stdout
 
 
 def test_the_page_is_a_summary_and_all_has_every_value(vfplan_cli, path):

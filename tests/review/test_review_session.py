@@ -399,6 +399,31 @@ def test_settings_that_would_plan_a_fixture_anew_are_refused(planning, tmp_path)
         assert session.state()["contact_m"] == 0.008
 
 
+def test_a_review_without_the_slice_asks_about_that(tmp_path):
+    path, kept = tmp_path / "f.h5", tmp_path / "kept.h5"
+    vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
+    session = Session.open(path)
+    asked = [f for f in session.findings if f.code == "slice-not-shown"]
+    assert [f.severity for f in asked] == ["doubt"]
+    looked = session.apply({"do": "viewed", "stroke": 0, "from": 0.0, "to": 1.0})
+    assert len(looked.why_not) == 1
+    fixture = looked.apply({"do": "answer", "finding": "slice-not-shown"}).approve("A. Planner")
+    (answered,) = [f for f in fixture.findings if f.code == "slice-not-shown"]
+    assert answered.answered_by == "A. Planner"
+    # A changed curve is asked about too, and the file keeps the answer.
+    moved = session.apply({"do": "move_marker", "marker": "x1", "to": [121.0, 98.0]})
+    assert "slice-not-shown" in [f.code for f in moved.findings if f.is_open]
+    vfplan.write_fixture(fixture, kept)
+    again = vfplan.read_fixture(kept)
+    assert answered in again.findings
+    assert of_fixture(again, "kept.h5").digest == again.reviewed.digest
+    # The next review asks again, unless it shows the slice.
+    codes = [f.code for f in Session.open(kept).findings if f.is_open]
+    assert codes == ["slice-not-shown"]
+    codes = [f.code for f in Session.open(kept, slice=SLICE).findings]
+    assert "slice-not-shown" not in codes
+
+
 BAD_STEPS = [
     {}, {"do": 3}, {"do": "fly"}, [], "x", {"do": "move_knot"},
     {"do": "move_knot", "stroke": 5, "knot": 0, "to": [1, 1]},

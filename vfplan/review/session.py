@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import CheckFailed, SettingError, VfplanError
-from vfplan.findings import Finding
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.planning import register
 from vfplan.review.geometry import Geometry, describe_candidate
@@ -217,8 +217,23 @@ class Session:
         """The plan as it stands, made once a state."""
         plan = self.current.plan
         if "outcome" not in plan:
-            plan["outcome"] = self._plan()
+            outcome = self._plan()
+            plan["outcome"] = replace(outcome, findings=self._with_slice_asked(outcome.findings))
         return plan["outcome"]
+
+    def _with_slice_asked(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+        """The findings, and whether this review shows the slice; an earlier review may have."""
+        kept = []
+        for finding in findings:
+            if finding.code != "slice-not-shown":
+                kept.append(finding)
+        if self.source.is_slice_missing:
+            text = (
+                "The slice is not shown, so neither the line's ends nor other ink can be seen. "
+                "Open the bundle with its slice: --slice IMAGE."
+            )
+            kept.append(doubt("slice-not-shown", "extract", text))
+        return tuple(kept)
 
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON holds it."""

@@ -93,6 +93,11 @@ class Source:
         return self.image
 
     @property
+    def is_slice_missing(self) -> bool:
+        """Whether the curve was drawn on a slice that was not given."""
+        return self.slice_path is None and self.inputs.get("image") is not None
+
+    @property
     def approved(self) -> dict[str, Any] | None:
         """Who approved the bundle, and when; `None` if nobody has."""
         if self.fixture is None or self.fixture.reviewed is None:
