@@ -13,7 +13,7 @@ from vfplan.cli.extract import findings_verdict
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, is_verbose
-from vfplan.cli.units import micrometres, millimetres
+from vfplan.cli.units import count, micrometres, millimetres
 from vfplan.cli.values import FILE, MM_OR_ZERO
 
 
@@ -107,8 +107,11 @@ def registered_text(report: dict[str, Any]) -> str:
     else:
         used = [marker for marker in report["residuals"] if marker["used"]]
         worst = max(used, key=lambda marker: marker["residual_m"])
+        markers = count(len(used), "marker")
+        if len(used) < report["markers"]:
+            markers = f"{len(used)} of {report['markers']} markers"
         lines.append(
-            f"{report['markers']} markers ({report['model']}) fit to "
+            f"{markers} ({report['model']}) fit to "
             f"{millimetres(report['fre_rms_m'])} rms; the largest residual is that of "
             f"{worst['label']}, {millimetres(worst['residual_m'])}"
         )

@@ -154,7 +154,7 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
         "\n".join(lines),
         failed=failed_line(metrics),
         verdict=replayed.verdict,
-        next_step=next_step(metrics, str(fixture)),
+        next_step=next_step(metrics, str(fixture), str(arguments["robot"] or "NAME")),
     )
 
 

@@ -227,15 +227,15 @@ def failed_line(report: dict[str, Any]) -> str:
     return ""
 
 
-def next_step(report: dict[str, Any], fixture: str) -> str:
-    """What to do after the replay of a fixture, which is named as it was typed."""
+def next_step(report: dict[str, Any], fixture: str, robot: str) -> str:
+    """What to do after the replay of a fixture; fixture and robot are named as they were typed."""
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:
         return "give limits to hold it against: --robot NAME, or --at-most force_max_n=NUMBER"
     if report["verdict"] == "fail":
         return "look at the failed limits: --report DIR draws the session tick by tick"
-    return f"vfplan stability {fixture} --robot NAME, which judges the stiffness"
+    return f"vfplan stability {fixture} --robot {robot}, which judges the stiffness"
 
 
 def check_text(check: dict[str, Any]) -> str:

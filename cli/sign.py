@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -33,10 +35,14 @@ def command(fixture, output, key, **arguments) -> CommandResult:
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
+    # `keygen` names the public key so; a key from elsewhere may be without it.
+    public = key.with_suffix(".pub")
+    if not public.exists():
+        public = Path("KEYS.pub")
     data = {"output": str(output), **seal.describe()}
     return CommandResult(
         data,
         f"wrote {output}",
         verdict=f"signed with key {seal.key_id.hex()}",
-        next_step=f"vfplan verify {output} --keys KEYS.pub, then load it on the robot",
+        next_step=f"vfplan verify {output} --keys {public}, then load it on the robot",
     )

@@ -113,7 +113,10 @@ def command(
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
         verdict = f"pass: {subject} is stable with this robot"
-        next_step = "vfplan plan IMAGE MARKERS --robot NAME, which judges a plan in the same way"
+        next_step = (
+            f"vfplan plan IMAGE MARKERS --robot {robot or 'NAME'}, which judges a plan in the "
+            "same way"
+        )
         if judged is not None and judged.reviewed is None:
             slice_option = ""
             if judged.image is not None:

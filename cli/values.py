@@ -113,9 +113,12 @@ class Numbers(Parsed):
             allowed = " or ".join(map(str, self.counts))
             raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
         if self.positive and not min(numbers) > 0:
-            raise ValueError(
-                f"{text!r} holds a number that is not finite and above 0. Type larger ones"
-            )
+            if len(numbers) > 1:
+                raise ValueError(
+                    f"{text!r} holds a number that is not above 0. The comma separates two "
+                    "numbers: type 0.5 for a half"
+                )
+            raise ValueError(f"{text!r} is not above 0. Type a larger number")
         return numbers
 
 

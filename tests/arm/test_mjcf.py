@@ -43,6 +43,8 @@ def test_an_arm_of_ones_own(tmp_path):
     assert arm.read_tip()[0] == pytest.approx([1 - 0.7, 2, 3])  # half a turn about z
     with refuses(SettingError, "arm-without-robot"):
         Arm(written(tmp_path, TWO))
+    with refuses(SettingError, "arm-unknown"):
+        Arm("foo")
     with pytest.raises(SettingError, match="torque_limit_nm of 7 joints, the arm has 2"):
         Arm(written(tmp_path, TWO), read_robot("franka"))
 

@@ -206,3 +206,17 @@ def test_a_public_key_in_place_of_the_private_one_is_told_as_that(desk, vfplan_c
     words = "--key", desk / "alice.pub", "-o", tmp_path / "s.h5", "--json"
     run = vfplan_cli("sign", desk / "a.h5", *words)
     assert run.json["error"]["code"] == "public-key"
+
+
+def test_a_private_key_among_trusted_ones_is_told_as_that(desk, vfplan_cli):
+    run = vfplan_cli("verify", desk / "a.h5", "--keys", desk / "alice.key", "--json")
+    assert (run.code, run.json["error"]["code"]) == (3, "private-key")
+
+
+def test_keygen_leaves_the_public_half_of_another_key(vfplan_cli, tmp_path):
+    assert vfplan_cli("keygen", "-o", tmp_path / "bob.key").code == 0
+    public = (tmp_path / "bob.pub").read_bytes()
+    run = vfplan_cli("keygen", "-o", tmp_path / "bob", "--json")
+    assert (run.code, run.json["error"]["code"]) == (2, "public-key-exists")
+    assert (tmp_path / "bob.pub").read_bytes() == public
+    assert not (tmp_path / "bob").exists()

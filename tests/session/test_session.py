@@ -236,6 +236,14 @@ def test_hdf5_that_points_elsewhere_is_refused(tmp_path):
         read_session(tmp_path / "s.h5")
 
 
+def test_a_fixture_in_place_of_a_session_is_told_as_that(tmp_path):
+    with h5py.File(tmp_path / "f.h5", "w") as file:
+        file.attrs["format"] = np.bytes_(b"vfplan-fixture")
+        file["points"] = np.zeros((3, 3))
+    with refuses(SessionError, "fixture-as-session"):
+        read_session(tmp_path / "f.h5")
+
+
 def test_a_file_may_state_its_frame_and_units(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))

@@ -83,6 +83,12 @@ class Arm:
         tool: Sequence[float] = (0.0, 0.0, POINTER_LENGTH_M),
     ) -> None:
         if robot is None:
+            if str(choice) not in ARMS and not Path(choice).exists():
+                raise SettingError(
+                    f"there is no arm {choice}, and no file of that name. Give "
+                    f"{', '.join(ARMS)} or an MJCF file",
+                    code="arm-unknown",
+                )
             if str(choice) not in ARMS:
                 raise SettingError(
                     f"arm {choice} has no limits of its own. Name a robot with --robot",

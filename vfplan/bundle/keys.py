@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vfplan.errors import InputError, SettingError, requires_extra
+from vfplan.errors import InputError, OutputError, SettingError, requires_extra
 from vfplan.io.files import opened_file
 from vfplan.io.staging import write_together
 
@@ -57,6 +57,13 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
         raise SettingError(
             "The private key's name may not end in .pub. Give another name.",
             where=str(private_path),
+        )
+    if public_path.exists() and not private_path.exists() and not overwrite:
+        raise OutputError(
+            f"exists already, and may be the public half of a private key other than "
+            f"{private_path.name}. Give the new key another name",
+            where=str(public_path),
+            code="public-key-exists",
         )
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
@@ -104,6 +111,15 @@ def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
         line = raw.strip(b" \t\r")
         if not block and (not line or line.startswith(b"#")):
             continue
+        if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
+            wanted = "a file of public keys alone"
+            if Path(where).suffix != ".pub":
+                wanted = f"its public half, {Path(where).with_suffix('.pub').name}"
+            raise InputError(
+                f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
+                where=where,
+                code="private-key",
+            )
         if not block and line != BEGIN:
             raise InputError(
                 f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "

@@ -213,8 +213,8 @@ def join(
                 numbers={"labels": lone},
             )
         text = (
-            f"Only {Path(side.where or 'one side').name} has {names}, so it is left out. Nothing "
-            "is to be done if you mean it so."
+            f"Left out: {names}, which only {Path(side.where or 'one side').name} has. Nothing is "
+            "to be done if you mean it so."
         )
         findings += (note("markers-not-common", "register", text),)
     sigma = target.sigma

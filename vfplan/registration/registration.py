@@ -345,8 +345,8 @@ def fit_registration(
         if not faces @ direction > 0:
             raise MarkerError(
                 f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
-                "which is not the side that --seen-from names. Look for two axes exchanged, or one "
-                "with the wrong sign",
+                "which is not the side that --seen-from names. Look for two axes exchanged or one "
+                "with the wrong sign, or correct --seen-from if it is wrong",
                 code="mirrored",
                 numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ def facts_of(
         heading = "Geometry"
     facts = [(heading, _geometry_in_words(record, fixture, strokes))]
     if record.metres_per_px is not None:
-        facts.append(("Pixel", f"{record.metres_per_px * 1e3:.4g} mm"))
+        facts.append(("Pixel", _pixel_in_words(record.metres_per_px, fixture)))
     if fixture.registration is not None:
         facts.append(("Markers", _markers_in_words(fixture)))
     if fixture.frame == "image":
@@ -45,6 +46,21 @@ def facts_of(
             what = "points"
         facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
     return tuple(facts)
+
+
+def _pixel_in_words(metres_per_px: float, fixture: Fixture) -> str:
+    """The size of a pixel, and where it is from if markers and image say different sizes."""
+    size = f"{metres_per_px * 1e3:.4g}"
+    record = fixture.registration
+    if record is None or record.source_frame != "image" or fixture.image is None:
+        return f"{size} mm"
+    if fixture.image.pixel_spacing_mm is None:
+        return f"{size} mm"
+    along_u, along_v = fixture.image.pixel_spacing_mm
+    stated = f"{math.sqrt(along_u * along_v):.4g}"
+    if stated == size:
+        return f"{size} mm"
+    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
 
 
 def _geometry_in_words(
@@ -74,11 +90,21 @@ def _geometry_in_words(
 
 def _markers_in_words(fixture: Fixture) -> str:
     record = fixture.registration
-    worst = int(np.argmax(record.residuals_m))
+    left_out = labels_left_out(fixture)
+    used = [k for k, label in enumerate(record.labels) if label not in left_out]
+    worst = max(used, key=lambda k: record.residuals_m[k])
+    markers = str(len(used))
+    if len(used) < len(record.labels):
+        markers += f" of {len(record.labels)}"
     return (
-        f"{len(record.labels)}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
+        f"{markers}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
         f"largest {record.residuals_m[worst] * 1e3:.2f} mm at {record.labels[worst]}"
     )
+
+
+def labels_left_out(fixture: Fixture) -> list[str]:
+    """The labels of the markers that a robust registration did not use."""
+    return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
 
 
 def _error_in_words(record: SheetInput, fixture: Fixture) -> str:

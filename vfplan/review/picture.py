@@ -275,7 +275,7 @@ def _draw_captions(
     for marker in content.markers:
         words = f"{marker.label} {marker.residual_m * 1e3:.2f} mm"
         if not marker.used:
-            words += ", left out"
+            words = f"{marker.label} left out"
         tag(marker.place, words)
     for entry in content.account or ():
         tag((entry.u, entry.v), str(entry.number))

@@ -17,7 +17,7 @@ from vfplan.errors import InputError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture
 from vfplan.review.digest import digest_of
-from vfplan.review.facts import facts_of
+from vfplan.review.facts import facts_of, labels_left_out
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
@@ -450,7 +450,7 @@ def _markers_of(
     fixture: Fixture, places: Array, residuals_px: Array | None
 ) -> tuple[SheetMarker, ...]:
     record = fixture.registration
-    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    left_out = labels_left_out(fixture)
     markers = []
     for i, label in enumerate(record.labels):
         residual_px = None
@@ -474,7 +474,7 @@ def _registration_again(fixture: Fixture) -> Registration | None:
     record = fixture.registration
     if record is None:
         return None
-    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    left_out = labels_left_out(fixture)
     used = np.array([label not in left_out for label in record.labels])
     spacing_m = None
     if record.source_frame == "image" and fixture.image is not None:

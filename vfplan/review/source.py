@@ -16,6 +16,7 @@ from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings
 from vfplan.review.account import extraction_of
+from vfplan.review.facts import labels_left_out
 from vfplan.review.geometry import Geometry, geometry_of_slice
 from vfplan.review.ink import Ink
 from vfplan.review.markers import Fit, fit_of
@@ -409,7 +410,7 @@ def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSetti
     record = fixture.registration
     pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
     fit = fit_of(pairs, image, settings)
-    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    left_out = labels_left_out(fixture)
     markers = []
     for marker in fit.markers:
         markers.append(replace(marker, is_used=marker.label not in left_out))

@@ -19,6 +19,8 @@ from vfplan.io.npy import npy_header
 from vfplan.session.session import BLOCK, Array, Samples
 
 NAMES = ("time", "hip")
+FIXTURE_FORMAT = "vfplan-fixture"
+"""The attribute `format` of a fixture bundle."""
 
 
 def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
@@ -29,6 +31,13 @@ def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
     """
     with opened_hdf5(stream, name) as file:
+        if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
+            raise SessionError(
+                "is a fixture, not a recording of positions. Give the fixture first, and the "
+                "recording after it",
+                where=name,
+                code="fixture-as-session",
+            )
         time = plain_dataset(file, "time", name)
         hip = plain_dataset(file, "hip", name)
         length = _check_shapes(time, hip, name)
