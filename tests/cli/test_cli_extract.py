@@ -96,6 +96,14 @@ def test_density_in_points_a_millimetre(vfplan_cli, image, tmp_path):
     assert done.json["density_per_mm"] == pytest.approx(1, rel=0.03)  # ends included
 
 
+@pytest.mark.parametrize(("spacing", "noted"), [("1,5", True), ("1,2", False), ("0.5", False)])
+def test_a_decimal_comma_in_a_pixel_spacing_is_noted(spacing, noted, vfplan_cli, image, tmp_path):
+    words = "--pixel-spacing", spacing, "--json"
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *words)
+    codes = [finding["code"] for finding in done.json["findings"]]
+    assert ("pixel-spacing-uneven" in codes) == noted
+
+
 def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     image = draw(tmp_path / "two.png", [CURVE, RING])
     out, mask = tmp_path / "c.h5", tmp_path / "m.png"

@@ -30,6 +30,10 @@ PEN_SETTINGS = (
 # Settings that only an image can follow.
 IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
 
+MAX_SPACING_RATIO = 2.0
+"""Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for
+1.5 has a ratio of 5, while pixels of slices are nearly square."""
+
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5
 
@@ -128,6 +132,14 @@ def extract(
     elapsed = time.perf_counter() - started
 
     findings = tuple(extraction.findings)
+    if settings.pixel_spacing_mm is not None:
+        along_u, along_v = settings.pixel_spacing_mm
+        if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
+            text = (
+                f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "
+                "with a point if the comma was meant as one."
+            )
+            findings += (note("pixel-spacing-uneven", "extract", text),)
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     fixture = replace(fixture, findings=findings)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
