@@ -153,12 +153,17 @@ def review_command(*files: Path | None, output: Path) -> str:
 
 
 def typed_review_options() -> list[str]:
-    """The options that were typed and that `vfplan review` has too, with their values."""
+    """The options that were typed and that `vfplan review` has too, with their values.
+
+    --json is left out: a person at the page reads text.
+    """
     from vfplan.cli.review import command as review
 
     takes_value = {}
     for parameter in review.params:
-        if isinstance(parameter, click.Option) and not parameter.name.endswith(("_out", "output")):
+        if parameter.name == "as_json" or parameter.name.endswith(("_out", "output")):
+            continue
+        if isinstance(parameter, click.Option):
             for name in parameter.opts:
                 takes_value[name] = not parameter.is_flag
     words = []

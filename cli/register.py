@@ -72,6 +72,8 @@ def command(
         words = ["vfplan", "review", str(output)]
         if image is not None:
             words += ["--slice", str(image)]
+        elif planned.fixture.image is not None:
+            words += ["--slice", "IMAGE"]
         words += ["-o", str(output.with_name(f"{output.stem}-approved.h5"))]
     else:
         words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]

@@ -33,7 +33,7 @@ class ReviewFiles(NamedTuple):
 
 
 @command("review", settings_file=True)
-@click.argument("source", type=FILE, metavar="SLICE|CURVE.h5|FIXTURE.h5")
+@click.argument("source", type=FILE, metavar="SOURCE")
 @click.argument("markers", type=FILE, required=False)
 @click.argument("markers2", type=FILE, required=False)
 @options_in_order(

@@ -172,6 +172,8 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
     refused = vfplan_cli("extract", path, *typed, "-o", output, "--overlay-out", tmp_path / "v.png")
     command = refused.stderr.split("vfplan review ")[1].splitlines()[0]
     words = shlex.split(command)
+    as_json = vfplan_cli("extract", path, *typed, "-o", output, "--json").json["error"]["message"]
+    assert shlex.split(as_json.split("vfplan review ")[1]) == words
     assert words == [str(path), *typed, "-o", str(output)]
     review = Review(*words)
     state = review.heard("state")["state"]

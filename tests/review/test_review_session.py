@@ -399,6 +399,15 @@ def test_settings_that_would_plan_a_fixture_anew_are_refused(planning, tmp_path)
         assert session.state()["contact_m"] == 0.008
 
 
+def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tmp_path):
+    exchanged = tmp_path / "robot.csv"
+    table = MARKERS[1].read_text().replace("x1,", "y1,").replace("x2,", "x1,")
+    exchanged.write_text(table.replace("y1,", "x2,"))
+    refusal = Session.open(SLICE, MARKERS[0], exchanged).state()["refusal"]
+    assert refusal["code"] == "labels-mistaken"
+    assert "--" not in refusal["text"]
+
+
 def test_a_review_without_the_slice_asks_about_that(tmp_path):
     path, kept = tmp_path / "f.h5", tmp_path / "kept.h5"
     vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)

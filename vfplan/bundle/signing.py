@@ -6,6 +6,7 @@ Needs the extra `[sign]` (the package `cryptography`).
 from __future__ import annotations
 
 import hashlib
+import shlex
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -93,17 +94,26 @@ def sign(
 
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
-    how = "Answer it: vfplan review. Or sign it all the same with --despite-findings"
+    slice_option = ""
+    if fixture.image is not None:
+        slice_option = "--slice IMAGE "
+    page = f"vfplan review {shlex.quote(where)} {slice_option}-o APPROVED.h5"
+    how = f"{page}. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
+        subject, answer = f"{len(codes)} findings are", "Answer them"
+        if len(codes) == 1:
+            subject, answer = "1 finding is", "Answer it"
         raise CheckFailed(
-            f"{len(codes)} findings are not answered: {', '.join(sorted(set(codes)))}. {how}.",
+            f"{subject} not answered: {', '.join(sorted(set(codes)))}. {answer}: {how}.",
             where=where,
             code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},
         )
     if fixture.reviewed is None:
-        raise CheckFailed(f"Nobody has reviewed it. {how}.", where=where, code="not-reviewed")
+        raise CheckFailed(
+            f"Nobody has reviewed it. Review it: {how}.", where=where, code="not-reviewed"
+        )
 
 
 def seconds_since_1970(text: str) -> int:

@@ -410,7 +410,9 @@ class Session:
                     curve, *files, state.fit.settings, image=self.source.image_of_markers
                 )
             except VfplanError as error:
-                return Outcome(None, of_curve, _sentence(error.message), error.code)
+                # The page has no options; what is wrong with the markers is mended on it.
+                message = error.message.replace(", or give --markers-as-given", "")
+                return Outcome(None, of_curve, _sentence(message), error.code)
         return Outcome(planned.fixture, (*of_curve, *planned.findings))
 
     def _is_changed(self) -> bool:
