@@ -59,14 +59,17 @@ def text_type(size: int, padding: int = 1) -> bytes:
 
 def space_of(shape: tuple[int, ...]) -> bytes:
     """The dataspace of an array; () is a scalar."""
-    kind = 1 if shape else 0
-    return struct.pack(f"<BBBB{len(shape)}Q", 2, len(shape), 0, kind, *shape)
+    is_simple = len(shape) > 0
+    return struct.pack(f"<BBBB{len(shape)}Q", 2, len(shape), 0, is_simple, *shape)
 
 
 def stored(value: object, kind: str) -> tuple[bytes, bytes, bytes]:
     """(datatype, dataspace, bytes) of a value of the table's type `kind`."""
     data = as_stored(value, kind)
-    datatype = text_type(data.itemsize) if kind == "text" else DATATYPES[kind]
+    if kind == "text":
+        datatype = text_type(data.itemsize)
+    else:
+        datatype = DATATYPES[kind]
     return datatype, space_of(data.shape), data.tobytes()
 
 
@@ -111,9 +114,11 @@ def to_payload(items: dict[str, Item]) -> bytes:
         at += len(header_of(item, nowhere, 0))
         at += -at % 8
     for path, item in items.items():
-        data[path] = at if item.data else UNDEFINED
-        at += len(item.data or b"")
-        at += -at % 8
+        data[path] = UNDEFINED
+        if item.data:
+            data[path] = at
+            at += len(item.data)
+            at += -at % 8
     payload = bytearray(at)
     payload[:48] = superblock(headers["/"], at)
     for path, item in items.items():
@@ -172,7 +177,10 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     for name, (datatype, dataspace, value) in item.attributes.items():
         messages.append((ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
     for name, target in item.links.items():
-        body = target if isinstance(target, bytes) else link(name, addresses[target])
+        if isinstance(target, bytes):
+            body = target
+        else:
+            body = link(name, addresses[target])
         messages.append((LINK, 0, body))
     messages += [(kind, 0, body) for kind, body in item.more]
     body = b"".join(struct.pack("<BHB", k, len(b), f) + b for k, f, b in messages)

@@ -94,7 +94,9 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
     values = {}
     for path, value in printed.items():
         if path.startswith("/"):
-            values[path] = value["values"] if isinstance(value, dict) else value
+            if isinstance(value, dict):
+                value = value["values"]
+            values[path] = value
     return values
 
 
@@ -181,7 +183,7 @@ def main(words: Sequence[str] | None = None) -> int:
     for result in wrong:
         print(f"{result.kind}/{result.name}.h5: {result.problem}")
     print(f"{len(results) - len(wrong)} of {len(results)} files as they must be")
-    return 1 if wrong else 0
+    return int(len(wrong) > 0)
 
 
 if __name__ == "__main__":

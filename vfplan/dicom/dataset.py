@@ -23,7 +23,7 @@ MAX_PARSED_BYTES = 24 << 20
 MAX_ITEMS = 200_000
 """Items of sequences that are parsed outside the sandbox: contours and frames."""
 UNIT_ROUNDED = 1e-3
-"""Of a direction's length: what writing it in decimals may cost."""
+"""How far the length of a direction may be from 1, because decimals round it."""
 DEFLATED = b"1.2.840.10008.1.2.1.99"
 """The transfer syntax of a file that is compressed as a whole (PS3.5 A.5)."""
 ITEM = b"\xfe\xff\x00\xe0"

@@ -220,9 +220,9 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
 def worst_tick_time(fixture: Fixture, rule: Rule | None = None) -> float:
     """The longest time that a tick may take [s], with the best rule unless one is given.
 
-    It is 2.2 times the worst that a search over the fixture finds. The C++ header tick_time.hpp
-    counts what such a tick does, and multiplies by the times of the machine of docs/engine.md. The
-    result is therefore the same everywhere.
+    It is 3 us and 2.2 times the worst that a search over the fixture finds, but no more than what
+    follows from counts (`tick_time_bound` in the C++ header tick_time.hpp, docs/engine.md). The
+    search counts what a tick does and does not time it, so the result is the same everywhere.
 
     Raises `SceneError` for a rendering that no engine takes.
     """

@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.errors import InputError
-from vfplan.figures.style import nice_below, subplots
+from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
@@ -127,7 +128,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize=8, markerscale=6)
     # A length across the slice, at the bottom on the left.
     scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
-    length = nice_below(0.2 * width * scale_mm)
+    length = nice_length(0.2 * width * scale_mm)
     start = 0.03 * width
     low = 0.96 * height
     axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, nice_below, on_slice
+from vfplan.figures.style import DPI, on_slice
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ def exaggeration(lengths_px: Array, wanted_px: float) -> float:
         longest = float(np.linalg.norm(lengths_px, axis=-1).max())
     if not longest > 0:
         return 1.0
-    return nice_below(max(wanted_px / longest, 1.0))
+    return nice_length(max(wanted_px / longest, 1.0))
 
 
 def draw_letters(axes: Any, view: View) -> None:
@@ -343,7 +344,7 @@ def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
     y = view.height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width / view.height)
     bars = ((0.02, 1.0, f"in the {view.name}"), (0.36, factor, "of a residual"))
     for share, drawn_factor, what in bars:
-        length_mm = nice_below(0.15 * view.width * mm_per_px / drawn_factor)
+        length_mm = nice_length(0.15 * view.width * mm_per_px / drawn_factor)
         first = share * view.width
         last = first + length_mm * drawn_factor / mm_per_px
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}

@@ -11,8 +11,9 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.figures.outline import outline_along
-from vfplan.figures.style import DPI, nice_below, on_slice
+from vfplan.figures.style import DPI, on_slice
 from vfplan.io.staging import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
@@ -187,7 +188,7 @@ def draw_scale(axes: Any, image: PlannedImage) -> None:
     """A length across the slice, at the bottom on the left."""
     if image.pixel_spacing_mm is None:
         return
-    length = nice_below(0.2 * image.width_px * image.pixel_spacing_mm[0])
+    length = nice_length(0.2 * image.width_px * image.pixel_spacing_mm[0])
     start = 0.03 * image.width_px
     low = 0.96 * image.height_px
     end = start + length / image.pixel_spacing_mm[0]

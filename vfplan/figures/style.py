@@ -90,16 +90,6 @@ def on_slice(
     save_png(figure, path)
 
 
-def nice_below(value: float) -> float:
-    """1, 2 or 5 times a power of ten, at most `value`: the length of a scale bar."""
-    power = 10.0 ** np.floor(np.log10(value))
-    length = power
-    for factor in (2, 5):
-        if factor * power <= value:
-            length = factor * power
-    return float(length)
-
-
 def png_bytes(figure: Figure) -> bytes:
     """The figure as PNG; the same figure gives the same bytes (no date, no software version)."""
     data = io.BytesIO()

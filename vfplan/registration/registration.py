@@ -474,7 +474,9 @@ def direction_of(seen_from: ArrayLike | str) -> Array:
 def describe_side(faces: Array) -> str:
     """The side of the robot that a slice is seen from, in words: "above (robot +z)"."""
     axis = int(np.abs(faces).argmax())
-    name = "+" if faces[axis] > 0 else "-"
-    name += "xyz"[axis]
+    sign = "-"
+    if faces[axis] > 0:
+        sign = "+"
+    name = sign + "xyz"[axis]
     words = {"+z": "above", "-z": "below"}
     return f"{words.get(name, 'the side')} (robot {name})"

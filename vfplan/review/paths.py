@@ -8,20 +8,29 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def with_first_again(points: NDArray, closed: bool) -> Array:
+    """The points of a path; those of a closed one end with the first again."""
+    if closed:
+        return np.vstack([points, points[:1]])
+    return np.asarray(points, float)
+
+
 def arc_length(points: NDArray, closed: bool) -> Array:
     """(M,) or, closed, (M + 1,) arc length at the points [px]."""
-    ring = np.vstack([points, points[:1]]) if closed else points
+    ring = with_first_again(points, closed)
     return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
 
 
 def evenly(points: NDArray, closed: bool) -> Array:
     """The path at about one point a pixel, at equal steps of arc; its ends stay where they are."""
-    ring = np.vstack([points, points[:1]]) if closed else np.asarray(points, float)
+    ring = with_first_again(points, closed)
     arc = arc_length(points, closed)
     count = max(4, round(arc[-1]))
     at = np.linspace(0.0, arc[-1], count + 1)
     even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
-    return even[:-1] if closed else even
+    if closed:
+        return even[:-1]
+    return even
 
 
 def normals(points: NDArray, closed: bool) -> Array:
@@ -44,7 +53,7 @@ def spline_through(points: NDArray, closed: bool) -> Array:
     points = np.asarray(points, float)
     if len(points) == 2:
         return evenly(points, False)
-    ring = np.vstack([points, points[:1]]) if closed else points
+    ring = with_first_again(points, closed)
     arc = arc_length(points, closed)
     if closed:
         spline = CubicSpline(arc, ring, bc_type="periodic")
@@ -53,7 +62,9 @@ def spline_through(points: NDArray, closed: bool) -> Array:
     else:
         spline = CubicSpline(arc, ring, bc_type="not-a-knot")
     dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
-    return evenly(dense[:-1] if closed else dense, closed)
+    if closed:
+        dense = dense[:-1]
+    return evenly(dense, closed)
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:

@@ -253,8 +253,11 @@ def cut(session: Session, step: Step) -> State:
     state, number, stroke = _stroke_of(session, step)
     if "start" not in step and "end" not in step:
         raise _malformed(step, "start", "a place, as start or as end")
-    start = _place(session, step, "start") if "start" in step else None
-    end = _place(session, step, "end") if "end" in step else None
+    start, end = None, None
+    if "start" in step:
+        start = _place(session, step, "start")
+    if "end" in step:
+        end = _place(session, step, "end")
     return state.changed(geometry=state.geometry.with_stroke(number, stroke.cut(start, end)))
 
 
