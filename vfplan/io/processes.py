@@ -29,7 +29,7 @@ def worker_processes(
     # Python is started by -c, which would look for modules in the current folder.
     os.environ[SAFE_PATH] = "1"
     # "spawn", because a forked copy of a process with threads may hang.
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (initializer, *args))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), begin_worker, (initializer, *args))
     try:
         yield pool
     except BaseException:
@@ -44,7 +44,8 @@ def worker_processes(
             os.environ[SAFE_PATH] = safe_path_before
 
 
-def _begin(initializer: Callable[..., None] | None, *args: Any) -> None:
+def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
+    """Prepare a worker: its signals, its end with the program, and what the caller wants."""
     # Ctrl-C reaches the workers too, but the program alone decides what ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # On Linux the system ends this process when the program ends, also by SIGKILL (prctl's

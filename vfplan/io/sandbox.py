@@ -71,11 +71,11 @@ def run_in_sandbox(
     with open(read_end, "rb") as pipe:
         try:
             request = {"job": job, "args": args, "file": file is not None, "step_s": STEP_S}
-            _send_request(request, write_end, file)
+            send_request(request, write_end, file)
         finally:
             os.close(write_end)
         while True:
-            answer = _next_answer(pipe)
+            answer = next_answer(pipe)
             if answer is None:
                 break
             if "value" in answer:
@@ -117,7 +117,7 @@ def run_once(job: str, *args: Any, **options: Any) -> Any:
     return value
 
 
-def _next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
+def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
     """The head of the child's next answer; `None` where the child has ended without one."""
     try:
         (length,) = _LENGTH.unpack(_read_exactly(pipe, _LENGTH.size, _LENGTH.size))
@@ -145,9 +145,10 @@ _lock = threading.Lock()
 _helper: tuple[int, socket.socket] | None = None
 
 
-def _send_request(
+def send_request(
     request: dict[str, Any], answer_pipe: int, file: OpenedFile | BinaryIO | None
 ) -> None:
+    """Send a request to the helper, which is started if there is none."""
     global _helper
     data = json.dumps(request).encode()
     descriptors = [answer_pipe]
@@ -157,7 +158,7 @@ def _send_request(
         for attempt in range(2):
             # A forked copy of the program starts a helper of its own.
             if _helper is None or _helper[0] != os.getpid():
-                _helper = os.getpid(), _start_helper()
+                _helper = os.getpid(), start_helper()
             try:
                 socket.send_fds(_helper[1], [data], descriptors)
             except OSError:
@@ -185,7 +186,8 @@ def isolated_python(code: str, *args: str) -> list[str]:
     return [sys.executable, "-I", "-c", f"import sys; sys.path[:] = {folders!r}; {code}", *args]
 
 
-def _start_helper() -> socket.socket:
+def start_helper() -> socket.socket:
+    """Start the helper; returns the socket on which it takes requests."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         code = f"from vfplan.io.sandbox import serve; serve({theirs.fileno()})"
@@ -226,12 +228,13 @@ def serve(descriptor: int) -> NoReturn:
             module.prepare()
         if os.fork() == 0:
             link.close()
-            _run_job(getattr(module, function_name), request, descriptors)
+            run_job(getattr(module, function_name), request, descriptors)
         for opened in descriptors:
             os.close(opened)
 
 
-def _run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> NoReturn:
+def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> NoReturn:
+    """Run a job in this process under limits, send what it yields, and end the process."""
     try:
         with open(descriptors[0], "wb") as pipe:
             try:

@@ -250,7 +250,7 @@ class PlacedFiles:
         failures: list[OutputError] = []
         for target, old in reversed(self._done):
             try:
-                _put_back(target, old)
+                put_back(target, old)
             except OSError as error:  # The other files are put back all the same.
                 text = f"cannot be removed again: {error.strerror}. Remove it by hand"
                 if old is not None:
@@ -270,7 +270,7 @@ class PlacedFiles:
         self._done.clear()
 
 
-def _put_back(target: Path, old: Path | None) -> None:
+def put_back(target: Path, old: Path | None) -> None:
     """Give an old file its name again, also where the file system refuses to rename.
 
     Raises OSError: neither a rename nor a second name nor a copy works; the target is as it was

@@ -72,7 +72,7 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
         if mcap is not None:
             (temporary,) = stack.enter_context(outputs(mcap))
             writer = stack.enter_context(McapWriter(temporary))
-        data = _pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
+        data = pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
 
     warnings = []
     refused = sum(server.refused for server in servers)
@@ -98,7 +98,7 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
     )  # fmt: skip
 
 
-def _pass_on(
+def pass_on(
     ticks: Iterator[Any], feed: Any, writer: Any, seconds: float | None, *, stop_when_full: bool
 ) -> dict[str, Any]:
     """Pass every tick on until the source ends, the time is over, or a signal comes."""

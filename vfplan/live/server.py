@@ -22,6 +22,8 @@ from vfplan.fixture import Fixture
 from vfplan.live import igtl
 from vfplan.live.sources import MAX_CLIENTS, PositionStream
 
+Array = NDArray[np.float64]
+
 ANSWER_S = 0.2
 """Longest time until a client's request is read [s]."""
 
@@ -65,7 +67,7 @@ class Server:
             ) from None
         self._listener.listen()
         self._listener.settimeout(ANSWER_S)
-        self._accepting = threading.Thread(target=self._accept, daemon=True)
+        self._accepting = threading.Thread(target=self.accept_clients, daemon=True)
         self._serving: list[threading.Thread] = []
         self._accepting.start()
 
@@ -90,7 +92,8 @@ class Server:
             thread.join()
         self._listener.close()
 
-    def _accept(self) -> None:
+    def accept_clients(self) -> None:
+        """Give each client that comes a thread of its own, until the server is closed."""
         while not self._closing.is_set():
             try:
                 client, _ = self._listener.accept()
@@ -106,12 +109,13 @@ class Server:
                 with client, suppress(OSError):
                     client.sendall(refusal)
                 continue
-            thread = threading.Thread(target=self._serve, args=(client,), daemon=True)
+            thread = threading.Thread(target=self.serve, args=(client,), daemon=True)
             self._serving = [other for other in self._serving if other.is_alive()]
             self._serving.append(thread)
             thread.start()
 
-    def _serve(self, client: socket.socket) -> None:
+    def serve(self, client: socket.socket) -> None:
+        """Send a client ticks until it goes or stalls, or the server is closed."""
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._clients.add(client)
@@ -122,7 +126,8 @@ class Server:
                 self._send_static(client)
                 while not self._closing.is_set():
                     count, ticks = self._feed.after(count, ANSWER_S)
-                    client.sendall(b"".join(map(self._tick_messages, ticks)))
+                    messages = b"".join(tick_messages(tick, self._scale) for tick in ticks)
+                    client.sendall(messages)
                     unread = self._answer_requests(client, unread)
         except OSError:
             return  # The client has gone, or took nothing for too long.
@@ -161,21 +166,6 @@ class Server:
             self._send_static(client)
         return unread
 
-    def _tick_messages(self, tick: NDArray[np.void]) -> bytes:
-        now = time.time()
-        flags = [name for bit, name in FLAGS if tick["status"] & bit]
-        state = STATE_NAMES.get(str(tick["state"]), "unknown")
-        text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
-        code = igtl.OK
-        if flags or tick["state"] == 2:
-            code = igtl.WARNING
-        return (
-            igtl.transform("vfplan_hip", now, tick["hip"] * self._scale)
-            + igtl.transform("vfplan_proxy", now, tick["proxy"] * self._scale)
-            + igtl.sensor("vfplan_force", now, tick["force"] * np.sign(self._scale))
-            + igtl.status("vfplan_status", now, code, state, text)
-        )
-
 
 def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
     """What does not move: each device with the function that makes its message."""
@@ -195,3 +185,20 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
     points, faces = igtl.ball(1e3 * radius_m)
     sphere = functools.partial(igtl.polydata, points_mm=points, triangles=faces)
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
+
+
+def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
+    """What moves: HIP, proxy, force and status of a tick; `scale` (3,) as of `igtl.to_ras`."""
+    now = time.time()
+    flags = [name for bit, name in FLAGS if tick["status"] & bit]
+    state = STATE_NAMES.get(str(tick["state"]), "unknown")
+    text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
+    code = igtl.OK
+    if flags or tick["state"] == 2:
+        code = igtl.WARNING
+    return (
+        igtl.transform("vfplan_hip", now, tick["hip"] * scale)
+        + igtl.transform("vfplan_proxy", now, tick["proxy"] * scale)
+        + igtl.sensor("vfplan_force", now, tick["force"] * np.sign(scale))
+        + igtl.status("vfplan_status", now, code, state, text)
+    )

@@ -140,7 +140,7 @@ def stream_udp(address: str) -> Iterator[Ticks]:
             code="address-unusable",
         ) from None
     receiver.settimeout(WAIT_S)
-    return _received_ticks(receiver)
+    return receive_ticks(receiver)
 
 
 def host_and_port(address: str) -> tuple[str, int]:
@@ -157,7 +157,8 @@ def host_and_port(address: str) -> tuple[str, int]:
     return host, port
 
 
-def _received_ticks(receiver: socket.socket) -> Iterator[Ticks]:
+def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
+    """What arrives at a bound socket, without end; a datagram that is none is counted."""
     expected: int | None = None
     lost = 0
     dropped = 0

@@ -43,7 +43,7 @@ def approach_sessions(
     sessions = []
     for stroke in np.unique(fixture.curve.stroke).tolist():
         points = fixture.points[fixture.curve.stroke == stroke]
-        normals = _side_normals(points, fixture.ignore_axis)
+        normals = side_normals(points, fixture.ignore_axis)
         if not to_ends and not fixture.curve.closed[stroke]:
             arc = arc_length(points)
             clear = stop + PRESS_DEPTH_M
@@ -80,7 +80,7 @@ def arc_length(points: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
 
 
-def _side_normals(points: Array, axis: Array | None) -> Array:
+def side_normals(points: Array, axis: Array | None) -> Array:
     """(n, 3) unit vectors from the points of a stroke to one of its sides."""
     if axis is None or len(points) < 2:
         return np.tile([0.0, 0.0, 1.0], (len(points), 1))

@@ -62,7 +62,7 @@ class ChangingFixture:
         self._exchanges: list[tuple[Fixture, str] | None] = []
         for i, event in enumerate(self._events):
             with naming_place(self._place_of_event(i)):
-                self._exchanges.append(_load_exchange(event, rule, trust))
+                self._exchanges.append(load_exchange(event, rule, trust))
 
         self._engine = self._make_engine(fixture, rule)
         stiffness = [self._engine.parameters.stiffness]
@@ -233,7 +233,7 @@ class ChangingFixture:
         return report
 
 
-def _load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | None:
+def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | None:
     """For an exchange: the new fixture and its rule.
 
     Raises SceneError: the new fixture guides

@@ -72,7 +72,18 @@ class Episodes:
         self._finish_latest()
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
-            listed.append({"index": -minus_number, **self._describe(episode, ruler)})
+            described: dict[str, Any] = {"index": -minus_number}
+            for name, value in episode.items():
+                if name not in UNREPORTED and value is not None:
+                    described[name] = value
+            described["passive"] = self._is_passive(episode)
+            if episode["press_path"] > 0:
+                described["friction"] = episode["drag_work"] / episode["press_path"]
+            if ruler is not None:
+                described["start_along"] = ruler.locate(episode["touch"])
+                described["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
+                described["end_along"] = ruler.locate(episode["leave"])
+            listed.append(to_json_types(described))
         report: dict[str, Any] = {"episodes": listed}
         if self._unlisted["count"]:
             report["episodes_left_out"] = dict(self._unlisted)
@@ -82,21 +93,6 @@ class Episodes:
         """Whether its energy is what holding each force for a tick explains."""
         slack = self._slack_m * episode["force_max_n"]
         return bool(episode["energy_j"] <= episode["energy_hold_j"] + slack)
-
-    def _describe(self, episode: dict[str, Any], ruler: CurveRuler | None) -> dict[str, Any]:
-        """The episode as it is reported."""
-        data = {}
-        for name, value in episode.items():
-            if name not in UNREPORTED and value is not None:
-                data[name] = value
-        data["passive"] = self._is_passive(episode)
-        if episode["press_path"] > 0:
-            data["friction"] = episode["drag_work"] / episode["press_path"]
-        if ruler is not None:
-            data["start_along"] = ruler.locate(episode["touch"])
-            data["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
-            data["end_along"] = ruler.locate(episode["leave"])
-        return to_json_types(data)
 
     def _extend_latest(self, run: dict[str, Any]) -> None:
         """Join a run of contact to the latest episode."""

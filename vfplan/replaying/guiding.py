@@ -87,7 +87,7 @@ class Guided:
         guide = self._guide.run(hips)
         micros = np.full(len(hips), 1e6 * (time.perf_counter() - began) / max(1, len(hips)))
         if self.region is None:
-            trace = _guide_alone(guide)
+            trace = trace_of_guide(guide)
         else:
             trace, region_micros = timed(self.region, hips)
             micros += region_micros
@@ -166,7 +166,7 @@ class Guided:
         return {"arc_m": arc, "lateral_max_m": self._lateral_max, "guide": guide}
 
 
-def _guide_alone(guide: GuideTrace) -> Trace:
+def trace_of_guide(guide: GuideTrace) -> Trace:
     """The guide's answers as an engine gives them."""
     size = row_norms(guide.force)
     normal = np.divide(

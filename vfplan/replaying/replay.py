@@ -222,9 +222,30 @@ def replay(
     if session.sha256 is not None:
         record["session"]["sha256"] = session.sha256
     if perfect is not None:
-        record["link"] = _link_report(link, runs[0], perfect, between_links, robot)
+        record["link"] = link_report(link, runs[0], perfect, between_links, robot)
     record["elapsed_s"] = clock.perf_counter() - started
-    results = [_result(fixture, run, engine, record, robot, limits) for run in runs]
+    if robot is not None:
+        limits = (*limits, *robot_limits(robot))
+
+    results = []
+    for run in runs:
+        numbers = run.finish()
+        parameters = run.engine.parameters
+        metrics = {
+            "rule": run.rule,
+            "engine": engine,
+            **numbers,
+            "scene": scene_report(fixture, parameters),
+            "left_out": dict(run.engine.left_out),
+            **record,
+            "findings": replay_findings(numbers, record, parameters, robot),
+            "real_time_factor": numbers["duration_s"] / record["elapsed_s"],
+        }
+        if limits:
+            metrics["checks"] = check_limits(metrics, limits)
+        metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
+        ticks = run.kept.ticks
+        results.append(Replay(run.rule, engine, ticks, metrics, fixture, run.kept.stride))
     if len(results) == 1:
         return results[0]
 
@@ -239,7 +260,7 @@ def replay(
     return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
 
 
-def _link_report(
+def link_report(
     link: Link, run: EngineRun, perfect: EngineRun, comparison: Comparison, robot: Robot | None
 ) -> dict[str, Any]:
     """What the link did, and what the same session gives over a perfect one."""
@@ -257,7 +278,7 @@ def _link_report(
     }
 
 
-def _scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
+def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
     """What was rendered."""
     scene = {
         "planar": fixture.ignore_axis is not None,
@@ -278,31 +299,3 @@ def _scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, An
     if fixture.ignore_axis is not None:
         scene["ignore_axis"] = fixture.ignore_axis.tolist()
     return scene
-
-
-def _result(
-    fixture: Fixture,
-    run: EngineRun,
-    engine: str,
-    record: dict[str, Any],
-    robot: Robot | None,
-    limits: Limits,
-) -> Replay:
-    """One run's numbers as a report, with its findings and checks."""
-    numbers = run.finish()
-    metrics = {
-        "rule": run.rule,
-        "engine": engine,
-        **numbers,
-        "scene": _scene_report(fixture, run.engine.parameters),
-        "left_out": dict(run.engine.left_out),
-        **record,
-        "findings": replay_findings(numbers, record, run.engine.parameters, robot),
-    }
-    metrics["real_time_factor"] = numbers["duration_s"] / record["elapsed_s"]
-    if robot is not None:
-        limits = (*limits, *robot_limits(robot))
-    if limits:
-        metrics["checks"] = check_limits(metrics, limits)
-    metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
-    return Replay(run.rule, engine, run.kept.ticks, metrics, fixture, run.kept.stride)

@@ -82,7 +82,7 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
     for event in events:
         line = f"{event.tick},{event.kind}"
         if event.fixture is not None:
-            line += "," + _relative_path(folder, event.fixture)
+            line += "," + relative_path(folder, event.fixture)
         lines.append(line)
         for number in np.asarray(event.remove, np.uint32).tolist():
             lines.append(f"{event.tick},remove,{number}")
@@ -92,7 +92,8 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
     write_whole(Path(path), [text.encode()], overwrite=overwrite)
 
 
-def _relative_path(folder: Path, bundle: Any) -> str:
+def relative_path(folder: Path, bundle: Any) -> str:
+    """The path of a bundle from the folder of the table; refuses what a table cannot hold."""
     if not isinstance(bundle, str | Path):
         raise SessionError(
             "an exchange's fixture is a Fixture, and a table holds the path of a bundle. "
@@ -129,7 +130,7 @@ def read_events(path: str | Path) -> list[Event]:
             cells.pop()
         where = f"{path}, line {line}"
         try:
-            _add_row(cells, events, Path(path).parent, where)
+            add_row(cells, events, Path(path).parent, where)
         except ValueError as error:
             raise SessionError(
                 f"row {','.join(row)[:60]!r} cannot be used: {error}",
@@ -139,7 +140,7 @@ def read_events(path: str | Path) -> list[Event]:
     return events
 
 
-def _add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> None:
+def add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> None:
     """Add a row's event, or what the row adds to the edit above it."""
     if len(cells) < 2:
         cells = [*cells, ""]

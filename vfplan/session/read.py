@@ -10,7 +10,7 @@ from pathlib import Path
 from vfplan.errors import SessionError, SettingError
 from vfplan.io.files import OpenedFile
 from vfplan.io.sandbox import run_in_sandbox, run_once
-from vfplan.io.table import NumberTable, open_number_table
+from vfplan.io.table import open_number_table
 from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.session import Samples, Session, SessionStream, unit_factor
 
@@ -98,7 +98,16 @@ def open_session(
             kind = "hdf5"
         notes["format"] = kind
         length, statements = run_once(f"vfplan.session.arrays:{kind}_header", name, **source)
-        _check_statements(statements, {"units": units, "frame": frame, "time unit": "s"}, name)
+        # Where the file says its own units or frame, neither it nor the call overrules the other.
+        expected = {"units": units, "frame": frame, "time unit": "s"}
+        for statement, value, place in statements:
+            if value != expected[statement]:
+                raise SessionError(
+                    f"the file says {statement} = {value!r} ({place}), the call "
+                    f"{expected[statement]!r}. Correct one of them",
+                    where=name,
+                    code="units-or-frame-differ",
+                )
         read = functools.partial(
             run_in_sandbox, f"vfplan.session.arrays:read_{kind}", name, factor, **source
         )
@@ -108,7 +117,11 @@ def open_session(
         ignored = [column for column in table.columns if column not in HIP_COLUMNS]
         if ignored:
             notes["ignored_columns"] = ignored
-        read = functools.partial(_read_csv, table, factor)
+
+        def read() -> Iterator[Samples]:
+            for rows in table.blocks(HIP_COLUMNS):
+                yield rows[:, 0].copy(), rows[:, 1:] * factor
+
     read = functools.partial(_read_unchanged, read, file.require_unchanged)
     return SessionStream(read, name, frame, file.sha256(), notes, length)
 
@@ -158,22 +171,3 @@ def _read_unchanged(
     """Read to the end, and then refuse a file that no longer has the digest that was taken."""
     yield from read()
     require_unchanged()
-
-
-def _read_csv(table: NumberTable, factor: float) -> Iterator[Samples]:
-    for rows in table.blocks(HIP_COLUMNS):
-        yield rows[:, 0].copy(), rows[:, 1:] * factor
-
-
-def _check_statements(
-    statements: list[tuple[str, str, str]], expected: dict[str, str], where: str
-) -> None:
-    """Refuse a file whose own attributes contradict the call; neither overrules the other."""
-    for name, value, place in statements:
-        if value != expected[name]:
-            raise SessionError(
-                f"the file says {name} = {value!r} ({place}), the call {expected[name]!r}. "
-                "Correct one of them",
-                where=where,
-                code="units-or-frame-differ",
-            )

@@ -124,7 +124,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     last_time = -np.inf
     for arrays in answers:
         block = TickBlock(*arrays)
-        _check_values(block, count, last_time, where)
+        check_values(block, count, last_time, where)
         blocks.append(block)
         count += len(block)
         last_time = block.time[-1]
@@ -192,7 +192,7 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
-def _check_values(block: TickBlock, first: int, last_time: float, where: str) -> None:
+def check_values(block: TickBlock, first: int, last_time: float, where: str) -> None:
     """Refuse values that no replay gives, because a picture of them would show something else.
 
     first: number of the block's first tick

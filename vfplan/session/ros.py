@@ -264,7 +264,7 @@ def _choose_connection(reader: Any, topic: str | None, field: str | None, where:
     for connection in reader.connections:
         if topic not in (None, connection.topic) or connection.msgcount == 0:
             continue
-        if topic is not None or _holds_position(reader, connection, field):
+        if topic is not None or holds_position(reader, connection, field):
             fitting.append(connection)
     topics = sorted({connection.topic for connection in fitting})
     if len(topics) == 1:
@@ -283,7 +283,8 @@ def _choose_connection(reader: Any, topic: str | None, field: str | None, where:
     )
 
 
-def _holds_position(reader: Any, connection: Any, field: str | None) -> bool:
+def holds_position(reader: Any, connection: Any, field: str | None) -> bool:
+    """Whether the first message of a connection holds a position."""
     first = next(reader.messages(connections=[connection]), None)
     if first is None:
         return False

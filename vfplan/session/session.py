@@ -230,35 +230,30 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
             code="rate-out-of-range",
             numbers={"rate_hz": rate_hz},
         )
-    return SessionStream(
-        lambda: _interpolated(session, rate_hz),
-        session.name,
-        session.frame,
-        session.sha256,
-        {**session.notes, "resampled_hz": rate_hz},
-    )
 
+    def samples() -> Iterator[Samples]:
+        start = None
+        # Samples given so far; sample k stands at start + k / rate.
+        done = 0
+        # The last sample of the block before, from which the first interval of a block begins.
+        last_time = np.empty(0)
+        last_hip = np.empty((0, 3))
+        for block_time, block_hip in session.blocks(BLOCK):
+            if start is None:
+                start = block_time[0]
+            time = np.concatenate((last_time, block_time))
+            hip = np.concatenate((last_hip, block_hip))
+            # 1e-9 of a sample keeps the last one when T * rate is a whole number but for rounding.
+            last = int(np.floor((time[-1] - start) * rate_hz + 1e-9))
+            for first in range(done, last + 1, BLOCK):
+                new_time = start + np.arange(first, min(first + BLOCK, last + 1)) / rate_hz
+                new_hip = np.empty((len(new_time), 3))
+                for axis in range(3):
+                    new_hip[:, axis] = np.interp(new_time, time, hip[:, axis])
+                yield new_time, new_hip
+            done = max(done, last + 1)
+            last_time = time[-1:]
+            last_hip = hip[-1:]
 
-def _interpolated(session: SessionSource, rate_hz: float) -> Iterator[Samples]:
-    start = None
-    # Samples given so far; sample k stands at start + k / rate.
-    done = 0
-    # The last sample of the block before, from which the first interval of a block begins.
-    last_time = np.empty(0)
-    last_hip = np.empty((0, 3))
-    for block_time, block_hip in session.blocks(BLOCK):
-        if start is None:
-            start = block_time[0]
-        time = np.concatenate((last_time, block_time))
-        hip = np.concatenate((last_hip, block_hip))
-        # 1e-9 of a sample keeps the last one when T * rate is a whole number but for rounding.
-        last = int(np.floor((time[-1] - start) * rate_hz + 1e-9))
-        for first in range(done, last + 1, BLOCK):
-            new_time = start + np.arange(first, min(first + BLOCK, last + 1)) / rate_hz
-            new_hip = np.empty((len(new_time), 3))
-            for axis in range(3):
-                new_hip[:, axis] = np.interp(new_time, time, hip[:, axis])
-            yield new_time, new_hip
-        done = max(done, last + 1)
-        last_time = time[-1:]
-        last_hip = hip[-1:]
+    notes = {**session.notes, "resampled_hz": rate_hz}
+    return SessionStream(samples, session.name, session.frame, session.sha256, notes)

@@ -131,8 +131,11 @@ class Stage:
             self._legend += [("tool (HIP) and its path", HIP), ("proxy and its path", PROXY)]
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
-        self._add_scale()
-        self._place_camera()
+        add_scale(pyvista, self.plotter, fixture.points)
+        hip = None
+        if ticks is not None:
+            hip = ticks.hip
+        place_camera(self.plotter, fixture.points, hip)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.
         self._add_slice(image)
@@ -184,7 +187,7 @@ class Stage:
         A bundle that was not drawn on a slice, or does not say where the slice lies, shows none.
         """
         size = image or self._fixture.image
-        T_frame_image = _place_of_slice(self._fixture, image)
+        T_frame_image = place_of_slice(self._fixture, image)
         if size is None or T_frame_image is None:
             return
         right, bottom = size.width_px - 0.5, size.height_px - 0.5
@@ -204,51 +207,6 @@ class Stage:
             texture = self._pv.Texture(np.ascontiguousarray(as_uint8(image.rgb)))
             self.plotter.add_mesh(plane, texture=texture, lighting=False, opacity=0.8)
         self._legend.append(("slice", SLICE))
-
-    def _add_scale(self) -> None:
-        """A bar of a round length along the cloud's longest side, and its length in words."""
-        points = self._fixture.points
-        sides = np.ptp(points, axis=0)
-        across, along = np.argsort(sides)[1:]
-        # Beside the cloud, at the height of its top.
-        start = points.max(axis=0)
-        start[along] = points[:, along].min()
-        start[across] = points[:, across].min() - 0.08 * sides[along]
-        length = nice_length(max(float(sides[along]), 1e-3) / 4)
-        stop = start.copy()
-        stop[along] += length
-        bar = self._pv.Line(start, stop)
-        # A white edge shows the bar on a dark slice.
-        self.plotter.add_mesh(bar, color="white", line_width=10)
-        self.plotter.add_mesh(bar, color="black", line_width=6)
-        self.plotter.add_point_labels(
-            [stop],
-            [f"{1e3 * length:g} mm"],
-            font_size=18,
-            text_color="black",
-            shape_color="white",
-            shape_opacity=0.8,
-            show_points=False,
-            always_visible=True,
-        )
-
-    def _place_camera(self) -> None:
-        """Look obliquely along the direction in which the cloud is thinnest, from the tool's side.
-
-        That direction is the eigenvector of the smallest eigenvalue of the points' covariance.
-        """
-        points = self._fixture.points
-        middle = points.mean(axis=0)
-        spread = max(float(np.ptp(points, axis=0).max()), 1e-3)
-        normal = np.linalg.eigh(np.cov((points - middle).T + 1e-12))[1][:, 0]
-        if self._ticks is not None and (self._ticks.hip - middle).mean(axis=0) @ normal < 0:
-            normal = -normal
-        side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-        direction = 0.75 * normal + 0.55 * side + 0.35 * np.cross(normal, side)
-        camera = middle + 2.0 * spread * direction
-        self.plotter.camera_position = [tuple(camera), tuple(middle), tuple(normal)]
-        self.plotter.reset_camera()
-        self.plotter.camera.zoom(1.05)
 
     def tick_at(self, time: float | None) -> int:
         """The tick at a time, or the deepest one."""
@@ -314,7 +272,7 @@ class Stage:
         self.plotter.add_mesh(arrow, color=colour, name=name)
 
 
-def _place_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | None:
+def place_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | None:
     """(3 or 4, 3) from [u v 1] to the fixture's frame; `None` where nobody knows."""
     record = fixture.registration
     if record is not None and record.source_frame == "image":
@@ -326,3 +284,51 @@ def _place_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | Non
     if record is not None and record.source_frame == "patient_lps":
         return record.T_robot_image @ image.T_patient_image
     return None
+
+
+def add_scale(pyvista: Any, plotter: Any, points: Array) -> None:
+    """A bar of a round length along the longest side of the cloud (N, 3), with that length."""
+    sides = np.ptp(points, axis=0)
+    across, along = np.argsort(sides)[1:]
+    # Beside the cloud, at the height of its top.
+    start = points.max(axis=0)
+    start[along] = points[:, along].min()
+    start[across] = points[:, across].min() - 0.08 * sides[along]
+    length = nice_length(max(float(sides[along]), 1e-3) / 4)
+    stop = start.copy()
+    stop[along] += length
+    bar = pyvista.Line(start, stop)
+    # A white edge shows the bar on a dark slice.
+    plotter.add_mesh(bar, color="white", line_width=10)
+    plotter.add_mesh(bar, color="black", line_width=6)
+    plotter.add_point_labels(
+        [stop],
+        [f"{1e3 * length:g} mm"],
+        font_size=18,
+        text_color="black",
+        shape_color="white",
+        shape_opacity=0.8,
+        show_points=False,
+        always_visible=True,
+    )
+
+
+def place_camera(plotter: Any, points: Array, hip: Array | None) -> None:
+    """Look obliquely along the direction in which the cloud is thinnest, from the tool's side.
+
+    points: the cloud (N, 3)
+    hip: the tool's path (T, 3); `None`: from either side
+
+    That direction is the eigenvector of the smallest eigenvalue of the points' covariance.
+    """
+    middle = points.mean(axis=0)
+    spread = max(float(np.ptp(points, axis=0).max()), 1e-3)
+    normal = np.linalg.eigh(np.cov((points - middle).T + 1e-12))[1][:, 0]
+    if hip is not None and (hip - middle).mean(axis=0) @ normal < 0:
+        normal = -normal
+    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    direction = 0.75 * normal + 0.55 * side + 0.35 * np.cross(normal, side)
+    camera = middle + 2.0 * spread * direction
+    plotter.camera_position = [tuple(camera), tuple(middle), tuple(normal)]
+    plotter.reset_camera()
+    plotter.camera.zoom(1.05)
