@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "vfplan/bundle/engine.hpp"
-#include "vfplan/bundle/guide.hpp"
 
 namespace controller {
 

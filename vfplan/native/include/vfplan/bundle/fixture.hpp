@@ -38,7 +38,7 @@ struct Stroke {
     bool closed = false;
 };
 
-/// The strokes that guide; SI units. vfplan/bundle/guide.hpp makes a vfplan::Guide of it.
+/// The strokes that guide; SI units. vfplan/bundle/engine.hpp makes a vfplan::Guide of it.
 struct Guidance {
     double radius = 0;          // of the tube [m]
     double stiffness = 0;       // beyond it [N/m]

@@ -9,10 +9,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "vfplan/base/half_spaces.hpp"
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
+#include "vfplan/rules/half_spaces.hpp"
 
 namespace vfplan {
 

@@ -9,8 +9,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "vfplan/base/half_spaces.hpp"
 #include "vfplan/mesh/triangles.hpp"
+#include "vfplan/rules/half_spaces.hpp"
 
 namespace vfplan::mesh {
 

@@ -12,11 +12,11 @@
 
 #include <algorithm>
 
-#include "vfplan/base/half_spaces.hpp"
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/cloud/kernels.hpp"
 #include "vfplan/rules/constants.hpp"
+#include "vfplan/rules/half_spaces.hpp"
 
 namespace vfplan {
 

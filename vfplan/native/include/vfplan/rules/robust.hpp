@@ -16,13 +16,13 @@
 #include <cstddef>
 #include <limits>
 
-#include "vfplan/base/half_spaces.hpp"
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/density.hpp"
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/contacts.hpp"
+#include "vfplan/rules/half_spaces.hpp"
 #include "vfplan/rules/rule.hpp"
 
 namespace vfplan {
