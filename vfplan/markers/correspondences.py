@@ -20,6 +20,7 @@ from vfplan.errors import MarkerError
 from vfplan.findings import Finding, note
 from vfplan.io.table import Table, parse_table, read_text
 
+# Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20
 
 ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with sigma_m"
@@ -29,9 +30,11 @@ UNITS = ("m", "cm", "mm")
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
 
-# RMS distance [m] of a layout's markers from their centre: that of a small jig, and the width of a
-# scanner. The same numbers read as metres and as millimetres cannot both lie between them.
+# RMS distance [m] of the markers of a small jig from their centre.
 MIN_RADIUS_M = 0.01
+
+# RMS distance [m] of markers as far apart as a scanner is wide. It is less than a thousand times
+# that of a jig, so the same numbers cannot be both metres and millimetres.
 MAX_RADIUS_M = 1.0
 
 # What a header without column names holds.

@@ -16,32 +16,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.markers.marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST
 
 Array = NDArray[np.float64]
 Shape = Literal["cross", "dot"]
 
-# How far a marker's centre may be from where it is said to be [px].
-SEARCH_PX = 8.0
-
-# Largest half size of a mark [px].
-MAX_HALF_SIZE_PX = 24
-
-# Pixels around a mark, where its blurred edge ends.
+# Width [px] of the border around a mark within which its blurred edge ends.
 EDGE_PX = 4
 
-# Chroma, or difference in brightness, below which nothing was drawn; of full scale.
-MIN_CONTRAST = 0.15
-
-# RMS of the drawn coverage minus the shape's, over the ink: a cross or a dot has less.
+# Largest RMS of the drawn coverage minus the shape's, over the ink. A cross or a dot has less.
 MAX_MISFIT = 0.45
 
-# With less the mark is clear, and no other colour needs to be tried.
+# A mark with less is clear, and no other colour or shape needs to be tried.
 CLEAR_MISFIT = 0.3
 
-# Blur [px] above which compression has blurred the colour.
+# Largest blur [px] of a mark whose colour compression has not blurred.
 SHARP_PX = 0.7
 
-# RMS misfit of the brightness, over a background that is itself an estimate.
+# Largest RMS misfit of the brightness. It is larger, for the background is itself an estimate.
 MAX_BRIGHTNESS_MISFIT = 0.7
 
 
@@ -93,7 +85,7 @@ def find_markers(
     labels: Sequence[str],
     positions_px: ArrayLike,
     *,
-    search_px: float = SEARCH_PX,
+    search_px: float = MATCH_RADIUS_PX,
 ) -> tuple[DrawnMarker, ...]:
     """Find the drawn marker nearest to each given position.
 
@@ -156,7 +148,7 @@ def _find_marker(
 ) -> DrawnMarker | None:
     """The cross or dot nearest to a place, or `None`."""
     u, v = place
-    half = int(np.ceil(search_px)) + MAX_HALF_SIZE_PX
+    half = int(np.ceil(search_px)) + MAX_SIDE_PX // 2
     column, row = max(0, round(u) - half), max(0, round(v) - half)
     window = rgb[row : round(v) + half + 1, column : round(u) + half + 1]
     picture = window / float(np.iinfo(rgb.dtype).max)
@@ -226,7 +218,7 @@ def marks_around(coverage: Array, place: tuple[float, float], search_px: float) 
         distance = np.hypot(u + columns.start - place[0], v + rows.start - place[1]).min()
         is_cut = min(rows.start, columns.start) == 0
         is_cut |= rows.stop == coverage.shape[0] or columns.stop == coverage.shape[1]
-        is_large = max(is_inside.shape) > 2 * MAX_HALF_SIZE_PX
+        is_large = max(is_inside.shape) > MAX_SIDE_PX
         if distance > search_px or is_cut or is_large or len(u) < 4:
             continue
 

@@ -21,41 +21,45 @@ from vfplan.findings import Finding, doubt, note
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-# A mark belongs to a position within this distance [px]: a careless click, not another mark.
+# Largest distance [px] between a position and its mark. So far off is a careless click; further off
+# is another mark.
 MATCH_RADIUS_PX = 8.0
 
-# Shorter side of the smallest mark [px]; less is a speck.
+# Shorter side [px] of the smallest mark. What is smaller is a speck.
 MIN_SIDE_PX = 3
 
-# Longer side of the largest mark [px]; more is a drawing.
+# Longer side [px] of the largest mark. What is larger is a drawing.
 MAX_SIDE_PX = 48
 
-# Chroma above which a pixel is coloured ink, of 255. It holds what compression has blurred.
-COLOURED_CHROMA = 38
+# Smallest chroma, or difference in brightness, of ink, as a share of full scale. Compression blurs
+# thin ink to about as little.
+MIN_CONTRAST = 0.15
 
-# The same, of ink alone: it separates a mark from a label that touches it.
+# Smallest chroma of ink that is not blurred, of 255. It separates a mark from a label that touches
+# it.
 PURE_CHROMA = 100
 
-# Brightness of white ink, of 255, in every channel.
+# Smallest brightness of white ink, of 255, in every channel.
 WHITE = 247
 
-# More small spots of one colour than this are a colour picture and no marks.
+# Largest number of small spots of one colour on a slice with marks. A colour picture has more.
 MAX_SPOTS = 400
 
-# Marks of one kind differ by at most this share in width and height, or by 2 px.
+# Largest difference between marks of one kind, as a share of their width and height. Of small ones
+# 2 px are allowed.
 ALIKE_SIZE = 0.35
 
-# Marks of one kind look alike if their pictures correlate by this much; digits do by less.
+# Smallest correlation of the pictures of two marks of one kind. Those of two digits have less.
 ALIKE_SHAPE = 0.9
 
-# A single position this far from its mark [px], beyond what the others scatter, is named.
+# Largest distance [px] of a careful click from its mark, beyond what the others scatter.
 SINGLE_OFFSET_PX = 1.5
 
-# A common shift of the positions up to this [px] is a convention of where pixels begin.
+# Largest common shift [px] of positions that only count from another corner of the pixel.
 COMMON_SHIFT_PX = 0.6
 
-# RMS distance [px] of clicked positions from their marks. Wrong readings lie further.
-CLICKED_RMS_PX = 3.0
+# Largest RMS distance [px] of clicked positions from their marks. Wrong readings lie further off.
+CLICKED_RMS_PX = 2 * SINGLE_OFFSET_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,14 +235,15 @@ def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:
     red, green, blue = cv2.split(image)
     darkest = cv2.min(cv2.min(red, green), blue)
     chroma = cv2.max(cv2.max(red, green), blue) - darkest
-    rows, columns = np.nonzero(chroma > COLOURED_CHROMA)
+    min_chroma = 255 * MIN_CONTRAST
+    rows, columns = np.nonzero(chroma > min_chroma)
     # The angle of each coloured pixel on the circle of hues.
     r, g, b = image[rows, columns].astype(float).T
     hue = np.arctan2(np.sqrt(3) * (g - b), 2 * r - g - b)
     strength = chroma[rows, columns]
     for centre in common_hues(hue, strength):
         is_of_hue = np.abs(np.angle(np.exp(1j * (hue - centre)))) < np.pi / 8
-        for level in (COLOURED_CHROMA, PURE_CHROMA):
+        for level in (min_chroma, PURE_CHROMA):
             mask = np.zeros_like(chroma)
             chosen = is_of_hue & (strength > level)
             mask[rows[chosen], columns[chosen]] = 1

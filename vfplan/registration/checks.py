@@ -14,9 +14,10 @@ import numpy as np
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
+from vfplan.markers.correspondences import MAX_RADIUS_M
 from vfplan.registration.error import TargetError
 from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model
-from vfplan.registration.labels import SURE_PROBABILITY, UNSURE_PROBABILITY, label_mistakes
+from vfplan.registration.labels import SURE_PROBABILITY, label_mistakes
 from vfplan.registration.models import Array, Orthogonal
 from vfplan.registration.perspective import perspective_test
 from vfplan.registration.registration import Registration, describe_side
@@ -27,20 +28,17 @@ from vfplan.registration.scale import (
     stretch_findings,
 )
 
-# A layout as long as this for its width lets the error grow fast across it.
+# Length over width of a layout across which the error grows fast.
 LONG_LAYOUT = 10.0
 
-# A marker that has this share in its own prediction can be wrong and leave hardly any residual.
+# A marker with so large a share in its own prediction can be wrong and leave hardly a residual.
 UNCHECKED_LEVERAGE = 0.9
 
-# With this share a marker's error of 20 mm leaves less than 1 mm among ten markers.
+# With so large a share a marker's error of 20 mm leaves less than 1 mm among ten markers.
 DECISIVE_LEVERAGE = 0.98
 
 # RMS residual of a similarity [m] that markers touched with care do not exceed; as --max-residual.
 UNSTRETCHED_RESIDUAL_M = 1e-3
-
-# RMS distance of the markers from their centre [m]. No scanner's slice is wider.
-LARGE_LAYOUT_M = 1.0
 
 # Share of the curve that may lie beyond the markers before a person has to look.
 EXTRAPOLATED_SHARE = 0.05
@@ -91,7 +89,7 @@ def refuse_wrong_markers(
     if max_residual_m is not None and not registration.fre_rms_m <= max_residual_m:
         perspective = perspective_test(registration)
         outlier = single_outlier(registration)
-        if mistakes and mistakes[0].p_value < UNSURE_PROBABILITY:
+        if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
             advice = f"{mistakes[0].sentence(labels)}. Correct the labels"
         elif perspective is not None and perspective.is_significant:
             advice = (
@@ -173,7 +171,7 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
 
     # Another order of the labels fits better than chance explains, or about as well.
     mistakes = label_mistakes(registration)
-    if mistakes and mistakes[0].p_value < UNSURE_PROBABILITY:
+    if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
         sentence = mistakes[0].sentence(registration.labels)
         text = (
             f"{sentence[0].upper()}{sentence[1:]} (as given: {_mm(registration.fre_rms_m)}). "
@@ -260,7 +258,7 @@ def layout_findings(registration: Registration) -> list[Finding]:
             place = _place_px(registration, i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
     radius_m = float(np.sqrt((registration.fit.problem.y**2).sum(axis=1).mean()))
-    if radius_m > LARGE_LAYOUT_M:
+    if radius_m > MAX_RADIUS_M:
         text = f"The markers lie {radius_m:.3g} m (rms) from their centre. Is the unit metres?"
         findings.append(doubt("layout-large", "register", text))
     return findings

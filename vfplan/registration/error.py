@@ -33,13 +33,14 @@ from vfplan.registration.models import Array, homogeneous, marker_rows
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
 
-# Of every bound here.
+# Probability that an error stays within its bound.
 PROBABILITY = 0.95
 
-# Directions of the expectation. With this many κ is within 0.2 % of its limit.
+# Number of directions of the expectation. With this many κ is within 0.2 % of its limit.
 DIRECTIONS = 8192
 
-# The error changes slowly along a curve: κ over more points than these is the same.
+# Number of points of the curve that κ is taken over. The error changes slowly along it, so more
+# points give the same.
 CURVE_POINTS = 64
 
 

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.registration.models import Affine, Array, marker_rows, root_of_inverse
-from vfplan.registration.problem import Problem
+from vfplan.registration.problem import MAX_CONDITION, Problem
 
-# Of an F test on any of the markers: a set of good markers has an outlier once in a hundred.
+# A set of good markers is suspected once in a hundred: of an outlier, of mistaken labels, or of
+# larger residuals than stated.
 GOOD_SET_PROBABILITY = 0.01
 
-# Markers whose width beside their best line is less, relative to the layout, lie on a line.
-MIN_WIDTH = 1e-6
+# What good markers or touched points show once in 10,000 sets has another cause.
+RARE_PROBABILITY = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def leave_one_out(fit: Fit) -> Array:
         s = problem.s[others]
         # How far the others spread beside the line that fits them best.
         width = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1]
-        if others.sum() >= problem.model.minimal and width > MIN_WIDTH:
+        if others.sum() >= problem.model.minimal and width > 1 / MAX_CONDITION:
             m = problem.model.solve(s, problem.y[others], problem.weights[others])
             errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
     return errors

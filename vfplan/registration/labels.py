@@ -12,7 +12,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from vfplan.registration.fit import fit_model
+from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model
 from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem
 from vfplan.registration.registration import Registration
@@ -21,13 +21,10 @@ from vfplan.registration.registration import Registration
 # Of 10,000 sets of good markers none is refused by it (docs/make_registration_table.py).
 SURE_PROBABILITY = 5e-6
 
-# Another order is unsure, or the layout is called symmetric, by an F of this probability.
-UNSURE_PROBABILITY = 1e-2
-
-# Both of two exchanged markers are among this many of largest residual.
+# Both of two exchanged markers are among the 12 of largest residual, for a mistake is large.
 MAX_SUSPECTS = 12
 
-# With so few markers every order of the labels is compared.
+# Of four markers all 24 orders of the labels are compared; five would have 120.
 MAX_FOR_EVERY_ORDER = 4
 
 
@@ -64,7 +61,8 @@ class LabelMistake:
 def label_mistakes(registration: Registration) -> list[LabelMistake]:
     """The usual mistakes with labels that fit about as well as the given ones, or better.
 
-    The likeliest comes first.
+    An order is one of them unless the given one fits better by an F that equally good orders reach
+    once in a hundred sets. The likeliest comes first.
     """
     from scipy.special import fdtrc
 
@@ -91,7 +89,7 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     mistakes = []
     for (order, action), square, fre_rms_m in zip(orders.items(), others, fre, strict=True):
         # The given order does not fit clearly better than this one.
-        if fdtrc(dof, dof, square / as_given) > UNSURE_PROBABILITY:
+        if fdtrc(dof, dof, square / as_given) > GOOD_SET_PROBABILITY:
             p_value = float(fdtrc(dof, dof, as_given / square))
             mistakes.append(LabelMistake(order, action, float(fre_rms_m), p_value))
     mistakes.sort(key=lambda mistake: mistake.p_value)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.geometry import ROWS_AT_ONCE
+
 Array = NDArray[np.float64]
 
-# The triangles around this many nearest corners are looked at.
+# Number of nearest corners whose triangles are compared.
 CORNERS = 4
 
-# Points that are looked at together: some megabytes.
-BLOCK = 65536
+# Distances [m] below a nanometre are rounding.
+ROUNDING_M = 1e-9
 
 
 class NearestOnMesh:
@@ -38,9 +40,12 @@ class NearestOnMesh:
 
     def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
-        blocks = [self._nearest(places[k : k + BLOCK]) for k in range(0, len(places), BLOCK)]
-        nearest, rows = zip(*blocks, strict=True)
-        return np.concatenate(nearest), np.concatenate(rows)
+        nearest = np.empty_like(places)
+        rows = np.empty(len(places), dtype=np.intp)
+        for start in range(0, len(places), ROWS_AT_ONCE):
+            block = slice(start, start + ROWS_AT_ONCE)
+            nearest[block], rows[block] = self._nearest(places[block])
+        return nearest, rows
 
     def normals(self, rows: NDArray[np.intp]) -> Array:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""

@@ -31,11 +31,12 @@ from vfplan.registration.models import (
 from vfplan.registration.problem import Problem, make_problem
 from vfplan.registration.robust import consistent_markers
 
-# A set of markers in space is called mirrored if its mirror image fits better by an F that good
-# markers reach once in this many sets.
+# Directions in the robot's frame that have a word.
 SIDES = {"above": (0.0, 0.0, 1.0), "below": (0.0, 0.0, -1.0)}
-"""Directions in the robot's frame that have a word."""
-MIRRORED_ONCE_IN = 1000
+
+# A set of markers in space is called mirrored if its mirror image fits better by an F that good
+# markers reach once in a thousand sets.
+MIRRORED_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +380,7 @@ def is_mirrored(fit: Fit) -> bool:
     error = y - homogeneous(flipped) @ problem.model.solve(flipped, y, w).T
     mirrored = max(float((w * error**2).sum()), problem.rounding_floor_m**2)
     # A flat layout fits both ways, so only a mirror image that fits far better counts.
-    limit = float(fdtri(float(fit.dof), float(fit.dof), 1 - 1 / MIRRORED_ONCE_IN))
+    limit = float(fdtri(float(fit.dof), float(fit.dof), 1 - MIRRORED_PROBABILITY))
     return fit.variance * fit.dof > limit * mirrored
 
 

@@ -15,21 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.registration.fit import f_limit, fit_model, studentised_f
 from vfplan.registration.models import Array
-from vfplan.registration.problem import Problem
+from vfplan.registration.problem import MAX_CONDITION, Problem
 
-# All of them are tried. This many take some seconds.
+# All minimal subsets are tried, and this many take some seconds.
 MAX_SUBSETS = 500_000
 
-# This many subsets are fitted at once: a few megabytes.
-SUBSETS_AT_ONCE = 10_000
-
-# Probability that the forward search stops before a good marker.
+# The forward search stops before a good marker once in twenty sets. That leaves out a good marker
+# now and then, and seldom takes in a wrong one.
 STOP_PROBABILITY = 0.05
-
-# A subset whose points spread less than this, squared and relative to the layout, is on a line.
-MIN_SPREAD = 1e-6
 
 
 def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
@@ -53,7 +49,7 @@ def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
     # The minimal subset whose transform leaves the least sum over the half that fits it best.
     subsets = combinations(range(n), minimal)
     smallest_sum, best_subset = np.inf, []
-    while block := list(islice(subsets, SUBSETS_AT_ONCE)):
+    while block := list(islice(subsets, ROWS_AT_ONCE)):
         index = np.array(block)
         index = index[is_spread_out(problem, index)]
         if not len(index):
@@ -87,7 +83,7 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_
     rank = 2
     if problem.model.name == "affine":
         rank = problem.model.dimension
-    return squares[:, rank - 1] > MIN_SPREAD
+    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
 def _through(problem: Problem, index: NDArray[np.intp]) -> Array:

@@ -8,22 +8,22 @@ import numpy as np
 
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt
-from vfplan.registration.fit import fit_model
+from vfplan.registration.fit import RARE_PROBABILITY, fit_model
 from vfplan.registration.models import Affine, Orthogonal
 from vfplan.registration.registration import Registration
 
-# Scale over the known scale. More is another unit or another picture, not a printer's stretch.
+# Largest scale over the known scale. More is another unit or another picture, not a printer's
+# stretch.
 MAX_RATIO = 2.0
 
-# A scale departs from the known one if it does by this share and this many standard errors.
+# A scale that departs by less than half a per cent moves a marker by less than half a millimetre.
 DEPARTURE = 0.005
+
+# A scale departs from the known one by chance if it does by less than four standard errors.
 STANDARD_ERRORS = 4.0
 
-# Stretch that an affine map shows without a word: a camera that looks on at 25 degrees makes it.
+# An affine map may show this much stretch: a camera that looks on at 25 degrees makes it.
 MAX_STRETCH = 1.1
-
-# A smaller model is questioned if good markers of square pixels show as much stretch so seldom.
-STRETCH_PROBABILITY = 1e-4
 
 
 def scale_departures(registration: Registration) -> list[tuple[float, float]]:
@@ -103,7 +103,7 @@ def stretch_findings(registration: Registration) -> list[Finding]:
     square_squares = square.variance * square.dof
     more = square.dof - free.dof
     f = ((square_squares - free_squares) / more) / (free_squares / free.dof)
-    if fdtrc(more, free.dof, max(f, 0.0)) > STRETCH_PROBABILITY:
+    if fdtrc(more, free.dof, max(f, 0.0)) > RARE_PROBABILITY:
         return []
     text = (
         f"By the markers a pixel is {long / short:.3g} times as long as wide. Look for a column "

@@ -15,30 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.registration.fit import RARE_PROBABILITY
 from vfplan.registration.models import Array, Orthogonal, homogeneous, root_of_inverse
-from vfplan.registration.nearest import NearestOnMesh
+from vfplan.registration.nearest import ROUNDING_M, NearestOnMesh
 from vfplan.registration.registration import Registration
 
-# Twice as many touched points as degrees of freedom.
-MIN_POINTS = 12
+# Largest number of touched points. A tracked tip that slides for a minute gives fewer.
 MAX_POINTS = 100_000
 
-# Median distance [m] of the points from the surface that the markers place. More is a wrong unit.
+# Largest median distance [m] of the points from the surface that the markers place. More is a wrong
+# unit or a wrong frame.
 MAX_START_DISTANCE_M = 0.02
 
-# RMS change of the distances for a motion of 1 in the direction that the patch constrains least.
-# The normals of a sampled surface are off by hundredths of a radian, which looks like as much.
+# Smallest RMS change of the distances for a motion of 1 in the direction that the patch constrains
+# least. The normals of a sampled surface are off by hundredths of a radian, which looks the same.
 MIN_CONSTRAINT = 0.03
 
-# A point is left out as a stray if a good one is as far from the surface so seldom.
-STRAY_PROBABILITY = 1e-4
-
-# Each round of fitting uses the spread that the round before has left.
+# Number of rounds of fitting. Each uses the spread that the round before has left.
 ROUNDS = 3
-STEPS_A_ROUND = 20
-
-# Distances below this are rounding.
-ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +92,11 @@ def refine_by_touch(
             f"{registration.model}. Give --model rigid",
             code="touch-not-rigid",
         )
-    if not MIN_POINTS <= len(tip_positions) <= MAX_POINTS:
+    # Twice as many points as degrees of freedom.
+    min_points = 2 * model.parameters
+    if not min_points <= len(tip_positions) <= MAX_POINTS:
         raise MarkerError(
-            f"{len(tip_positions)} points were touched. Give {MIN_POINTS} to {MAX_POINTS}",
+            f"{len(tip_positions)} points were touched. Give {min_points} to {MAX_POINTS}",
             code="touch-count",
             numbers={"points": len(tip_positions)},
         )
@@ -121,16 +117,16 @@ def refine_by_touch(
     for _ in range(ROUNDS):
         m = patch.fit(m, model, "cauchy")
     distances_m = patch.distances(m)
-    dof = len(tip_positions) - 6
+    dof = len(tip_positions) - model.parameters
     sigma_m = _robust_spread(distances_m)
 
     # Least squares of those points give the smallest error.
     for _ in range(ROUNDS):
-        limit = float(stdtrit(dof, 1 - STRAY_PROBABILITY / 2)) * max(sigma_m, ROUNDING_M)
+        limit = float(stdtrit(dof, 1 - RARE_PROBABILITY / 2)) * max(sigma_m, ROUNDING_M)
         used = np.abs(distances_m) <= limit
-        if used.sum() < MIN_POINTS:
+        if used.sum() < min_points:
             raise MarkerError(
-                f"only {used.sum()} touched points lie on one surface, and {MIN_POINTS} are "
+                f"only {used.sum()} touched points lie on one surface, and {min_points} are "
                 "needed. Touch more points on the bone",
                 code="touch-no-surface",
                 numbers={"points": int(used.sum())},
@@ -138,7 +134,7 @@ def refine_by_touch(
         on_surface = replace(patch, tip_positions=tip_positions[used])
         m = on_surface.fit(m, model, "linear")
         distances_m = patch.distances(m)
-        dof = int(used.sum()) - 6
+        dof = int(used.sum()) - model.parameters
         sigma_m = float(np.sqrt((distances_m[used] ** 2).sum() / dof))
 
     _, normals, places = on_surface.nearest(m)
@@ -206,12 +202,11 @@ class _Patch:
 
         result = least_squares(
             distances,
-            np.zeros(6),
+            np.zeros(model.parameters),
             jacobian,
             loss=loss,
             f_scale=scale,
             x_scale="jac",
-            max_nfev=STEPS_A_ROUND,
         )
         return model.moved(m, result.x)
 
