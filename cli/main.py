@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -50,7 +51,7 @@ COMMANDS: dict[str, str] = {}
 for _group in GROUPS.values():
     COMMANDS.update(_group)
 
-INTERRUPTED = 130
+INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C, as a shell reports an interrupt."""
 
 # Each module holds a click command called `command`. It is imported when the command is called,

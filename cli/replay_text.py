@@ -7,12 +7,9 @@ from typing import Any
 from vfplan.cli.run import is_verbose
 from vfplan.cli.units import count, micrometres, millijoules, millimetres, milliseconds
 
-from vfplan.display import length
+from vfplan.display import MAX_LISTED, length
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.limits import LIMITS, has_touched
-
-LISTED_EPISODES = 20
-"""Number of episodes that `-v` prints; `--json` has all."""
 
 NO_TOUCH = "the tool never touched the fixture"
 
@@ -193,7 +190,7 @@ def robot_line(robot: dict[str, Any]) -> str:
 def episode_lines(report: dict[str, Any]) -> list[str]:
     """The contacts one by one."""
     lines = []
-    for episode in report["episodes"][:LISTED_EPISODES]:
+    for episode in report["episodes"][:MAX_LISTED]:
         line = (
             f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, up "
             f"to {millimetres(episode['penetration_max_m'])} deep"
@@ -205,11 +202,11 @@ def episode_lines(report: dict[str, Any]) -> list[str]:
             place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
             line += f" near ({place}) mm"
         lines.append(f"{line}, up to {episode['force_max_n']:.3f} N")
-    if len(report["episodes"]) > LISTED_EPISODES:
+    if len(report["episodes"]) > MAX_LISTED:
         kept = "all"
         if "episodes_left_out" in report:
             kept = "the deepest"
-        lines.append(f"  and {episode_count(report) - LISTED_EPISODES} more (--json has {kept})")
+        lines.append(f"  and {episode_count(report) - MAX_LISTED} more (--json has {kept})")
     return lines
 
 

@@ -16,11 +16,7 @@ from click.core import ParameterSource
 from vfplan.cli.values import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import read_whole
-
-MAX_BYTES = 1 << 20
-"""Size of the largest settings file that is read; a file of all options is a thousand times
-smaller."""
+from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 
 OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
 """Options that say how a command is called, and nothing of its result."""
@@ -88,7 +84,7 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
             params[param.name] = param
 
     # The file holds one JSON object.
-    data = read_whole(path, MAX_BYTES)
+    data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         settings = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:

@@ -19,13 +19,11 @@ from vfplan.cli.values import FILE, DecimalNumber, WholeNumber
 from vfplan.io.files import naming_place
 from vfplan.io.json_types import to_json_types
 from vfplan.io.staging import write_whole
+from vfplan.planning.settings import MAX_STIFFNESS_N_PER_M
 
 REPORT_FILE = "stability.json"
 TABLE_FILE = "cases.csv"
 PICTURE_FILE = "passivity.png"
-
-LARGEST_STIFFNESS = 1e6
-"""Largest stiffness that a plan may have [N/m]."""
 
 ABOVE_0 = DecimalNumber(min=0, min_open=True)
 
@@ -53,7 +51,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Largest force [N].  [default: the robot's]"),
     option("--force-step-limit", "force_step_limit_n", type=ABOVE_0, metavar="N",
            help="Largest change of force in a tick [N].  [default: the robot's]"),
-    option("--stiffness", type=DecimalNumber(0, LARGEST_STIFFNESS, min_open=True),
+    option("--stiffness", type=DecimalNumber(0, MAX_STIFFNESS_N_PER_M, min_open=True),
            metavar="N_PER_M",
            help="Stiffness K to judge [N/m].  [default: the bundle's, or 1000]"),
     option("--margin", type=DecimalNumber(min=1), metavar="FACTOR", default=1.25,

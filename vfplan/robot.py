@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 
 SHIPPED = ("franka", "fr3")
 VERSIONS = ("1.0", "1.1")
-MAX_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     else:
         choices = f"{', '.join(SHIPPED)}, none or a robot file"
         try:
-            text = read_whole(Path(choice), MAX_BYTES).decode("utf-8")
+            text = read_whole(Path(choice), MAX_SETTINGS_BYTES).decode("utf-8")
         except InputError as error:
             error.message += f", or give {choices}"
             raise

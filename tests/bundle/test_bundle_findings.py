@@ -10,7 +10,7 @@ import pytest
 
 import vfplan
 from vfplan.bundle import describe, keygen, read_bundle, seal, sign, validate
-from vfplan.errors import BundleError, CheckFailed, InputError
+from vfplan.errors import BundleError, CheckFailed, InputError, SettingError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
 from vfplan.io.json_types import to_json_types
@@ -152,6 +152,14 @@ def test_a_seal_that_hides_findings_or_invents_them_is_refused(make, key, tmp_pa
     with pytest.raises(BundleError) as raised:
         read_bundle(damage.resealed(bytes(data), damaged_seal=True))
     assert raised.value.code == "unsafe.findings"
+
+
+@pytest.mark.parametrize(
+    "time", ["1970-01-01T00:00:00Z", "9999-12-31T23:59:59-05:00", "2026-01-31T12:00:00", "today"]
+)
+def test_a_time_that_no_seal_can_hold_is_refused(time, key, tmp_path):
+    with pytest.raises(SettingError):
+        sign(tmp_path / "a.h5", tmp_path / "s.h5", key, registered_utc=time)
 
 
 def test_an_unsigned_seal_is_not_signed_in_spite_of_anything(tmp_path):

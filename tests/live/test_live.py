@@ -24,8 +24,6 @@ from vfplan.fixture import Curve, Fixture
 from vfplan.live import igtl, sources
 from vfplan.live.server import Server, static_messages
 from vfplan.live.sources import (
-    HEADER,
-    MAGIC,
     PositionStream,
     Ticks,
     decode,
@@ -94,18 +92,25 @@ def test_a_full_ring_drops_and_counts_and_never_waits(publisher):
 @pytest.mark.parametrize("change", ["short", "long", "magic", "version", "count", "nan",
                                     "late"])  # fmt: skip
 def test_a_datagram_that_is_none_is_refused(change):
-    head = np.array([(MAGIC, 1, 2, 7, 3)], HEADER)
+    magic = b"VFPX" if change == "magic" else b"VFPT"
+    version = 2 if change == "version" else 1
+    count = 12 if change == "count" else 2
     ticks = made(2)
     if change == "late":
         ticks["t"][1] = 2e10
     if change == "nan":
         ticks["force"][1, 2] = np.nan
-    if change in ("magic", "version", "count"):
-        head[change] = {"magic": b"VFPX", "version": 2, "count": 12}[change]
-    data = head.tobytes() + ticks.tobytes()
+    data = struct.pack("<4sHHQQ", magic, version, count, 7, 3) + ticks.tobytes()
     data = {"short": data[:-1], "long": data + b"\0"}.get(change, data)
     with pytest.raises(InputError, match="datagram"):
         decode(data)
+
+
+def test_a_sound_datagram_is_read():
+    data = struct.pack("<4sHHQQ", b"VFPT", 1, 2, 7, 3) + made(2).tobytes()
+    datagram = decode(data)
+    assert (datagram.sequence, datagram.dropped) == (7, 3)
+    assert datagram.ticks.tobytes() == made(2).tobytes()
 
 
 @pytest.mark.parametrize("address", ["udp:127.0.0.1:5", "udp://127.0.0.1", "tcp://127.0.0.1:5",

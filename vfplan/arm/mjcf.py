@@ -13,12 +13,9 @@ from typing import Any
 from xml.parsers import expat
 
 from vfplan.errors import InputError, requires_extra
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 
 _LOG = logging.getLogger("vfplan")
-
-MAX_BYTES = 2**20
-"""Size of a model file; an arm without shapes has some thousand bytes."""
 
 MAX_NODES = 5_000
 """Number of elements; an arm has about a hundred."""
@@ -57,7 +54,7 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
         model = files("vfplan.arm") / "models" / f"{choice}.xml"
         return module.MjModel.from_xml_string(model.read_text("utf-8"))
     try:
-        data = read_whole(Path(choice), MAX_BYTES)
+        data = read_whole(Path(choice), MAX_SETTINGS_BYTES)
     except InputError as error:
         known = ", ".join(shipped)
         raise InputError(

@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError, OutputError, SettingError, requires_extra
-from vfplan.io.files import opened_file
+from vfplan.io.files import MAX_SETTINGS_BYTES, opened_file
 from vfplan.io.staging import write_together
 
-KEY_FILE_BYTES = 1 << 20
-"""Longest file of keys that is read [bytes]."""
 BEGIN = b"-----BEGIN PUBLIC KEY-----"
 END = b"-----END PUBLIC KEY-----"
 
@@ -177,11 +175,11 @@ def read_private(path: str | Path) -> Any:
 def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
     """The bytes of a file of keys, and its owner and mode."""
     with opened_file(Path(path)) as file:
-        data = file.read(KEY_FILE_BYTES + 1)
+        data = file.read(MAX_SETTINGS_BYTES + 1)
         status = os.fstat(file.fileno())
-    if len(data) > KEY_FILE_BYTES:
+    if len(data) > MAX_SETTINGS_BYTES:
         raise InputError(
-            f"It has more than {KEY_FILE_BYTES} bytes, so it is no file of keys. {MAKE_KEY}.",
+            f"It has more than {MAX_SETTINGS_BYTES} bytes, so it is no file of keys. {MAKE_KEY}.",
             where=str(path),
         )
     return data, status

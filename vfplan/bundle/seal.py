@@ -43,8 +43,6 @@ TAIL = struct.Struct("<32sII8s")
 SIGNATURE = slice(72, 136)
 DOMAIN = b"vfplan bundle seal 2\0"
 """In front of what is signed, so that a signature can be taken for no other one."""
-LATEST = 253_402_300_799
-"""9999-12-31T23:59:59Z, the last moment that a seal may state [s since 1970 UTC]."""
 
 
 @dataclass(frozen=True)

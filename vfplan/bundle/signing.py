@@ -15,7 +15,6 @@ from vfplan.bundle.content import from_content
 from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.bundle.seal import (
-    LATEST,
     Seal,
     seal_length,
     signed_message,
@@ -124,7 +123,8 @@ def seconds_since_1970(text: str) -> int:
         raise SettingError(f"{text!r} is no time. Write it like 2026-01-31T12:00:00Z.") from None
     if moment.tzinfo is None:
         raise SettingError(f"{text!r} has no time zone. End it with Z for UTC.")
-    seconds = int((moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
-    if not 0 < seconds <= LATEST:
+    seconds = int((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+    # In UTC, a moment of the year 9999 may lie in the year after it.
+    if seconds <= 0 or moment > datetime.max.replace(tzinfo=UTC):
         raise SettingError(f"{text!r} lies outside 1970 to 9999. Give the time of today.")
     return seconds

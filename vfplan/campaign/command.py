@@ -12,13 +12,11 @@ from vfplan.cli.options import FIXTURE, OVERWRITE, option, options_in_order, set
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, is_verbose, progress
 from vfplan.cli.values import FILE, MM_OR_ZERO, PNG, DecimalNumber, Numbers, WholeNumber
+from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
 
 LARGEST_SEED = 2**63 - 1
 """Largest whole number that a block's file holds."""
-
-LISTED_NUMBERS = 20
-"""Number of depths or probabilities that one call reports."""
 
 
 @command(
@@ -45,10 +43,10 @@ LISTED_NUMBERS = 20
            help="Draw K evenly from A to B [N/m].  [default: FIXTURE's]"),
     option("--hand", "hand_stiffness", type=DecimalNumber(0, min_open=True), default=500.0,
            metavar="N_PER_M", help="Stiffness of the hand that follows the session [N/m]."),
-    option("--beyond", type=Numbers(*range(1, LISTED_NUMBERS + 1), metavar="MM[,MM...]",
+    option("--beyond", type=Numbers(*range(1, MAX_LISTED + 1), metavar="MM[,MM...]",
                                     positive=False), default="0,0.5,1",
            help="Report the probability of these depths beyond the true curve [mm]."),
-    option("--margin-for", type=Numbers(*range(1, LISTED_NUMBERS + 1), metavar="P[,P...]"),
+    option("--margin-for", type=Numbers(*range(1, MAX_LISTED + 1), metavar="P[,P...]"),
            default="0.05,0.01", help="Report the margin for these probabilities."),
     option("--workers", type=WholeNumber(1, 4096), metavar="N",
            help="Number of processes on this machine.  [default: one a core]"),

@@ -36,7 +36,7 @@ STRETCH_TICKS = 16
 """Number of ticks that are bounded together in the search for the deepest place. It changes the
 run time alone."""
 
-SAMPLED_TICKS = 4
+SAMPLED_TICKS = STRETCH_TICKS // 4
 """Of each so many ticks the distance of one is taken for that bound."""
 
 ROUGHNESS_M = 1e-5

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -21,14 +22,19 @@ DATATYPES = {
     "i4": bytes.fromhex("100800000400000000002000"),
     "u1": bytes.fromhex("100000000100000000000800"),
 }
-DATASPACE = 0x01
-LINK_INFO = 0x02
-DATATYPE = 0x03
-FILL = 0x05
-LINK = 0x06
-LAYOUT = 0x08
-GROUP_INFO = 0x0A
-ATTRIBUTE = 0x0C
+
+
+class MessageType(IntEnum):
+    """The types of an object header's messages that a bundle holds."""
+
+    DATASPACE = 0x01
+    LINK_INFO = 0x02
+    DATATYPE = 0x03
+    FILL = 0x05
+    LINK = 0x06
+    LAYOUT = 0x08
+    GROUP_INFO = 0x0A
+    ATTRIBUTE = 0x0C
 
 
 @dataclass
@@ -166,22 +172,24 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     """The object header of an item whose data lie at `data_at`."""
     messages: list[tuple[int, int, bytes]] = []
     if item.data is None:
-        messages.append((LINK_INFO, 0, struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED)))
-        messages.append((GROUP_INFO, 0, b"\0\0"))
+        messages.append(
+            (MessageType.LINK_INFO, 0, struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED))
+        )
+        messages.append((MessageType.GROUP_INFO, 0, b"\0\0"))
     else:
         layout = item.layout + struct.pack("<QQ", data_at, len(item.data))
-        messages.append((DATASPACE, 0, item.dataspace))
-        messages.append((DATATYPE, 1 | item.flags, item.datatype))
-        messages.append((FILL, 1, item.fill))
-        messages.append((LAYOUT, 0, layout))
+        messages.append((MessageType.DATASPACE, 0, item.dataspace))
+        messages.append((MessageType.DATATYPE, 1 | item.flags, item.datatype))
+        messages.append((MessageType.FILL, 1, item.fill))
+        messages.append((MessageType.LAYOUT, 0, layout))
     for name, (datatype, dataspace, value) in item.attributes.items():
-        messages.append((ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
+        messages.append((MessageType.ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
     for name, target in item.links.items():
         if isinstance(target, bytes):
             body = target
         else:
             body = link(name, addresses[target])
-        messages.append((LINK, 0, body))
+        messages.append((MessageType.LINK, 0, body))
     messages += [(kind, 0, body) for kind, body in item.more]
     body = b"".join(struct.pack("<BHB", k, len(b), f) + b for k, f, b in messages)
     header = b"OHDR\x02\x02" + struct.pack("<I", len(body)) + body

@@ -15,9 +15,9 @@ from vfplan.bundle.content import to_content
 from vfplan.bundle.schema import Content
 from vfplan.bundle.write import completed
 from vfplan.conformance import fixtures, hdf5
-from vfplan.conformance.hdf5 import Item, add, set_attribute
+from vfplan.conformance.hdf5 import Item, MessageType, add, set_attribute
 
-SEAL = 512
+SEAL = seal.LENGTHS[0]
 """Length of a seal with short texts [bytes]."""
 
 
@@ -233,7 +233,7 @@ def shared_message() -> bytes:
 def group_info_twice() -> bytes:
     """A group has two messages of group info."""
     changed_items = items("minimal")
-    changed_items["/provenance"].more.append((hdf5.GROUP_INFO, b"\0\0"))
+    changed_items["/provenance"].more.append((MessageType.GROUP_INFO, b"\0\0"))
     return of_items(changed_items)
 
 
@@ -249,7 +249,7 @@ def bytes_behind_a_message() -> bytes:
 def fill_value_of_a_group() -> bytes:
     """A group has a fill value, as if it were a dataset."""
     changed_items = items("minimal")
-    changed_items["/provenance"].more.append((hdf5.FILL, b"\x03\x06"))
+    changed_items["/provenance"].more.append((MessageType.FILL, b"\x03\x06"))
     return of_items(changed_items)
 
 
@@ -319,7 +319,7 @@ def two_attributes_of_one_name() -> bytes:
     """Two attributes of an object have one name."""
     changed_items = items("minimal")
     second = hdf5.attribute(b"software", *hdf5.stored("kit 2", "text"))
-    changed_items["/provenance"].more.append((hdf5.ATTRIBUTE, second))
+    changed_items["/provenance"].more.append((MessageType.ATTRIBUTE, second))
     return of_items(changed_items)
 
 

@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine.answers import Status, check_hip, check_path
 from vfplan.engine.choosing import check_pieces
-from vfplan.engine.parameters import Vector, check_axis, check_points, number
+from vfplan.engine.parameters import (
+    MAX_RADIUS,
+    MIN_RADIUS,
+    Vector,
+    check_axis,
+    check_points,
+    number,
+)
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 
@@ -26,12 +33,6 @@ Hold = Literal["at_once", "on_entry"]
 
 ENDS: tuple[Ends, ...] = get_args(Ends)
 HOLDS: tuple[Hold, ...] = get_args(Hold)
-
-MIN_RADIUS_M = 1e-9
-"""Smallest radius of a tube [m], the engine's smallest contact radius."""
-
-MAX_RADIUS_M = 1e6
-"""Largest radius of a tube [m], the engine's largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +159,7 @@ class Guide:
         rate_hz: float = 1000.0,
     ) -> None:
         native = _core.GuideParameters()
-        native.radius = number("radius", radius, "m", least=MIN_RADIUS_M, most=MAX_RADIUS_M)
+        native.radius = number("radius", radius, "m", least=MIN_RADIUS, most=MAX_RADIUS)
         native.stiffness = number("stiffness", stiffness, "N/m", above=0.0)
         if ends not in ENDS:
             raise SettingError(f"ends is {ends!r}. Choose one of {', '.join(ENDS)}.")

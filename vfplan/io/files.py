@@ -22,8 +22,11 @@ from vfplan.errors import InputError
 MAX_FILE_BYTES = 1 << 30
 """Bytes of a file that is read whole, where the caller names no other limit."""
 
-MAX_DECOMPRESSED_BYTES = 1 << 30
+MAX_DECOMPRESSED_BYTES = MAX_FILE_BYTES
 """Bytes that packed data may unpack to."""
+
+MAX_SETTINGS_BYTES = 1 << 20
+"""Bytes of a file of settings, keys, a robot or an arm. A real one is a hundred times smaller."""
 
 MAX_TEXT_BYTES = 1 << 28
 """Bytes of a file of text. Parsing text takes several times its size in memory."""

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 MAX_NUMBER = 1e9
-"""Largest number in a small table [px or m]. Nothing real is larger, and its square is finite."""
+"""Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
+is larger, and its square is finite."""
 
 MAX_COLUMNS = 1000
 """Columns of a table of numbers. Loggers write some tens."""

@@ -10,6 +10,7 @@ Source: the OpenIGTLink protocol, versions 1 and 2 (J. Tokuda et al., Int. J. Me
 from __future__ import annotations
 
 import struct
+from enum import IntEnum
 from functools import cache
 
 import numpy as np
@@ -21,20 +22,21 @@ HEADER = struct.Struct(">H12s20sQQQ")
 NEWTON = (0x0B << 54) | (1 << 50)
 """The protocol's code of the unit N."""
 
-OK = 1
-"""Status code: everything is fine."""
-
-BUSY = 6
-"""Status code: the server has no place for another client."""
-
-WARNING = 13
-"""Status code: the configuration or the input is not as it should be."""
-
 POLYNOMIAL = 0x42F0E1EBA9EA3693
 """Generator of the ECMA-182 CRC."""
 
 MASK = 2**64 - 1
 """All 64 bits of the CRC."""
+
+
+class StatusCode(IntEnum):
+    """The protocol's codes that this server sends."""
+
+    OK = 1
+    # No place for another client.
+    BUSY = 6
+    # The configuration or the input is not as it should be.
+    WARNING = 13
 
 
 @cache

@@ -20,12 +20,9 @@ from numpy.typing import NDArray
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
 from vfplan.live import igtl
-from vfplan.live.sources import MAX_CLIENTS, PositionStream
+from vfplan.live.sources import MAX_CLIENTS, WAIT_S, PositionStream
 
 Array = NDArray[np.float64]
-
-ANSWER_S = 0.2
-"""Longest time until a client's request is read [s]."""
 
 STALLED_S = 5.0
 """A client that takes nothing for so long is disconnected [s]."""
@@ -66,7 +63,7 @@ class Server:
                 numbers={"port": port},
             ) from None
         self._listener.listen()
-        self._listener.settimeout(ANSWER_S)
+        self._listener.settimeout(WAIT_S)
         self._accepting = threading.Thread(target=self.accept_clients, daemon=True)
         self._serving: list[threading.Thread] = []
         self._accepting.start()
@@ -100,12 +97,14 @@ class Server:
             except TimeoutError:
                 continue
             except OSError:  # No descriptor is free: wait until a client goes.
-                self._closing.wait(ANSWER_S)
+                self._closing.wait(WAIT_S)
                 continue
             if self.clients >= MAX_CLIENTS:
                 self.refused += 1
                 text = f"{MAX_CLIENTS} clients are served, and no more"
-                refusal = igtl.status("vfplan_status", time.time(), igtl.BUSY, "refused", text)
+                refusal = igtl.status(
+                    "vfplan_status", time.time(), igtl.StatusCode.BUSY, "refused", text
+                )
                 with client, suppress(OSError):
                     client.sendall(refusal)
                 continue
@@ -125,7 +124,7 @@ class Server:
             with client:
                 self._send_static(client)
                 while not self._closing.is_set():
-                    count, ticks = self._feed.after(count, ANSWER_S)
+                    count, ticks = self._feed.after(count, WAIT_S)
                     messages = b"".join(tick_messages(tick, self._scale) for tick in ticks)
                     client.sendall(messages)
                     unread = self._answer_requests(client, unread)
@@ -193,9 +192,9 @@ def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
     flags = [name for bit, name in FLAGS if tick["status"] & bit]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
-    code = igtl.OK
+    code = igtl.StatusCode.OK
     if flags or tick["state"] == 2:
-        code = igtl.WARNING
+        code = igtl.StatusCode.WARNING
     return (
         igtl.transform("vfplan_hip", now, tick["hip"] * scale)
         + igtl.transform("vfplan_proxy", now, tick["proxy"] * scale)

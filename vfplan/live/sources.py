@@ -15,22 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
+from vfplan.io.table import MAX_NUMBER
 from vfplan.session import read_result
 from vfplan.session.mcapfile import TICK
 
-MAGIC = b"VFPT"
-VERSION = 1
-HEADER = np.dtype([("magic", "S4"), ("version", "<u2"), ("count", "<u2"), ("sequence", "<u8"),
-                   ("dropped", "<u8")])  # fmt: skip
+SIGNATURE = b"VFPT\x01\x00"
+"""How a datagram begins: its magic, and version 1 in two bytes."""
+
+HEADER = np.dtype([("signature", "V6"), ("count", "<u2"), ("sequence", "<u8"), ("dropped", "<u8")])
 
 MAX_TICKS = 11
 """Ticks of a datagram: as many as fit into one Ethernet frame (`telemetry.hpp`)."""
 
-MAX_NUMBER = 1e9
-"""Largest number of a tick [s, m or N]. Nothing real is larger, and MCAP counts nanoseconds."""
-
 WAIT_S = 0.2
-"""Seconds after which a source without ticks says so, so that whoever follows it can stop."""
+"""Seconds after which whoever waits for ticks looks around: whether to stop, whether a client has
+gone or asks for something."""
 
 RECEIVE_BUFFER_BYTES = 2**22
 """Bytes that the system is asked to buffer: three seconds of a controller's ticks; it may give
@@ -70,7 +69,7 @@ def decode(data: bytes) -> Datagram:
         )
     head = np.frombuffer(data, HEADER, 1)[0]
     count = int(head["count"])
-    if head["magic"] != MAGIC or head["version"] != VERSION:
+    if not data.startswith(SIGNATURE):
         raise InputError(
             f"a datagram begins with {data[:6]!r}, not VFPT of version 1. Check which "
             "program sends to this port",
@@ -85,7 +84,7 @@ def decode(data: bytes) -> Datagram:
         )
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
     for name in ("t", "hip", "proxy", "normal", "force"):
-        # NaN is not <= anything, so it is refused too.
+        # NaN is not <= anything, so it is refused too. MCAP counts nanoseconds in 64 bits.
         if not (np.abs(ticks[name]) <= MAX_NUMBER).all():
             raise InputError(
                 f"a datagram holds a {name} that is not finite or beyond {MAX_NUMBER:g}. "

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.io.loopback import Loopback, reply
-from vfplan.live.sources import MAX_CLIENTS, PositionStream
-
-WAIT_S = 0.2
-"""Longest time until the server notices that a client has gone [s]."""
+from vfplan.live.sources import MAX_CLIENTS, WAIT_S, PositionStream
 
 
 class Web:

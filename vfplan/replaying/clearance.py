@@ -24,8 +24,9 @@ TICKS_AT_ONCE = 64
 CELLS_ACROSS = 64
 """Cells along the longest side of a cloud. Smaller ones are tried while few of them hold points."""
 
-FEW_CELLS = 4096
-"""Cells with points up to which smaller cells still pay. All three numbers only set the speed."""
+FEW_CELLS = CELLS_ACROSS**2
+"""Cells with points up to which smaller cells still pay: a flat cloud's. All three numbers only set
+the speed."""
 
 # A cell's key holds its three coordinates in 21 bits each, of which the highest is unused.
 KEY_STEP = 1 << 21

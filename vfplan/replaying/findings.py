@@ -8,11 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.replaying.quantities import ROUNDING_M
 from vfplan.replaying.recording import JUMP_M_S
 from vfplan.robot import Robot, read_robot
 
-ROUNDING_M = 1e-9
-"""Rounding in the independent measurement of clearance [m]."""
 NEVER_NEAR_M = 0.5
 """A session that stays farther away than this [m] is likely in other units or another frame."""
 SLOWEST_HZ = 5.0

@@ -19,8 +19,12 @@ from vfplan.session.result import concatenate_ticks
 
 Array = NDArray[np.float64]
 
-CONTACT_M = 1e-9
-"""A penetration above this is contact [m]; below it is the rounding of p + (x - p)."""
+ROUNDING_M = 1e-9
+"""Lengths below this are rounding [m], as that of p + (x - p)."""
+
+CONTACT_M = ROUNDING_M
+"""A penetration above this is contact [m]."""
+
 SUMS = (
     "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
 )  # fmt: skip

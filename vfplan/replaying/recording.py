@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MAX_LISTED
 from vfplan.replaying.quantities import WithPrevious
 
 Array = NDArray[np.float64]
 
 GAP = 1.5
 """An interval longer than this many nominal ones misses samples: half a sample beyond one."""
-
-LISTED = 20
-"""Gaps and jumps that are reported one by one; of more, their number."""
 
 JUMP_M_S = 20.0
 """No hand moves a tool faster than this [m/s]: the position jumped."""
@@ -69,7 +67,7 @@ class SamplingReport:
             missing = int(round(dt[k] / self._nominal_s) - 1)
             self._missing += missing
             self._gap_count += 1
-            if len(self._gaps) < LISTED:
+            if len(self._gaps) < MAX_LISTED:
                 gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
                 self._gaps.append(gap)
 
@@ -90,7 +88,7 @@ class SamplingReport:
             self._speed_max_tick = first + k + 1
         jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
         self._jump_count += len(jumps)
-        self._jumps.extend(jumps[: LISTED - len(self._jumps)].tolist())
+        self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
 
     def report(self) -> dict[str, Any]:
         """The `session` part of a replay's report."""

@@ -35,8 +35,8 @@ HEADER = ["tick", "what", "x", "y", "z"]
 MAX_TICK = 2**53
 """Ticks are counted exactly up to here, also by programs that have float64 alone."""
 
-MAX_POINT_NUMBER = 2**32
-"""The engine numbers a cloud's points with 32 bits."""
+MAX_POINT_NUMBER = np.iinfo(np.uint32).max + 1
+"""Number of points that 32 bits can tell apart, as the engine does."""
 
 LOOP_COLUMNS = ("t", "poses", "events")
 """Columns of a session's CSV that say what the control loop knew at each tick: how many poses it

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError, requires_extra
 from vfplan.io.files import opened_file
-from vfplan.session.session import Samples
+from vfplan.session.session import BLOCK, Samples
 
 TICK = np.dtype([
     ("index", "<u8"), ("t", "<f8"), ("hip", "<f8", 3), ("proxy", "<f8", 3), ("normal", "<f8", 3),
@@ -44,9 +44,6 @@ uint8 status
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
-BLOCK = 2**16
-"""Ticks that are read at a time."""
-
 CHUNK_BYTES = 2**20
 """Bytes of a chunk. MCAP's own default; readers seek by whole chunks."""
 

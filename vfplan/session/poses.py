@@ -10,15 +10,13 @@ import numpy as np
 from vfplan.errors import SessionError
 from vfplan.io.files import OpenedFile
 from vfplan.io.table import open_number_table
-from vfplan.session.session import Array
+from vfplan.session.session import MAX_COORDINATE_M, Array
 
 POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
-MAX_COORDINATE_M = 1e6
-"""Largest coordinate of a place [m]; the engine takes no larger one."""
-
 MAX_QUATERNION_ERROR = 1e-3
-"""How far a quaternion's length may be from 1. Trackers that write three decimals stay within."""
+"""How far a quaternion's length may be from 1. Trackers and recorders that write three decimals
+stay within."""
 
 
 @dataclass(frozen=True, eq=False)

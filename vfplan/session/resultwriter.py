@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import zlib
@@ -21,9 +22,6 @@ CSV_HEADER = (
     "t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
     "state,penetration,overlap"
 )
-
-READ_BACK_BYTES = 1 << 20
-"""Bytes of a CSV that are read back at a time."""
 
 
 class WholeFileWriter:
@@ -189,7 +187,7 @@ class CsvWriter(WholeFileWriter):
         self._file.seek(0)
         checksum = 0
         while True:
-            data = self._file.read(READ_BACK_BYTES)
+            data = self._file.read(io.DEFAULT_BUFFER_SIZE)
             if not data:
                 break
             checksum = zlib.crc32(data, checksum)

@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MissingExtra, SessionError, SettingError, requires_extra
+from vfplan.session.poses import MAX_QUATERNION_ERROR
 from vfplan.session.session import BLOCK, Array, Samples
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
 FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "translation", "")
-
-MAX_QUATERNION_ERROR = 1e-3
-"""How far a quaternion's length may be from 1. Recorders that write three decimals stay within."""
 
 
 @dataclass(frozen=True)
