@@ -96,17 +96,10 @@ def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
         # Where something else is wrong the certificate is missing, so it is named last.
         where, code, message = min(errors, key=lambda error: error[0].startswith("/leak"))
         if code == "unsafe.leak":
-            raise SceneError(f"{message}. Add points there, or take a larger radius.")
+            raise SceneError(message)
         if code in DISAGREEING:
-            raise SettingError(
-                f"{message}. Change both together, or leave the older one out.",
-                where=where,
-                code=code,
-            )
-        raise InputError(
-            f"No bundle can hold this: {message}. Change it to what the format allows.",
-            where=where,
-        )
+            raise SettingError(message, where=where, code=code)
+        raise InputError(f"No bundle can hold this: {message}", where=where)
     write_whole(path, parts, overwrite=overwrite)
 
 

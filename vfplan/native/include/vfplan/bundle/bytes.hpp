@@ -9,8 +9,10 @@
 #include <charconv>
 #include <cmath>
 #include <compare>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <locale>
 #include <span>
 #include <sstream>
@@ -190,11 +192,126 @@ class BundleError : public std::runtime_error {
     std::string message;
 };
 
+/// Text of a file, which a message shows between quotes.
+struct Quoted {
+    std::string_view text;
+};
+
+/// A part of a message: text, or a number. It is written out only if the message is needed, so that
+/// a check that holds makes no text.
+class Part {
+  public:
+    Part(const char* text) : text_(text) {}
+    Part(std::string_view text) : text_(text) {}
+    Part(const std::string& text) : text_(text) {}
+    Part(Quoted quoted) : kind_(Kind::quoted), text_(quoted.text) {}
+    Part(double number) : kind_(Kind::number), number_(number) {}
+    template <std::integral T>
+    Part(T count)
+        : kind_(Kind::count),
+          is_negative_(count < T{0}),
+          count_(is_negative_ ? 0 - static_cast<std::uint64_t>(count)
+                              : static_cast<std::uint64_t>(count)) {}
+
+    [[gnu::noinline]] void append_to(std::string& out) const {
+        switch (kind_) {
+            case Kind::text:
+                out += text_;
+                break;
+            case Kind::quoted:
+                out += in_quotes(text_);
+                break;
+            case Kind::number:
+                out += shortest_text(number_);
+                break;
+            case Kind::count:
+                if (is_negative_) out += '-';
+                out += std::to_string(count_);
+                break;
+        }
+    }
+
+  private:
+    enum class Kind { text, quoted, number, count };
+
+    Kind kind_ = Kind::text;
+    bool is_negative_ = false;
+    std::string_view text_;
+    double number_ = 0;
+    std::uint64_t count_ = 0;
+};
+
+/// A sentence in parts, such as {"has ", rank, " dimensions"}.
+using Sentence = std::initializer_list<Part>;
+
 namespace detail {
 
+/// What to do about a finding, by its code, where the place that found it knows nothing better.
+struct Advice {
+    std::string_view code, text;
+};
+inline constexpr std::array<Advice, 34> advice{{
+    {"corrupt.format", "Give a bundle that `vfplan register` or `vfplan import` wrote"},
+    {"corrupt.frame", "Write the attribute that the format has for it"},
+    {"corrupt.group", "Leave the group out, or write what it needs"},
+    {"corrupt.hdf5", "Write the file anew with h5py and libver v108, or fetch it again"},
+    {"corrupt.id", "Compute the id anew, or let vfplan write the bundle"},
+    {"corrupt.kind", "Write a group or a dataset as the format has it"},
+    {"corrupt.leak", "Compute the certificate anew, or let vfplan write the bundle"},
+    {"corrupt.missing", "Write it: the format asks for it"},
+    {"corrupt.range", "Write values within that range"},
+    {"corrupt.seal", "Fetch the file again from where it was written"},
+    {"corrupt.shape", "Write it in the shape that the format has for it"},
+    {"corrupt.storage", "Write the whole table"},
+    {"corrupt.text", "Write it as UTF-8 without control characters"},
+    {"corrupt.type", "Write it in the type that the format has for it"},
+    {"corrupt.unit", "Write the attribute that the format has for it"},
+    {"corrupt.value", "Write a value that the format allows"},
+    {"corrupt.version", "Write the version that the file follows"},
+    {"input", "Check the name of the file"},
+    {"signature.age", "Sign the bundle again"},
+    {"signature.case", "Give the bundle that was signed for this case"},
+    {"signature.key", "Ask who signed it, and trust that key if it is theirs"},
+    {"signature.missing", "Sign it with `vfplan sign`"},
+    {"signature.robot", "Give the bundle that was signed for this robot"},
+    {"signature.wrong", "Do not use the file: fetch it again from who signed it"},
+    {"unsafe.cap", "Write less: no reader takes more"},
+    {"unsafe.filter", "Write the data without compression or another filter"},
+    {"unsafe.hole", "Write the file anew: nothing may hide between its parts"},
+    {"unsafe.layout", "Write it with h5py and libver v108, in one piece and of fixed size"},
+    {"unsafe.link", "Write one hard link to each object"},
+    {"unsafe.message", "Write it without that message"},
+    {"unsafe.overlap", "Write the file anew: each byte may belong to one thing"},
+    {"unsafe.registration", "Change both together, or leave the older one out"},
+    {"unsafe.stability", "Change both together, or leave the older one out"},
+    {"unsafe.unknown", "Leave it out, or read the file with a newer vfplan"},
+}};
+
+/// What is wrong, and behind it what to do: `todo`, or the advice of the code where there is none.
+[[gnu::noinline, gnu::cold]] inline std::string message_of(std::string_view code, Sentence wrong,
+                                                           std::string_view todo) {
+    std::string message;
+    for (const Part& part : wrong) part.append_to(message);
+    if (todo.empty()) {
+        const auto* found = std::find_if(advice.begin(), advice.end(),
+                                         [&](const Advice& a) { return a.code == code; });
+        todo = found == advice.end() ? "Let vfplan write the bundle anew" : found->text;
+    }
+    message += ". ";
+    return message += todo;
+}
+
+/// Throws a BundleError: what is wrong, and what to do.
+[[noreturn, gnu::noinline, gnu::cold]] inline void refuse(std::string_view code,
+                                                          std::string_view where, Sentence wrong,
+                                                          std::string_view todo = {}) {
+    throw BundleError(std::string(code), std::string(where), message_of(code, wrong, todo));
+}
+
 /// Throws a BundleError unless this is `good`.
-inline void require(bool good, const char* code, std::string_view where, std::string_view message) {
-    if (!good) throw BundleError(code, std::string(where), std::string(message));
+inline void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
+                    std::string_view todo = {}) {
+    if (!good) refuse(code, where, wrong, todo);
 }
 
 }  // namespace detail
@@ -215,15 +332,19 @@ class Findings {
         all_.push_back({error.code, error.where, error.message, true});
         ++errors_;
     }
-    void error(std::string_view code, std::string_view where, const std::string& message) {
-        add(BundleError(std::string(code), std::string(where), message));
+    [[gnu::noinline, gnu::cold]] void error(std::string_view code, std::string_view where,
+                                            Sentence wrong, std::string_view todo = {}) {
+        add(BundleError(std::string(code), std::string(where),
+                        detail::message_of(code, wrong, todo)));
     }
-    void require(bool good, std::string_view code, std::string_view where,
-                 std::string_view message) {
-        if (!good) error(code, where, std::string(message));
+    void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
+                 std::string_view todo = {}) {
+        if (!good) error(code, where, wrong, todo);
     }
-    void note(std::string_view code, std::string_view where, const std::string& message) {
-        all_.push_back({std::string(code), std::string(where), message, false});
+    void note(std::string_view code, std::string_view where, Sentence wrong,
+              std::string_view todo) {
+        all_.push_back(
+            {std::string(code), std::string(where), detail::message_of(code, wrong, todo), false});
     }
     [[nodiscard]] bool sound() const { return errors_ == 0; }
     [[nodiscard]] const std::vector<Finding>& all() const { return all_; }
@@ -281,23 +402,23 @@ class ByteReader {
     ByteReader(View data, std::string where) : data_(data), where_(std::move(where)) {}
 
     View take(std::uint64_t count) {
-        require(count <= left(), "an object header is cut short");
+        require(count <= left(), {"has an object header that is cut short"});
         at_ += static_cast<std::size_t>(count);
         return data_.part(at_ - static_cast<std::size_t>(count), static_cast<std::size_t>(count));
     }
     std::uint64_t number(std::size_t width) { return number_at(take(width), 0, width); }
     void expect(std::size_t width, std::uint64_t value, const char* what) {
         const std::uint64_t found = number(width);
-        require(found == value, std::string(what) + " is " + std::to_string(found) + "; " +
-                                    std::to_string(value) + " wanted");
+        require(found == value, {"has ", found, " as ", what, "; ", value, " wanted"});
     }
-    void expect_end() const { require(left() == 0, "a header message is too long"); }
+    void expect_end() const { require(left() == 0, {"has a header message that is too long"}); }
 
     [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
     [[nodiscard]] std::size_t at() const { return at_; }
 
-    void require(bool good, std::string_view message, const char* code = "corrupt.hdf5") const {
-        detail::require(good, code, where_, message);
+    void require(bool good, Sentence wrong, std::string_view code = "corrupt.hdf5",
+                 std::string_view todo = {}) const {
+        detail::require(good, code, where_, wrong, todo);
     }
 
   private:

@@ -85,12 +85,12 @@ inline double largest_cover(const Content& content) {
     return std::min(largest, content.number("/mesh@sample_radius_m", largest));
 }
 
-/// "the fixture leaks ...", with the size of the opening and its place.
+/// Says how large the largest opening is, where it is, and what would hold the proxy back.
 inline std::string leak_message(const Content& content) {
     const std::vector<double>& place = content.at("/leak/place").f8;
-    const bool curve = content.at("/leak@kind").string() == "curve";
-    return std::string("the fixture leaks between samples: ") +
-           (curve ? "gap between neighbours" : "covering radius of a triangle") + " of " +
+    std::string opening = "covering radius of a triangle";
+    if (content.at("/leak@kind").string() == "curve") opening = "gap between neighbours";
+    return "the fixture leaks between samples: " + opening + " of " +
            six_digits(content.number("/leak@largest_m")) + " m at (" + six_digits(place[0]) + ", " +
            six_digits(place[1]) + ", " + six_digits(place[2]) + "); at most " +
            six_digits(content.number("/leak@limit_m")) + " m holds the proxy back";
@@ -102,8 +102,8 @@ inline void compare(const Content& content, std::string_view path, double wanted
     findings.require(
         found != nullptr && std::abs(found->number() - wanted) <= 1e-9 * std::max(wanted, 1e-3),
         "corrupt.leak", path,
-        "is " + (found == nullptr ? "absent" : shortest_text(found->number())) +
-            "; the fixture gives " + shortest_text(wanted));
+        {"is ", found == nullptr ? "absent" : shortest_text(found->number()),
+         "; the fixture gives ", wanted});
 }
 
 /// Compares largest_m and limit_m; whether the fixture, of this kind, holds its proxy back.
@@ -115,30 +115,34 @@ inline bool is_leak_proof(const Content& content, bool mesh, Findings& findings)
     compare(content, "/leak@largest_m", mesh ? largest_cover(content) : largest_gap(content),
             findings);
     const bool holds = content.number("/leak@largest_m") <= content.number("/leak@limit_m");
-    if (!holds) findings.error("unsafe.leak", "/leak", leak_message(content));
+    if (!holds)
+        findings.error("unsafe.leak", "/leak", {leak_message(content)},
+                       "Add points there, or take a larger radius");
     return holds;
 }
 
 inline void check_leak(const Content& content, Findings& findings) {
     findings.require(content.has_group("/rendering") == content.has_group("/leak"), "corrupt.leak",
-                     "/leak", "must be there if and only if /rendering is");
+                     "/leak", {"is there without /rendering, or missing beside it"},
+                     "Write both or neither");
     const std::string& found = content.at("/leak@kind").string();
     const bool mesh = content.has("/mesh/triangles"), curve = content.has("/curve/stroke");
     const std::string kind = mesh ? "mesh" : curve ? "curve" : "cloud";
     if (found != kind) {
         return findings.error("corrupt.leak", "/leak@kind",
-                              "is " + in_quotes(found) + "; " + in_quotes(kind) + " wanted");
+                              {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
     }
     bool holds = false;
     if (kind != "cloud") {
         holds = is_leak_proof(content, mesh, findings);
     } else {
         findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
-                         "must be absent of a cloud");
+                         {"is there, and the fixture is a cloud"},
+                         "Leave it out: how points connect is not known");
     }
     const bool says = content.at("/leak@certified").u1.front() != 0;
     findings.require(says == holds, "corrupt.leak", "/leak@certified",
-                     "is " + std::to_string(says) + "; " + std::to_string(holds) + " wanted");
+                     {"is ", says, "; ", holds, " wanted"});
 }
 
 // Values that must agree, because one is certified and another is rendered (docs/format.md,
@@ -371,13 +375,14 @@ inline void check_one_curve(const Content& content, Findings& findings) {
             flat_pieces(vertices, bulges, first_vertex, vertex - first_vertex, is_closed, plane);
         const std::size_t followed = Walk(pieces, is_closed, tolerance, longest_way).follow(places);
         if (followed > places.size()) continue;
-        const std::string where = followed == places.size()
-                                      ? "go on behind the points of stroke " + std::to_string(s)
-                                      : "do not lead to point " +
-                                            std::to_string(first_point + followed) +
-                                            " within error_m";
+        std::string where = "go on behind the points of stroke " + std::to_string(s);
+        if (followed < places.size()) {
+            where = "do not lead to point " + std::to_string(first_point + followed) +
+                    " within error_m";
+        }
         return findings.error("unsafe.pieces", "/pieces",
-                              where + ": what is rendered is not what is certified");
+                              {where, ": what is rendered is not what is certified"},
+                              "Change both together, or leave the pieces out");
     }
 }
 
@@ -390,8 +395,9 @@ inline void check_corners(const Content& content, Findings& findings) {
     }
     const auto free = std::find(used.begin(), used.end(), false);
     findings.require(free == used.end(), "unsafe.mesh", "/mesh/triangles",
-                     "leaves out point " + std::to_string(free - used.begin()) +
-                         ": what is certified is not all that is rendered");
+                     {"leaves out point ", free - used.begin(),
+                      ": what is certified is not all that is rendered"},
+                     "Leave the point out, or give it a triangle");
 }
 
 /// The largest eigenvalue of P K P, where P takes away the part along the ignored axis: the most
@@ -438,7 +444,8 @@ inline void check_stability(const Content& content, Findings& findings) {
     const bool named = content.has("/rendering@robot"),
                judged = content.has("/rendering/stability");
     findings.require(named == judged, "corrupt.missing", "/rendering",
-                     "robot and stability need each other");
+                     {"has one of robot and stability, which need each other"},
+                     "Write both or neither");
     if (!judged || !content.has("/rendering/stiffness")) return;
     double wanted = largest_stiffness(content);
     if (const Value* guide = content.find("/guidance@stiffness_n_per_m")) {
@@ -449,13 +456,13 @@ inline void check_stability(const Content& content, Findings& findings) {
     const std::vector<double>& verdict = content.at("/rendering/stability").f8;
     const double K = verdict[4], largest_stable = verdict[5], margin = verdict[6];
     constexpr double rounding = 1e-6;
-    findings.require(
-        std::abs(K - wanted) <= rounding * wanted, "unsafe.stability", "/rendering/stability",
-        "judges K = " + shortest_text(K) + " N/m; the fixture renders " + shortest_text(wanted));
-    findings.require(
-        K * margin <= largest_stable * (1 + rounding), "unsafe.stability", "/rendering/stability",
-        "judges K = " + shortest_text(K) + " N/m with a margin of " + shortest_text(margin) +
-            ", and only " + shortest_text(largest_stable) + " is stable");
+    findings.require(std::abs(K - wanted) <= rounding * wanted, "unsafe.stability",
+                     "/rendering/stability",
+                     {"judges K = ", K, " N/m; the fixture renders ", wanted});
+    findings.require(K * margin <= largest_stable * (1 + rounding), "unsafe.stability",
+                     "/rendering/stability",
+                     {"judges K = ", K, " N/m with a margin of ", margin, ", and only ",
+                      largest_stable, " is stable"});
 }
 
 /// The transform's value at a row of the source: (u, v) of a slice, or (x, y, z).
@@ -485,9 +492,8 @@ inline void check_registered(const Content& content, Findings& findings) {
         for (std::size_t k = 0; k < 3; ++k) square += std::pow(place[k] - target[3 * i + k], 2);
         worst = std::max(worst, std::abs(std::sqrt(square) - residuals[i]));
     }
-    findings.require(
-        worst <= same_place_m, "unsafe.registration", "/registration/residuals",
-        "differ by up to " + shortest_text(worst) + " m from what transform and markers give");
+    findings.require(worst <= same_place_m, "unsafe.registration", "/registration/residuals",
+                     {"differ by up to ", worst, " m from what transform and markers give"});
     if (transform.shape[0] != 3) return;
     const std::vector<double>& T = transform.f8;
     std::array<double, 3> normal{};
@@ -499,7 +505,8 @@ inline void check_registered(const Content& content, Findings& findings) {
     }
     if (square == 0) {
         return findings.error("unsafe.registration", "/registration/T_robot_image",
-                              "takes the slice to a line: its first two columns are parallel");
+                              {"takes the slice to a line: its first two columns are parallel"},
+                              "Register it with markers that lie on no line");
     }
     const std::vector<double>& points = content.at("/points").f8;
     double farthest = 0;
@@ -509,9 +516,9 @@ inline void check_registered(const Content& content, Findings& findings) {
         farthest = std::max(farthest, std::abs(height));
     }
     farthest /= std::sqrt(square);
-    findings.require(farthest <= same_place_m, "unsafe.registration", "/points",
-                     "lie up to " + shortest_text(farthest) +
-                         " m from the plane to which the registration takes the slice");
+    findings.require(
+        farthest <= same_place_m, "unsafe.registration", "/points",
+        {"lie up to ", farthest, " m from the plane to which the registration takes the slice"});
 }
 
 }  // namespace vfplan::bundle::detail
@@ -531,7 +538,8 @@ inline void check_understood(const Content& content, Findings& findings) {
         const bool known =
             std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
         findings.require(path.empty() || known, "version.must_understand", path,
-                         "must be understood, and this program does not");
+                         {"must be understood, and this program does not"},
+                         "Get a program that does: pip install --upgrade vfplan");
         start = end + 1;
     }
 }
@@ -543,7 +551,8 @@ inline void check_groups(const Content& content, Findings& findings) {
     const auto allow = [&](std::string_view group, Frames frames) {
         findings.require(!content.has_group(group) ||
                              std::find(frames.begin(), frames.end(), frame) != frames.end(),
-                         "corrupt.group", group, "must not be in the frame " + in_quotes(frame));
+                         "corrupt.group", group, {"must not be in the frame ", Quoted{frame}},
+                         "Leave the group out");
     };
     allow("/image", {"image", "robot_base"});
     allow("/rendering", {"robot_base", "patient_lps"});
@@ -551,7 +560,7 @@ inline void check_groups(const Content& content, Findings& findings) {
     allow("/registration", {"robot_base"});
     allow("/mesh", {"robot_base", "patient_lps"});
     findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
-                     "/mesh", "must not stand beside /curve");
+                     "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
 }
 
 inline void check_frames(const Content& content, Findings& findings) {
@@ -559,7 +568,8 @@ inline void check_frames(const Content& content, Findings& findings) {
     if (content.at("/@frame").string() != "image") return;
     bool flat = true;
     for (std::size_t i = 2; i < points.size(); i += 3) flat = flat && points[i] == 0;
-    findings.require(flat, "corrupt.value", "/points", "third column must be 0 in the frame image");
+    findings.require(flat, "corrupt.value", "/points",
+                     {"has a third column that is not 0, in the frame image"}, "Write 0 there");
 }
 
 inline void check_identity(const Content& content, Findings& findings) {
@@ -581,7 +591,7 @@ inline void check_identity(const Content& content, Findings& findings) {
     }
     const std::string wanted = to_hex(view(sum.digest())).substr(0, 32);
     findings.require(found == wanted, "corrupt.id", "/@id",
-                     "is " + in_quotes(found) + "; the geometry gives " + in_quotes(wanted));
+                     {"is ", Quoted{found}, "; the geometry gives ", Quoted{wanted}});
 }
 
 /// Whether these are 0, ..., 0, 1, ..., 1, 2, ...
@@ -596,27 +606,29 @@ inline void check_curve(const Content& content, Findings& findings) {
     const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
     if (!counts_up(stroke)) {
         return findings.error("corrupt.value", "/curve/stroke",
-                              "must count 0, 1, ... along the points");
+                              {"does not count 0, 1, ... along the points"},
+                              "Number the strokes in the order of their points");
     }
     const std::size_t strokes = content.at("/curve/closed").u1.size();
     const auto found = static_cast<std::size_t>(stroke.back()) + 1;
-    findings.require(
-        found == strokes, "corrupt.shape", "/curve/closed",
-        "has " + std::to_string(strokes) + " strokes; the points have " + std::to_string(found));
+    findings.require(found == strokes, "corrupt.shape", "/curve/closed",
+                     {"has ", strokes, " strokes; the points have ", found});
 }
 
 inline void check_pieces(const Content& content, Findings& findings) {
     if (!content.has_group("/pieces")) return;
     if (!content.has("/curve/closed") || !content.has("/rendering/ignore_axis")) {
         return findings.error("corrupt.group", "/pieces",
-                              "needs /curve and /rendering/ignore_axis");
+                              {"needs /curve and /rendering/ignore_axis"},
+                              "Write these, or leave the group out");
     }
     const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
     const std::size_t strokes = content.at("/curve/closed").u1.size();
-    findings.require(counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
-                     "corrupt.value", "/pieces/stroke",
-                     "must count 0, 1, ... to the " + std::to_string(strokes) +
-                         " strokes of /curve along the vertices");
+    findings.require(
+        counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
+        "corrupt.value", "/pieces/stroke",
+        {"does not count 0, 1, ... to the ", strokes, " strokes of /curve along the vertices"},
+        "Number the strokes in the order of their vertices");
 }
 
 inline void check_mesh(const Content& content, Findings& findings) {
@@ -624,7 +636,8 @@ inline void check_mesh(const Content& content, Findings& findings) {
     const std::int32_t highest = *std::max_element(triangles.begin(), triangles.end());
     const std::size_t count = content.at("/points").shape[0];
     findings.require(static_cast<std::size_t>(highest) < count, "corrupt.value", "/mesh/triangles",
-                     "names point " + std::to_string(highest) + " of " + std::to_string(count));
+                     {"names point ", highest, " of ", count, ", which are numbered from 0"},
+                     "Name points that are there");
 }
 
 inline void check_rendering(const Content& content, Findings& findings) {
@@ -632,38 +645,43 @@ inline void check_rendering(const Content& content, Findings& findings) {
         const std::vector<double>& a = axis->f8;
         const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
         findings.require(std::abs(length - 1) <= 1e-9, "corrupt.value", "/rendering/ignore_axis",
-                         "has length " + shortest_text(length) + "; 1 wanted");
+                         {"has length ", length, "; 1 wanted"}, "Divide it by its length");
     }
     const double radius =
         content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
-    findings.require(content.number("/rendering@band_m") < radius, "corrupt.value",
-                     "/rendering@band_m", "must be less than R = " + shortest_text(radius) + " m");
+    findings.require(
+        content.number("/rendering@band_m") < radius, "corrupt.value", "/rendering@band_m",
+        {"is ", content.number("/rendering@band_m"), " m; less than R = ", radius, " m wanted"},
+        "Write a narrower band");
 }
 
 inline void check_guidance(const Content& content, Findings& findings) {
     if (!content.has_group("/guidance")) return;
     for (const std::string_view group : {"/curve", "/rendering"}) {
-        findings.require(content.has_group(group), "corrupt.group", "/guidance",
-                         "needs " + std::string(group));
+        findings.require(content.has_group(group), "corrupt.group", "/guidance", {"needs ", group},
+                         "Write that group, or leave this one out");
     }
     const Value* named = content.find("/@must_understand");
     findings.require(
         named != nullptr && (" " + named->string() + " ").find(" /guidance ") != std::string::npos,
-        "corrupt.missing", "/@must_understand", "does not name /guidance");
+        "corrupt.missing", "/@must_understand", {"does not name /guidance"},
+        "Name it, so that no reader forbids what is to guide");
     const Value* stroke = content.find("/guidance@stroke");
     if (stroke == nullptr) return;
     const auto strokes = static_cast<std::int64_t>(content.at("/curve/closed").u1.size());
     findings.require(stroke->i4.front() < strokes && strokes >= 2, "corrupt.value",
                      "/guidance@stroke",
-                     "is " + std::to_string(stroke->i4.front()) + "; " + std::to_string(strokes) +
-                         " strokes leave no forbidden region beside such a one");
+                     {"is ", stroke->i4.front(), "; ", strokes,
+                      " strokes leave no forbidden region beside such a one"},
+                     "Name a stroke that is there beside others, or leave it out");
 }
 
 inline void check_unique(const std::vector<std::string>& names, std::string_view path,
                          Findings& findings) {
     const std::set<std::string_view> different(names.begin(), names.end());
     findings.require(different.size() == names.size() && !different.contains(""), "corrupt.value",
-                     path, "must be different from each other and not empty");
+                     path, {"has a text that is empty, or there twice"},
+                     "Give each a name of its own");
 }
 
 inline void check_registration(const Content& content, Findings& findings) {
@@ -673,24 +691,24 @@ inline void check_registration(const Content& content, Findings& findings) {
     const std::vector<double>& t = transform.f8;
     if (transform.shape[0] != (from_image ? 3 : 4) || columns != (from_image ? 2 : 3)) {
         findings.error("corrupt.shape", "/registration",
-                       "T_robot_image has " + std::to_string(transform.shape[0]) +
-                           " rows and source " + std::to_string(columns) +
-                           " columns; 3 and 2 from the frame image, else 4 and 3");
+                       {"T_robot_image has ", transform.shape[0], " rows and source ", columns,
+                        " columns; 3 and 2 wanted from the frame image, else 4 and 3"});
     } else if (!from_image && (t[12] != 0 || t[13] != 0 || t[14] != 0 || t[15] != 1)) {
-        findings.error("corrupt.value", "/registration/T_robot_image", "last row must be 0 0 0 1");
+        findings.error("corrupt.value", "/registration/T_robot_image",
+                       {"has another last row than 0 0 0 1"}, "Write that row");
     }
     if (const Value* covariance = content.find("/registration/covariance")) {
         const std::size_t side = covariance->shape[0];
         const std::size_t parameters = 3 * transform.shape[0];
         findings.require(side == parameters, "corrupt.shape", "/registration/covariance",
-                         "has " + std::to_string(side) + " rows; " + std::to_string(parameters) +
-                             " wanted, as many as the transform has parameters");
+                         {"has ", side, " rows; ", parameters,
+                          " wanted, as many as the transform has parameters"});
         bool negative = false;
         for (std::size_t i = 0; i < side; ++i) {
             negative = negative || covariance->f8[i * side + i] < 0;
         }
         findings.require(!negative, "corrupt.value", "/registration/covariance",
-                         "has a negative variance");
+                         {"has a negative variance"}, "Compute it anew: a variance is 0 or more");
     }
     check_unique(content.at("/registration/labels").text, "/registration/labels", findings);
 }
@@ -700,13 +718,16 @@ inline void check_findings(const Content& content, Findings& findings) {
     if (!content.has_group("/findings")) return;
     for (const std::string_view path : {"/findings/code", "/findings/stage"}) {
         const std::vector<std::string>& names = content.at(path).text;
-        findings.require(std::all_of(names.begin(), names.end(), is_name), "corrupt.value", path,
-                         "may hold letters, digits, '_', '.', '-'");
+        findings.require(
+            std::all_of(names.begin(), names.end(), is_name), "corrupt.value", path,
+            {"holds a name with other characters than letters, digits, '_', '.' and '-'"},
+            "Write names of these");
     }
     for (const auto& [flag, place] : {std::pair{"/findings/has_place_px", "/findings/place_px"},
                                       std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
         findings.require(content.has(flag) == content.has(place), "corrupt.missing", "/findings",
-                         std::string(flag) + " and " + place + " need each other");
+                         {"has one of ", flag, " and ", place, ", which need each other"},
+                         "Write both or neither");
         if (!content.has(flag) || !content.has(place)) continue;
         const std::vector<std::uint8_t>& there = content.at(flag).u1;
         const std::vector<double>& places = content.at(place).f8;
@@ -715,22 +736,24 @@ inline void check_findings(const Content& content, Findings& findings) {
         for (std::size_t i = 0; i < places.size(); ++i) {
             zeros = zeros && (there[i / columns] != 0 || places[i] == 0);
         }
-        findings.require(zeros, "corrupt.value", place, "holds a place of a finding without one");
+        findings.require(zeros, "corrupt.value", place, {"holds a place of a finding without one"},
+                         "Write zeros there");
     }
     findings.require(!content.has("/findings/place_m") || content.at("/@frame").string() != "image",
-                     "corrupt.group", "/findings/place_m", "must not be in the frame 'image'");
+                     "corrupt.group", "/findings/place_m", {"must not be in the frame 'image'"},
+                     "Leave it out");
     const Value *by = content.find("/findings/answered_by"),
                 *when = content.find("/findings/answered_utc");
     findings.require((by == nullptr) == (when == nullptr), "corrupt.missing", "/findings",
-                     "/findings/answered_by and /findings/answered_utc need each other");
+                     {"has one of answered_by and answered_utc, which need each other"},
+                     "Write both or neither");
     if (by == nullptr || when == nullptr) return;
     for (std::size_t i = 0; i < by->text.size(); ++i) {
         const std::string& time = when->text[i];
         const bool answered = !by->text[i].empty();
-        findings.require(answered ? is_utc_time(time) : time.empty(), "corrupt.value",
-                         "/findings/answered_utc",
-                         "is " + in_quotes(time) + "; " +
-                             (answered ? "YYYY-MM-DDThh:mm:ssZ" : "nothing") + " wanted");
+        findings.require(
+            answered ? is_utc_time(time) : time.empty(), "corrupt.value", "/findings/answered_utc",
+            {"is ", Quoted{time}, "; ", answered ? "YYYY-MM-DDThh:mm:ssZ" : "nothing", " wanted"});
     }
 }
 
@@ -739,11 +762,12 @@ inline void check_review(const Content& content, Findings& findings) {
     const std::string &by = content.at("/review@by").string(),
                       &time = content.at("/review@utc").string(),
                       &digest = content.at("/review@digest").string();
-    findings.require(!by.empty(), "corrupt.value", "/review@by", "is empty");
+    findings.require(!by.empty(), "corrupt.value", "/review@by", {"is empty"},
+                     "Write who reviewed it");
     findings.require(is_utc_time(time), "corrupt.value", "/review@utc",
-                     "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
+                     {"is ", Quoted{time}, "; YYYY-MM-DDThh:mm:ssZ wanted"});
     findings.require(is_sha256(digest), "corrupt.value", "/review@digest",
-                     "is " + in_quotes(digest) + "; 64 hexadecimal digits wanted");
+                     {"is ", Quoted{digest}, "; 64 hexadecimal digits wanted"});
 }
 
 inline void check_pairs(const Content& content, Findings& findings) {
@@ -752,11 +776,14 @@ inline void check_pairs(const Content& content, Findings& findings) {
           std::pair{"/provenance/setting_names", "/provenance/setting_values"}}) {
         const Value* names = content.find(one);
         findings.require((names != nullptr) == content.has(other), "corrupt.missing", "/provenance",
-                         std::string(one) + " and " + other + " need each other");
+                         {"has one of ", one, " and ", other, ", which need each other"},
+                         "Write both or neither");
         if (names == nullptr) continue;
         check_unique(names->text, one, findings);
-        findings.require(std::all_of(names->text.begin(), names->text.end(), is_name),
-                         "corrupt.value", one, "may hold letters, digits, '_', '.', '-'");
+        findings.require(
+            std::all_of(names->text.begin(), names->text.end(), is_name), "corrupt.value", one,
+            {"holds a name with other characters than letters, digits, '_', '.' and '-'"},
+            "Write names of these");
     }
 }
 
@@ -766,14 +793,14 @@ inline void check_provenance(const Content& content, Findings& findings) {
         const Value* list = content.find(path);
         if (list == nullptr) return;
         for (const std::string& text : list->text) {
-            findings.require(good(text), "corrupt.value", path, "holds " + in_quotes(text));
+            findings.require(good(text), "corrupt.value", path, {"holds ", Quoted{text}});
         }
     };
     each("/provenance/input_sha256", is_sha256);
     each("/provenance/setting_values", is_setting);
     const std::string& time = content.at("/provenance@created_utc").string();
     findings.require(is_utc_time(time), "corrupt.value", "/provenance@created_utc",
-                     "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
+                     {"is ", Quoted{time}, "; YYYY-MM-DDThh:mm:ssZ wanted"});
 }
 
 }  // namespace detail
@@ -817,7 +844,8 @@ inline void check(const Content& content, Findings& findings) {
             apply(rule);
         }
     } else {
-        findings.note("leak.unchecked", "/leak", "not checked, because of the errors above");
+        findings.note("leak.unchecked", "/leak", {"is not checked, because of the errors above"},
+                      "Mend those first");
     }
 }
 

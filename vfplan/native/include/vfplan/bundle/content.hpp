@@ -111,8 +111,9 @@ namespace vfplan::bundle::detail {
 // Datatypes, dataspaces and values of single fields, each compared with its row of the format's
 // table before a value is read.
 
-inline void require(bool good, const char* code, const Row& row, std::string_view message) {
-    require(good, code, row.path, message);
+inline void require(bool good, std::string_view code, const Row& row, Sentence wrong,
+                    std::string_view todo = {}) {
+    require(good, code, row.path, wrong, todo);
 }
 
 /// The datatype messages of float64, int32 and uint8, little-endian, behind the byte that holds
@@ -127,28 +128,28 @@ inline std::string_view encoding_of(Type type) {
 /// The size in bytes of one element, whose datatype must be the row's, byte for byte.
 inline std::size_t element_size(View message, const Row& row) {
     constexpr std::uint64_t integer = 0, floating = 1, string = 3;
-    require(message.size() >= 8, "corrupt.hdf5", row, "has a datatype that is cut short");
+    require(message.size() >= 8, "corrupt.hdf5", row, {"has a datatype that is cut short"});
     const std::uint64_t kind = message[0] & 15u, version = message[0] >> 4u;
     require(kind == integer || kind == floating || kind == string, "unsafe.type", row,
-            "has a datatype of class " + std::to_string(kind) +
-                "; numbers and fixed-length strings are allowed");
+            {"has a datatype of class ", kind, "; numbers and fixed-length strings are allowed"},
+            "Write numbers, or text of a fixed length");
     require(version == 1, "corrupt.hdf5", row,
-            "has a datatype of version " + std::to_string(version) + "; 1 wanted");
+            {"has a datatype of version ", version, "; 1 wanted"});
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
         const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
         require(same_class && message.from(1).text() == encoding_of(row.type), "corrupt.type", row,
-                "has another type than " + std::string(name_of(row.type)));
+                {"has another type than ", name_of(row.type)});
         return static_cast<std::size_t>(size);
     }
-    require(kind == string, "unsafe.type", row, "is not a fixed-length string");
+    require(kind == string, "unsafe.type", row, {"is not a fixed-length string"},
+            "Write text of a fixed length");
     const std::uint64_t padding = message[1] & 15u, encoding = message[1] >> 4u;
     require(message.size() == 8 && encoding <= 1 && message[2] == 0 && message[3] == 0 && size > 0,
-            "corrupt.type", row, "is text of another encoding");
-    require(padding <= 1, "corrupt.type", row, "is text padded with blanks; NUL is wanted");
+            "corrupt.type", row, {"is text of another encoding"});
+    require(padding <= 1, "corrupt.type", row, {"is text padded with blanks"}, "Pad it with NUL");
     require(size <= limits::text_bytes, "unsafe.cap", row,
-            "is text of " + std::to_string(size) + " bytes; at most " +
-                std::to_string(limits::text_bytes) + " allowed");
+            {"is text of ", size, " bytes; at most ", limits::text_bytes, " allowed"});
     return static_cast<std::size_t>(size);
 }
 
@@ -160,14 +161,13 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     const auto rank = body.number(1), flags = body.number(1), kind = body.number(1);
     const bool array = kind == simple && rank > 0;
     require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
-            "corrupt.shape", row,
-            "has a dataspace of kind " + std::to_string(kind) + ", rank " + std::to_string(rank));
+            "corrupt.shape", row, {"has a dataspace of kind ", kind, ", rank ", rank});
     std::vector<std::uint64_t> sides, most;
     for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
     for (std::uint64_t i = 0; i < rank * flags; ++i) most.push_back(body.number(8));
     body.expect_end();
-    require(flags == 0 || sides == most, "unsafe.layout", row,
-            "can grow; only arrays of fixed size are allowed");
+    require(flags == 0 || sides == most, "unsafe.layout", row, {"can grow"},
+            "Write an array of fixed size");
     return sides;
 }
 
@@ -176,8 +176,8 @@ inline std::string text_of(View raw, const Row& row) {
     std::size_t size = raw.size();
     while (size > 0 && raw[size - 1] == 0) --size;
     const std::string_view text = raw.first(size).text();
-    require(is_utf8(text), "corrupt.text", row, "is not UTF-8");
-    require(!has_control(text), "corrupt.text", row, "holds control characters");
+    require(is_utf8(text), "corrupt.text", row, {"is not UTF-8"});
+    require(!has_control(text), "corrupt.text", row, {"holds control characters"});
     return std::string(text);
 }
 
@@ -212,7 +212,7 @@ inline void check_fill(const Object& object, std::size_t element) {
     const View value = body.take(size);
     body.require((flags & 0xC0) == 0 && (flags & 0x30) != 0x30 && (size == 0 || size == element) &&
                      value.all_zero(),
-                 "has another fill value than zero");
+                 {"has another fill value than zero"});
     body.expect_end();
 }
 
@@ -221,14 +221,12 @@ inline View data_of(File& file, const Object& object, std::uint64_t bytes, const
     constexpr std::uint64_t contiguous = 1;
     ByteReader layout(*object.layout, object.path);
     layout.require(layout.number(1) == 3 && layout.number(1) == contiguous,
-                   "is not stored in one piece, as libver v108 does; no other layout is allowed",
-                   "unsafe.layout");
+                   {"is not stored in one piece"}, "unsafe.layout");
     const auto address = layout.number(8), size = layout.number(8);
     layout.expect_end();
-    require(address != nowhere, "corrupt.storage", row, "has no data");
+    require(address != nowhere, "corrupt.storage", row, {"has no data"});
     require(size == bytes, "corrupt.storage", row,
-            "has " + std::to_string(size) + " bytes of data; its shape and type need " +
-                std::to_string(bytes));
+            {"has ", size, " bytes of data; its shape and type need ", bytes});
     return file.claim(address, size, object.path);
 }
 
@@ -247,11 +245,11 @@ inline Value table_of(File& file, const Object& object, const std::vector<std::u
 
 /// A scalar attribute of a row's type.
 inline Value scalar_of(const Attribute& attribute, const Row& row) {
-    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, "is not a scalar");
+    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, {"is not a scalar"},
+            "Write a single value");
     const std::size_t size = element_size(attribute.type, row);
     require(attribute.data.size() == size, "corrupt.hdf5", row,
-            "has " + std::to_string(attribute.data.size()) + " bytes; " + std::to_string(size) +
-                " wanted");
+            {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
     Value value = empty_value(row, 1);
     fill(value, attribute.data, size, row);
     return value;
@@ -290,8 +288,7 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
             for (std::size_t at; (at = choice.find('|')) != std::string::npos;) {
                 choice.replace(at, 1, " or ");
             }
-            require(false, "corrupt.value", row,
-                    "is " + in_quotes(text) + "; " + choice + " allowed");
+            require(false, "corrupt.value", row, {"is ", Quoted{text}, "; ", choice, " allowed"});
         }
         return;
     }
@@ -299,14 +296,13 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
                              : row.type == Type::i4 ? extent(value.i4)
                                                     : extent(value.u1);
     require(std::isfinite(low) && std::isfinite(high), "corrupt.value", row,
-            "holds a number that is not finite");
+            {"holds a number that is not finite"}, "Write finite numbers");
     const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
     const double least = std::max(-cap, row.min), most = std::min(cap, row.max);
     require(low >= least && high <= most, "corrupt.range", row,
-            "runs from " + shortest_text(low) + " to " + shortest_text(high) + "; " +
-                shortest_text(least) + " to " + shortest_text(most) + " allowed");
+            {"runs from ", low, " to ", high, "; ", least, " to ", most, " allowed"});
     require(low > row.above, "corrupt.range", row,
-            "is " + shortest_text(low) + "; more than " + shortest_text(row.above) + " wanted");
+            {"is ", low, "; more than ", row.above, " wanted"});
 }
 
 }  // namespace vfplan::bundle::detail
@@ -350,15 +346,15 @@ inline Version version_of(const Object& root) {
     const auto text = [&](std::string_view path) {
         const Row& row = row_at(path);
         const Attribute* attribute = root.attributes.find(split(row).second);
-        require(attribute != nullptr, "corrupt.missing", row, "is missing");
+        require(attribute != nullptr, "corrupt.missing", row, {"is missing"});
         return scalar_of(*attribute, row).string();
     };
     const std::string format = text("/@format"), version = text("/@version");
     require(format == format_name, "corrupt.format", "/@format",
-            "format is " + in_quotes(format) + "; " + in_quotes(format_name) + " wanted");
+            {"format is ", Quoted{format}, "; ", Quoted{format_name}, " wanted"});
     Version found;
     require(is_version(version, found), "corrupt.version", "/@version",
-            "version is " + in_quotes(version) + "; MAJOR.MINOR wanted");
+            {"version is ", Quoted{version}, "; MAJOR.MINOR wanted"});
     return found;
 }
 
@@ -395,14 +391,12 @@ class Reader {
 
     void check_version() const {
         if (version_.major == newest.major) return;
-        throw BundleError(
-            "version.major", "/@version",
-            "version " + std::to_string(version_.major) + "." + std::to_string(version_.minor) +
-                "; this program reads versions " + std::to_string(newest.major) + ".x (writes " +
-                std::string(format_version) + "); " +
-                (version_.major < newest.major
-                     ? "`vfplan migrate OLD.h5 -o NEW.h5` brings it up to date"
-                     : "`pip install --upgrade vfplan` gets a program that reads it"));
+        const bool is_old = version_.major < newest.major;
+        refuse("version.major", "/@version",
+               {"has version ", version_.major, ".", version_.minor,
+                "; this program reads versions ", newest.major, ".x and writes ", format_version},
+               is_old ? "Bring it up to date: vfplan migrate OLD.h5 -o NEW.h5"
+                      : "Get a program that reads it: pip install --upgrade vfplan");
     }
 
     void collecting(const std::function<void()>& work) {
@@ -423,7 +417,7 @@ class Reader {
         const Attribute* attribute = is_attribute ? parent.attributes.find(name) : nullptr;
         const Link* link = is_attribute ? nullptr : parent.links.find(name);
         if (attribute == nullptr && link == nullptr) {
-            return require(!must_be_there(row), "corrupt.missing", row, "is missing");
+            return require(!must_be_there(row), "corrupt.missing", row, {"is missing"});
         }
         if (row.kind == Kind::group) return open_group(row, link->address);
         Value value = is_attribute ? scalar_of(*attribute, row) : table(row, link->address);
@@ -437,7 +431,7 @@ class Reader {
     }
 
     static void require_group(const Object& object, const Row& row) {
-        require(object.is_group(), "corrupt.kind", row, "is not a group");
+        require(object.is_group(), "corrupt.kind", row, {"is not a group"});
     }
 
     void open_group(const Row& row, std::uint64_t address) {
@@ -461,7 +455,7 @@ class Reader {
             check_known(known, link.name, row);
             unknown_ = unknown_ || !known;
             require(addresses_.insert(link.address).second, "unsafe.link", row,
-                    "holds a second link, " + in_quotes(link.name) + ", to one object");
+                    {"holds a second link, ", Quoted{link.name}, ", to one object"});
         }
         for (const Attribute& attribute : group.attributes) {
             check_known(has(attribute.name, true), attribute.name, row);
@@ -470,12 +464,12 @@ class Reader {
 
     void check_known(bool known, std::string_view name, const Row& row) const {
         require(known || newer(), "unsafe.unknown", row,
-                "holds " + in_quotes(name) + ", which this format lacks");
+                {"holds ", Quoted{name}, ", which this format lacks"});
     }
 
     Value table(const Row& row, std::uint64_t address) {
         const Object object = read_object(file_, address, std::string(row.path));
-        require(object.is_dataset(), "corrupt.kind", row, "is not a dataset");
+        require(object.is_dataset(), "corrupt.kind", row, {"is not a dataset"});
         const auto sides = sides_of(*object.space, row);
         check_shape(sides, row);
         Value value = table_of(file_, object, sides, element_size(*object.type, row), row);
@@ -498,37 +492,33 @@ class Reader {
             if (text.empty()) continue;
             const Attribute* attribute = object.attributes.find(name);
             require(attribute != nullptr, "corrupt.missing", row,
-                    "has no attribute " + in_quotes(name));
+                    {"has no attribute ", Quoted{name}});
             const std::string found = scalar_of(*attribute, plain).string();
-            require(found == text, ("corrupt." + std::string(name)).c_str(), row,
-                    name + (" is " + in_quotes(found)) + "; " + in_quotes(text) + " wanted");
+            require(found == text, "corrupt." + std::string(name), row,
+                    {name, " is ", Quoted{found}, "; ", Quoted{text}, " wanted"});
         }
     }
 
     void check_shape(const std::vector<std::uint64_t>& sides, const Row& row) {
         const std::size_t rank = row.shape[1].empty() ? 1 : 2;
         require(sides.size() == rank, "corrupt.shape", row,
-                "has " + std::to_string(sides.size()) + " dimensions; " + std::to_string(rank) +
-                    " wanted");
+                {"has ", sides.size(), " dimensions; ", rank, " wanted"});
         for (std::size_t i = 0; i < rank; ++i) check_side(sides[i], row.shape[i], row);
     }
 
     void check_side(std::uint64_t side, std::string_view wanted, const Row& row) {
         if (is_digit(wanted[0])) {
-            return require(
-                side == static_cast<std::uint64_t>(wanted[0] - '0'), "corrupt.shape", row,
-                "has " + std::to_string(side) + " where " + std::string(wanted) + " is wanted");
+            return require(side == static_cast<std::uint64_t>(wanted[0] - '0'), "corrupt.shape",
+                           row, {"has a side of ", side, "; ", wanted, " wanted"});
         }
         const auto cap = std::find_if(sizes.begin(), sizes.end(), [&](const Size& s) {
                              return s.letter == wanted[0];
                          })->max;
         require(side >= 1 && side <= cap, "unsafe.cap", row,
-                std::string(wanted) + " is " + std::to_string(side) + "; 1 to " +
-                    std::to_string(cap) + " allowed");
+                {wanted, " is ", side, "; 1 to ", cap, " allowed"});
         const auto known = sizes_.emplace(wanted[0], side).first->second;
         require(known == side, "corrupt.shape", row,
-                std::string(wanted) + " is " + std::to_string(side) + " here and " +
-                    std::to_string(known) + " elsewhere");
+                {wanted, " is ", side, " here and ", known, " elsewhere"});
     }
 
     View data_;

@@ -129,11 +129,16 @@ inline void check_despite_findings(const Seal& seal, const Content& content, Fin
     if (!seal.is_signed) return;
     const std::size_t open = count_unanswered(content);
     const bool despite = open > 0 || !content.has_group("/review");
-    findings.require(seal.despite_findings == despite, "unsafe.findings", "/findings",
-                     despite ? "is signed with " + std::to_string(open) +
-                                   " unanswered findings or without a review, and the seal does "
-                                   "not say so"
-                             : "is signed as if in spite of findings, and has none that is open");
+    if (despite && !seal.despite_findings) {
+        findings.error("unsafe.findings", "/findings",
+                       {"is signed with ", open,
+                        " unanswered findings or without a review, and the seal does not say so"},
+                       "Sign it again with `vfplan sign --despite-findings`, or answer them");
+    } else if (!despite && seal.despite_findings) {
+        findings.error("unsafe.findings", "/findings",
+                       {"is signed as if in spite of findings, and has none that is open"},
+                       "Sign it again with `vfplan sign`");
+    }
 }
 
 }  // namespace detail

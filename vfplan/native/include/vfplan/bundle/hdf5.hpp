@@ -73,17 +73,18 @@ struct Link {
 inline void check_name(const ByteReader& body, std::string_view name) {
     body.require(!name.empty() && is_utf8(name) && !has_control(name) &&
                      name.find('/') == std::string_view::npos,
-                 "has the name " + in_quotes(name) + ", which is none");
+                 {"has the name ", Quoted{name}, ", which is none"}, "corrupt.hdf5",
+                 "Give it a name that can be shown");
 }
 
 /// A link message; its address is not looked at here.
 inline Link read_link(ByteReader& body) {
     body.expect(1, 1, "version of a link");
     const auto flags = body.number(1);
-    body.require((flags & 0x08) == 0 || body.number(1) == 0,
-                 "holds a link that is not hard; no other is allowed", "unsafe.link");
-    body.require((flags & ~std::uint64_t{0x1B}) == 0, "link flags");
-    body.require((flags & 0x10) == 0 || body.number(1) <= 1, "has a name of another encoding");
+    body.require((flags & 0x08) == 0 || body.number(1) == 0, {"holds a link that is not hard"},
+                 "unsafe.link");
+    body.require((flags & ~std::uint64_t{0x1B}) == 0, {"has unknown flags of a link: ", flags});
+    body.require((flags & 0x10) == 0 || body.number(1) <= 1, {"has a name of another encoding"});
     const auto name = body.take(body.number(std::size_t{1} << (flags & 3))).text();
     check_name(body, name);
     return {std::string(name), body.number(8)};
@@ -108,7 +109,7 @@ class File {
         claims_.emplace_back(address, address + size);
         claimed_ += size;
         require(claimed_ <= data_.size(), "unsafe.overlap", where,
-                "refers to more bytes, all in all, than the file has");
+                {"refers to more bytes, all in all, than the file has"});
         return part;
     }
     /// A part of metadata without the checksum at its end, which holds.
@@ -117,13 +118,13 @@ class File {
         const bool sound = size >= 4 && lookup3(part.first(part.size() - 4)) ==
                                             number_at(part, part.size() - 4, 4);
         require(size >= 4 && (sound || !sums_count), "corrupt.hdf5", where,
-                "has metadata whose checksum differs");
+                {"has metadata whose checksum differs"});
         return part.first(part.size() - 4);
     }
     [[nodiscard]] View within(std::uint64_t address, std::uint64_t size,
                               const std::string& where) const {
         require(address <= data_.size() && size <= data_.size() - address, "corrupt.hdf5", where,
-                "refers to bytes outside of the file");
+                {"refers to bytes outside of the file"});
         return data_.part(static_cast<std::size_t>(address), static_cast<std::size_t>(size));
     }
 
@@ -135,7 +136,7 @@ class File {
         std::uint64_t at = 0;
         for (const auto& [first, end] : claims_) {
             require(first >= at, "unsafe.overlap", "",
-                    "the bytes from " + std::to_string(first) + " belong to two things");
+                    {"the bytes from ", first, " belong to two things"});
             check_hole(at, first, unknown);
             at = end;
         }
@@ -144,9 +145,9 @@ class File {
 
   private:
     void check_hole(std::uint64_t first, std::uint64_t end, bool unknown) const {
-        require(unknown || within(first, end - first, "").all_zero(), "unsafe.hole", "",
-                "bytes " + std::to_string(first) + " to " + std::to_string(end) +
-                    " of the payload belong to nothing and are not zero");
+        require(
+            unknown || within(first, end - first, "").all_zero(), "unsafe.hole", "",
+            {"bytes ", first, " to ", end, " of the payload belong to nothing and are not zero"});
     }
 
     View data_;
@@ -170,10 +171,9 @@ struct Named : std::vector<T> {
     }
     void add(const ByteReader& body, T one, std::uint64_t most, const std::string& noun) {
         body.require(find(one.name) == nullptr,
-                     "has two " + noun + " of the name " + in_quotes(one.name));
+                     {"has two ", noun, " of the name ", Quoted{one.name}});
         this->push_back(std::move(one));
-        body.require(this->size() <= most, "has more than " + std::to_string(most) + " " + noun,
-                     "unsafe.cap");
+        body.require(this->size() <= most, {"has more than ", most, " ", noun}, "unsafe.cap");
     }
 };
 
@@ -200,14 +200,14 @@ struct Object {
 inline void read_info(ByteReader& body) {
     body.expect(2, 0, "version and flags of link or attribute info");
     const auto heap = body.number(8), index = body.number(8);
-    body.require(heap == nowhere && index == nowhere, "keeps links or attributes in a heap",
+    body.require(heap == nowhere && index == nowhere, {"keeps links or attributes in a heap"},
                  "unsafe.layout");
 }
 
 inline void read_group_info(ByteReader& body) {
     body.expect(1, 0, "version of group info");
     const auto flags = body.number(1);
-    body.require((flags & ~std::uint64_t{3}) == 0, "group info flags");
+    body.require((flags & ~std::uint64_t{3}) == 0, {"has unknown flags of group info: ", flags});
     body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
 }
 
@@ -215,9 +215,9 @@ inline Attribute read_attribute(ByteReader& body) {
     body.expect(1, 3, "version of an attribute");
     body.expect(1, 0, "flags of an attribute");
     const auto name = body.number(2), type = body.number(2), space = body.number(2);
-    body.require(body.number(1) <= 1, "has a name of another encoding");
+    body.require(body.number(1) <= 1, {"has a name of another encoding"});
     const auto ended = body.take(name).text();
-    body.require(ended.ends_with('\0'), "has an attribute without a name");
+    body.require(ended.ends_with('\0'), {"has an attribute without a name"});
     Attribute attribute{std::string(ended.substr(0, ended.size() - 1)), {}, {}, {}};
     check_name(body, attribute.name);
     attribute.type = body.take(type);
@@ -230,15 +230,15 @@ inline constexpr char nonzero_gap[] = "has a gap in its object header that is no
 
 inline void read_message(std::uint64_t kind, ByteReader& body, Object& object) {
     const auto keep = [&](std::optional<View>& into) {
-        body.require(!into, "has a header message twice");
+        body.require(!into, {"has a header message twice"});
         into = body.take(body.left());
     };
     const auto note_info = [&] {
-        body.require(object.infos.insert(kind).second, "has a header message twice");
+        body.require(object.infos.insert(kind).second, {"has a header message twice"});
     };
     switch (kind) {
         case 0x00:
-            return body.require(body.take(body.left()).all_zero(), nonzero_gap);
+            return body.require(body.take(body.left()).all_zero(), {nonzero_gap});
         case 0x01:
             return keep(object.space);
         case link_info:
@@ -257,14 +257,12 @@ inline void read_message(std::uint64_t kind, ByteReader& body, Object& object) {
             note_info();
             return read_group_info(body);
         case 0x0B:
-            return body.require(false, "passes its data through a filter; none is allowed",
-                                "unsafe.filter");
+            return body.require(false, {"passes its data through a filter"}, "unsafe.filter");
         case 0x0C:
             return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
                                          "attributes");
         default:
-            body.require(false,
-                         "holds header message " + std::to_string(kind) + ", which no bundle needs",
+            body.require(false, {"holds header message ", kind, ", which no bundle needs"},
                          "unsafe.message");
     }
 }
@@ -278,8 +276,7 @@ inline void read_messages(ByteReader block, Object& object,
         const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
         ByteReader body(block.take(size), object.path);
         body.require((flags & ~constant_or_known) == 0,
-                     "holds a header message with flags " + std::to_string(flags) +
-                         ", which no bundle needs",
+                     {"holds a header message with flags ", flags, ", which no bundle needs"},
                      "unsafe.message");
         if (kind == continuation) {
             const auto start = body.number(8);
@@ -292,8 +289,8 @@ inline void read_messages(ByteReader block, Object& object,
     }
     // As libhdf5: a block has an empty message, or a gap too small for one, but not both.
     block.require(block.left() == 0 || !has_empty_message,
-                  "has a gap in its object header beside an empty message");
-    block.require(block.take(block.left()).all_zero(), nonzero_gap);
+                  {"has a gap in its object header beside an empty message"});
+    block.require(block.take(block.left()).all_zero(), {nonzero_gap});
 }
 
 /// The object header at an address, with all blocks that it goes on in.
@@ -303,22 +300,23 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     object.path = std::move(path);
     ByteReader head(file.within(address, 16, object.path), object.path);  // no header is shorter
     head.require(head.take(4).text() == "OHDR" && head.number(1) == 2,
-                 "has no object header of version 2");
+                 {"has no object header of version 2"});
     const auto flags = head.number(1);
-    head.require((flags & ~std::uint64_t{0x33}) == 0, "object header flags");
+    head.require((flags & ~std::uint64_t{0x33}) == 0,
+                 {"has unknown flags of an object header: ", flags});
     const std::size_t width = std::size_t{1} << (flags & 3);
     const std::size_t front =
         6 + ((flags & 0x20) != 0 ? 16u : 0u) + ((flags & 0x10) != 0 ? 4u : 0u) + width;
     const auto size = number_at(file.within(address, front, object.path), front - width, width);
-    head.require(size <= limits::payload_bytes, "an object header is cut short");
+    head.require(size <= limits::payload_bytes, {"has an object header that is cut short"});
     const View block = file.claim_checked(address, front + size + 4, object.path);
     std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
     read_messages(ByteReader(block.from(front), object.path), object, more);
     for (std::size_t i = 0; i < more.size(); ++i) {
-        head.require(i < most_blocks, "has too many header blocks", "unsafe.cap");
+        head.require(i < most_blocks, {"has too many header blocks"}, "unsafe.cap");
         const auto [start, length] = more[i];
         const View chunk = file.claim_checked(start, length, object.path);
-        head.require(chunk.begins("OCHK"), "a header block has no signature");
+        head.require(chunk.begins("OCHK"), {"has a header block without a signature"});
         read_messages(ByteReader(chunk.from(4), object.path), object, more);
     }
     return object;
@@ -327,19 +325,16 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
 /// The address of the root, from a payload's first 48 bytes: a plain superblock, as `libver` v108
 /// makes it, but that its end of file is that of the whole bundle, seal included.
 inline std::uint64_t root_address(File& file, View data, std::uint64_t file_length) {
-    const auto must = [](bool good, const std::string& why) {
-        require(good, "corrupt.hdf5", "", why);
-    };
-    must(data.begins("\x89HDF\r\n\x1a\n"), "no HDF5 file: the signature is missing");
-    must(data.size() >= 48, "is too short for an HDF5 file");
+    const auto must = [](bool good, Sentence wrong) { require(good, "corrupt.hdf5", "", wrong); };
+    must(data.begins("\x89HDF\r\n\x1a\n"), {"is no HDF5 file: the signature is missing"});
+    must(data.size() >= 48, {"is too short for an HDF5 file"});
     must(data[8] == 2 && data[9] == 8 && data[10] == 8 && data[11] == 0,
-         "superblock of another version or other sizes");
+         {"has a superblock of another version, or with other sizes"});
     file.claim_checked(0, 48, "");
-    must(number_at(data, 12, 8) == 0, "the superblock has another base address than 0");
-    must(number_at(data, 20, 8) == nowhere, "the superblock has an extension");
+    must(number_at(data, 12, 8) == 0, {"has another base address than 0"});
+    must(number_at(data, 20, 8) == nowhere, {"has a superblock with an extension"});
     const auto end = number_at(data, 28, 8);
-    must(end == file_length, "the superblock says that the file ends at " + std::to_string(end) +
-                                 "; it ends at " + std::to_string(file_length));
+    must(end == file_length, {"says that the file ends at ", end, "; it ends at ", file_length});
     return number_at(data, 36, 8);
 }
 

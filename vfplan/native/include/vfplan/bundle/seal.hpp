@@ -216,38 +216,33 @@ inline constexpr std::size_t head_size = 148;          // of a seal, before its 
 inline constexpr std::size_t tail_size = 48;           // of a seal, behind them
 inline constexpr std::uint64_t latest = 253402300799;  // 9999-12-31T23:59:59Z
 
-inline void require(bool good, std::string_view message) {
-    require(good, "corrupt.seal", "", message);
-}
+inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "", wrong); }
 
 /// Says why a file that does not end in a seal is no bundle of this version.
 [[noreturn]] inline void refuse_unsealed(View data) {
     if (data.begins(seal_magic)) {
-        throw BundleError(
-            "version.seal", "",
-            "has its seal in front, as versions 1.0 and 1.1 had it; this program reads "
-            "versions 2.x, and `vfplan migrate OLD.h5 -o NEW.h5` brings it up to date");
+        refuse("version.seal", "",
+               {"has its seal in front, as versions 1.0 and 1.1 had it; this program reads 2.x"},
+               "Bring it up to date: vfplan migrate OLD.h5 -o NEW.h5");
     }
     // `vfplan replay -o` names its format in the header of the file's root, which comes first.
     constexpr std::size_t first_objects = 1 << 16;
     const bool is_result =
         data.text().substr(0, first_objects).find("vfplan-result") != std::string_view::npos;
     if (data.begins(hdf5_signature) && is_result) {
-        throw BundleError("corrupt.seal", "",
-                          "is a result of `vfplan replay`, and no fixture bundle. Give the bundle "
-                          "that was replayed");
+        refuse("corrupt.seal", "", {"is a result of `vfplan replay`, and no fixture bundle"},
+               "Give the bundle that was replayed");
     }
     if (data.begins(hdf5_signature)) {
-        throw BundleError(
-            "corrupt.seal", "",
-            "its seal is missing: the file was cut, or opened for writing by another "
-            "program. Only version 0.1 had no seal; `vfplan migrate OLD.h5 -o NEW.h5` "
-            "brings such a bundle up to date");
+        refuse("corrupt.seal", "",
+               {"has no seal: the file was cut, or opened for writing by another program"},
+               "Fetch it again, or bring a bundle of version 0.1, which had no seal, up to date: "
+               "vfplan migrate OLD.h5 -o NEW.h5");
     }
-    throw BundleError("corrupt.seal", "",
-                      "is no fixture bundle: it begins with " +
-                          in_quotes(data.text().substr(0, hdf5_signature.size())) +
-                          ", not as an HDF5 file does");
+    refuse("corrupt.seal", "",
+           {"is no fixture bundle: it begins with ",
+            Quoted{data.text().substr(0, hdf5_signature.size())}, ", not as an HDF5 file does"},
+           "Give a bundle that `vfplan register` or `vfplan import` wrote");
 }
 
 /// The seal that a file ends in: it is there, and says of the file's length what is true.
@@ -258,25 +253,24 @@ inline View find_seal(View data) {
     }
     const auto size = static_cast<std::size_t>(number_at(data, data.size() - 16, 4));
     require(std::find(seal_sizes.begin(), seal_sizes.end(), size) != seal_sizes.end(),
-            "seal of " + std::to_string(size) + " bytes; 512, 1024, 2048 or 4096 wanted");
-    require(size + superblock_size <= data.size(), "its seal is as long as the whole file");
+            {"has a seal of ", size, " bytes; 512, 1024, 2048 or 4096 wanted"});
+    require(size + superblock_size <= data.size(),
+            {"has a seal that is as long as the whole file"});
     const View seal = data.from(data.size() - size);
-    require(seal.begins(seal_magic), "its seal does not begin " + std::to_string(size) +
-                                         " bytes before the file's end, as it says");
+    require(seal.begins(seal_magic),
+            {"has a seal that does not begin ", size, " bytes before the file's end, as it says"});
     const auto version = number_at(seal, 8, 2);
     require(version == seal_version, "version.seal", "",
-            "seal version " + std::to_string(version) +
-                "; this program reads 2: a newer vfplan wrote it, `pip install --upgrade vfplan` "
-                "gets it");
+            {"has a seal of version ", version, "; this program reads 2"},
+            "Get a program that reads it: pip install --upgrade vfplan");
     const auto payload = number_at(seal, 16, 8);
     require(number_at(seal, 12, 4) == size && number_at(seal, size - 12, 4) == 0,
-            "its seal says two lengths of itself");
-    require(payload == data.size() - size, std::to_string(payload) + " bytes were sealed, " +
-                                               std::to_string(data.size() - size) + " are there");
-    require(payload % 8 == 0, "the sealed part is no multiple of 8 bytes long");
+            {"has a seal that says two lengths of itself"});
+    require(payload == data.size() - size,
+            {"has ", data.size() - size, " bytes before its seal, which covers ", payload});
+    require(payload % 8 == 0, {"has a sealed part that is no multiple of 8 bytes long"});
     require(payload <= limits::payload_bytes, "unsafe.cap", "",
-            "payload of " + std::to_string(payload) + " bytes; at most " +
-                std::to_string(limits::payload_bytes) + " allowed");
+            {"has a payload of ", payload, " bytes; at most ", limits::payload_bytes, " allowed"});
     return seal;
 }
 
@@ -285,13 +279,13 @@ inline void check_texts(View seal) {
     const auto end =
         static_cast<std::size_t>(head_size + number_at(seal, 144, 2) + number_at(seal, 146, 2));
     const std::size_t room = seal.size() - tail_size;
-    require(end <= room, "the seal's texts do not fit into it");
+    require(end <= room, {"has a seal into which its texts do not fit"});
     const auto* least = std::find_if(seal_sizes.begin(), seal_sizes.end(),
                                      [&](std::uint32_t size) { return size >= end + tail_size; });
-    require(*least == seal.size(), "the seal is longer than its texts need");
+    require(*least == seal.size(), {"has a seal that is longer than its texts need"});
     const auto flags = number_at(seal, 10, 2);
     require((flags & ~std::uint64_t{3}) == 0 && seal.part(end, room - end).all_zero(),
-            "the seal holds something unknown");
+            {"has a seal that holds something unknown"});
 }
 
 inline void read_signed(Seal& seal, View block) {
@@ -304,12 +298,11 @@ inline void read_signed(Seal& seal, View block) {
     seal.case_token = block.part(head_size, count(144)).text();
     seal.robot_serial = block.part(head_size + count(144), count(146)).text();
     for (const std::string* part : {&seal.case_token, &seal.robot_serial}) {
-        require(is_utf8(*part), "the seal's texts are not UTF-8");
-        require(!has_control(*part), "the seal's texts hold control characters");
+        require(is_utf8(*part), {"has texts in its seal that are not UTF-8"});
+        require(!has_control(*part), {"has texts in its seal that hold control characters"});
     }
-    require(seal.signed_at <= latest, "signed " + std::to_string(seal.signed_at) +
-                                          " s after 1970; at most " + std::to_string(latest) +
-                                          " allowed");
+    require(seal.signed_at <= latest,
+            {"was signed ", seal.signed_at, " s after 1970; at most ", latest, " allowed"});
     // Everything but the signature itself, and the tail, which repeats what is known.
     const View body = block.first(block.size() - tail_size);
     seal.signed_message.assign(signed_domain.begin(), signed_domain.end());
@@ -322,20 +315,20 @@ inline Seal read_seal(View block) {
     const View body = block.first(block.size() - tail_size);
     const Digest digest = sha256(body);
     require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
-            "the seal itself is damaged: its SHA-256 differs");
+            {"has a damaged seal: its SHA-256 differs"});
     Seal seal;
     const auto flags = number_at(block, 10, 2);
     seal.is_signed = (flags & 1) != 0;
     seal.despite_findings = (flags & 2) != 0;
     require(seal.is_signed || !seal.despite_findings,
-            "the seal is unsigned and yet signed in spite of findings");
+            {"has an unsigned seal that is yet signed in spite of findings"});
     seal.payload_length = number_at(block, 16, 8);
     std::copy_n(block.begin() + 24, 32, seal.digest.begin());
     if (seal.is_signed) {
         read_signed(seal, block);
     } else {
         require(body.from(56).all_zero(),
-                "the seal is unsigned and yet holds what only a signature covers");
+                {"has an unsigned seal that holds what only a signature covers"});
     }
     return seal;
 }
@@ -348,7 +341,7 @@ inline Seal unseal(View data, View& payload) {
     Seal seal = detail::read_seal(block);
     payload = data.first(data.size() - block.size());
     detail::require(sha256(payload) == seal.digest,
-                    "SHA-256 differs from the sealed one: the bytes are not those written");
+                    {"has another SHA-256 than the sealed one: the bytes are not those written"});
     return seal;
 }
 
@@ -357,12 +350,12 @@ inline Bytes read_file(const std::filesystem::path& path) {
     std::error_code error;
     const std::string name = path.string();
     detail::require(std::filesystem::is_regular_file(path, error), "input", name,
-                    "there is no such file, or it is not regular");
+                    {"is no regular file, or not there"});
     std::ifstream file(path, std::ios::binary);
-    detail::require(bool(file), "input", name, "cannot be opened");
+    detail::require(bool(file), "input", name, {"cannot be opened"}, "Check its permissions");
     const std::uintmax_t size = std::filesystem::file_size(path, error);
     detail::require(size <= limits::payload_bytes + detail::seal_sizes.back(), "unsafe.cap", name,
-                    "longer than a bundle may be");
+                    {"is longer than a bundle may be"});
     Bytes data(static_cast<std::size_t>(size));
     file.read(reinterpret_cast<char*>(data.data()), static_cast<std::streamsize>(size));
     data.resize(static_cast<std::size_t>(file.gcount()));

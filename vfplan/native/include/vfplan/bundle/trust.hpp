@@ -34,7 +34,8 @@ inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
     std::array<unsigned char, 32> raw{};
     std::size_t length = raw.size();
     if (EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) != 1) {
-        throw BundleError("signature.key", "", "a trusted key is not Ed25519");
+        detail::refuse("signature.key", "", {"has a trusted key that is not Ed25519"},
+                       "Trust a key that `vfplan keygen` wrote");
     }
     const Digest digest = sha256(view(raw));
     std::array<unsigned char, 16> id{};
@@ -55,12 +56,14 @@ inline std::string next_key(std::istream& file, const std::string& where) {
         line.erase(0, line.find_first_not_of(blank));
         if (block.empty() && (line.empty() || line[0] == '#')) continue;
         if (block.empty() && line != "-----BEGIN PUBLIC KEY-----") {
-            throw BundleError("input", where, "holds something that is no public key in PEM form");
+            detail::refuse("input", where, {"holds something that is no public key in PEM form"},
+                           "Give the public keys that `vfplan keygen` wrote");
         }
         block += line + '\n';
         if (line == "-----END PUBLIC KEY-----") return block;
     }
-    if (!block.empty()) throw BundleError("input", where, "ends within a public key");
+    if (!block.empty())
+        detail::refuse("input", where, {"ends within a public key"}, "Fetch the file again");
     return block;
 }
 
@@ -72,7 +75,9 @@ inline std::string next_key(std::istream& file, const std::string& where) {
 inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
     constexpr std::size_t most = 1 << 20;
     const Bytes data = read_file(path);
-    if (data.size() > most) throw BundleError("input", path.string(), "is no file of keys");
+    if (data.size() > most)
+        detail::refuse("input", path.string(), {"is too long for a file of keys"},
+                       "Give the public keys that `vfplan keygen` wrote");
     std::istringstream file(std::string(data.begin(), data.end()));
     std::vector<PublicKey> keys;
     for (;;) {
@@ -82,14 +87,18 @@ inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
             BIO_new_mem_buf(block.data(), static_cast<int>(block.size())), BIO_free);
         PublicKey key(PEM_read_bio_PUBKEY(bio.get(), nullptr, nullptr, nullptr), EVP_PKEY_free);
         if (key == nullptr) {
-            throw BundleError("input", path.string(), "holds a public key that cannot be read");
+            detail::refuse("input", path.string(), {"holds a public key that cannot be read"},
+                           "Fetch the file again");
         }
         if (EVP_PKEY_base_id(key.get()) != EVP_PKEY_ED25519) {
-            throw BundleError("input", path.string(), "holds a key that is not Ed25519");
+            detail::refuse("input", path.string(), {"holds a key that is not Ed25519"},
+                           "Give the public keys that `vfplan keygen` wrote");
         }
         keys.push_back(std::move(key));
     }
-    if (keys.empty()) throw BundleError("input", path.string(), "holds no public key");
+    if (keys.empty())
+        detail::refuse("input", path.string(), {"holds no public key"},
+                       "Give the public keys that `vfplan keygen` wrote");
     return keys;
 }
 
@@ -113,33 +122,34 @@ inline bool signature_holds(const Seal& seal, const PublicKey& key) {
 inline void require_signature(
     const Seal& seal, const Trust& trust,
     std::chrono::system_clock::time_point now = std::chrono::system_clock::now()) {
-    if (!seal.is_signed) throw BundleError("signature.missing", "", "is not signed");
+    if (!seal.is_signed) detail::refuse("signature.missing", "", {"is not signed"});
     const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
                                   [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
     if (key == trust.keys.end()) {
-        throw BundleError("signature.key", "",
-                          "signed by key " + to_hex(view(seal.key_id)) + ", which is not trusted");
+        detail::refuse("signature.key", "",
+                       {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
     }
     if (!signature_holds(seal, *key)) {
-        throw BundleError("signature.wrong", "", "the signature does not hold");
+        detail::refuse("signature.wrong", "", {"has a signature that does not hold"});
     }
     if (trust.case_token && *trust.case_token != seal.case_token) {
-        throw BundleError("signature.case", "", "signed for another case");
+        detail::refuse("signature.case", "", {"is signed for another case"});
     }
     if (trust.robot_serial && *trust.robot_serial != seal.robot_serial) {
-        throw BundleError("signature.robot", "", "signed for another robot");
+        detail::refuse("signature.robot", "", {"is signed for another robot"});
     }
     if (!trust.max_age) return;
     if (seal.signed_at == 0) {
-        throw BundleError("signature.age", "", "does not state when it was signed");
+        detail::refuse("signature.age", "", {"does not state when it was signed"});
     }
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
                      std::chrono::seconds(static_cast<std::int64_t>(seal.signed_at));
     if (age > *trust.max_age) {
-        throw BundleError("signature.age", "", "was signed too long ago");
+        detail::refuse("signature.age", "", {"was signed too long ago"});
     }
     if (age < std::chrono::seconds(-60)) {
-        throw BundleError("signature.age", "", "the time of signing lies in the future");
+        detail::refuse("signature.age", "", {"was signed at a time that lies in the future"},
+                       "Set the clock of this machine, or sign the bundle again");
     }
 }
 
