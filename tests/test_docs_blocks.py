@@ -115,6 +115,7 @@ vfplan keygen -o planner.key -q
 vfplan sign fixture.h5 --key planner.key --case 2026-117 --robot-serial R-0042 --despite-findings \\
     -o approved.h5 -q
 cp approved.h5 elbow.h5
+cp approved.h5 signed.h5
 cp planner.pub keys.pub
 cp tests/data/bundles/2.0-mesh.h5 mesh.h5
 """
@@ -215,5 +216,5 @@ def test_the_shell_block_of_the_tutorial_builds_the_samples(tmp_path):
     make_files(tmp_path)
     (block,) = SHELL.findall((ROOT / "docs" / "tutorial.md").read_text())
     in_cpp = run_shell(block, tmp_path).splitlines()[-1]
-    in_python = run_shell("python samples/02_render.py elbow.h5", tmp_path).splitlines()[-1]
+    in_python = run_shell("python samples/02_render.py signed.h5", tmp_path).splitlines()[-1]
     assert in_cpp == in_python

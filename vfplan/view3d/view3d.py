@@ -128,7 +128,7 @@ class Stage:
                 if len(path) > 1:
                     line = pyvista.lines_from_points(path)
                     self.plotter.add_mesh(line, color=colour, line_width=3, opacity=0.8)
-            self._legend += [("tool (HIP) and its path", HIP), ("proxy and its path", PROXY)]
+            self._legend += [("tool (HIP)", HIP), ("proxy", PROXY)]
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
         add_scale(pyvista, self.plotter, fixture.points)
