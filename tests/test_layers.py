@@ -11,10 +11,10 @@ from conftest import ROOT
 # each other.
 LAYERS = [
     ["errors", "display"],
-    ["io", "palette", "findings"],
+    ["io", "geometry", "palette", "findings"],
     ["records", "robot"],
     ["fixture"],
-    ["dicom", "geometry"],
+    ["dicom"],
     ["engine"],
     ["images", "session"],
     ["markers"],

@@ -5,6 +5,7 @@ Nothing here reads or writes; the modules that do all speak in these types.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, get_args
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
+from vfplan.geometry.polyline import length_of, values_at
 from vfplan.io.files import now_utc
 from vfplan.records import (
     Frame,
@@ -27,7 +29,7 @@ from vfplan.records import (
 
 __all__ = [
     "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
-    "Rendering", "Review", "SourceImage", "StabilityVerdict",
+    "Rendering", "Review", "SourceImage", "StabilityVerdict", "Stroke",
 ]  # fmt: skip
 
 FRAMES: tuple[Frame, ...] = get_args(Frame)
@@ -86,6 +88,84 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
+class Stroke:
+    """One line of a drawing, in the unit of its frame: pixels of the slice, or metres.
+
+    Parameters
+    ----------
+    points
+        (M, 2) or (M, 3), in drawing order.
+    closed
+        Whether the last point joins the first.
+    sigma
+        (M,) standard deviation of each point across the line; `None` where nobody measured it, as
+        of a curve that was drawn as vectors.
+    bridged
+        (M,) bool, points that were carried across a pen lift, or under something drawn over the
+        line.
+    edited
+        (M,) bool, points that a hand placed and no ink confirms.
+    width
+        Mean width of the pen; `None` where nobody measured it.
+    is_ordered
+        False of bare pixels, as method "mask" gives them: all of the line's ink, in no order.
+    known_length
+        The length of the line where its points do not tell it: pixels go in stairs, or have no
+        order.
+    """
+
+    points: NDArray[np.float64]
+    closed: bool
+    sigma: NDArray[np.float64] | None = None
+    bridged: NDArray[np.bool_] | None = None
+    edited: NDArray[np.bool_] | None = None
+    width: float | None = None
+    is_ordered: bool = True
+    known_length: float | None = None
+
+    def __post_init__(self) -> None:
+        """A stroke of which nobody says so is neither bridged nor edited."""
+        for name in ("bridged", "edited"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(len(self.points), bool))
+
+    # A stroke of an extraction is in pixels.
+    points_px = property(attrgetter("points"), doc="(M, 2) the points (u, v).")
+    sigma_px = property(attrgetter("sigma"), doc="(M,) standard deviation across the line.")
+
+    @property
+    def length(self) -> float:
+        """Length of the line, of a closed one back to the first point."""
+        if self.known_length is not None:
+            return self.known_length
+        return length_of(self.points, self.closed)
+
+    @property
+    def end_points(self) -> NDArray[np.float64]:
+        """(2, K) first and last point; (0, K) of a closed line, or of one in no order."""
+        if self.closed or not self.is_ordered:
+            return self.points[:0]
+        return self.points[[0, -1]]
+
+    def at(self, parameter: NDArray[np.float64]) -> Stroke:
+        """The stroke through its places at float indices (N,) of its points.
+
+        A place is bridged or edited as soon as one of its two neighbours is.
+        """
+        sigma = self.sigma
+        if sigma is not None:
+            sigma = values_at(sigma, parameter)
+        return replace(
+            self,
+            points=values_at(self.points, parameter),
+            sigma=sigma,
+            bridged=values_at(self.bridged.astype(float), parameter) > 0,
+            edited=values_at(self.edited.astype(float), parameter) > 0,
+            known_length=self.length,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Curve:
     """How a fixture's points were drawn: in strokes, in order.
 
@@ -109,6 +189,22 @@ class Curve:
     bridged: NDArray[np.bool_] | None = None
     pieces: Pieces | None = None
     edited: NDArray[np.bool_] | None = None
+
+    @classmethod
+    def of(cls, strokes: Sequence[Stroke]) -> Curve:
+        """How these strokes were drawn; the points of one follow those of the other."""
+        counts = [len(stroke.points) for stroke in strokes]
+        bridged = np.concatenate([stroke.bridged for stroke in strokes])
+        edited = np.concatenate([stroke.edited for stroke in strokes])
+        curve = cls(
+            np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
+            np.array([bool(stroke.closed) for stroke in strokes]),
+        )
+        if bridged.any():
+            curve = replace(curve, bridged=bridged)
+        if edited.any():
+            curve = replace(curve, edited=edited)
+        return curve
 
 
 @dataclass(frozen=True)
@@ -210,6 +306,24 @@ class Fixture:
     def open_findings(self) -> tuple[Finding, ...]:
         """The doubts that nobody has answered."""
         return tuple(finding for finding in self.findings if finding.is_open)
+
+    @property
+    def strokes(self) -> tuple[Stroke, ...]:
+        """The curve stroke by stroke; none of a bare cloud or a mesh."""
+        if self.curve is None:
+            return ()
+        strokes = []
+        for number, closed in enumerate(self.curve.closed):
+            rows = self.curve.stroke == number
+            stroke = Stroke(
+                self.points[rows],
+                bool(closed),
+                _rows_of(self.sigma, rows),
+                _rows_of(self.curve.bridged, rows),
+                _rows_of(self.curve.edited, rows),
+            )
+            strokes.append(stroke)
+        return tuple(strokes)
 
     @property
     def pieces(self) -> Pieces | None:

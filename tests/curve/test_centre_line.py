@@ -62,8 +62,8 @@ def test_a_ring_has_its_radius(radius, width):
     assert stroke.closed
     measured = np.hypot(*(stroke.points_px - centre).T)
     assert rms(measured - radius) < 0.05
-    assert stroke.length_px == pytest.approx(2 * np.pi * radius, rel=2e-3)
-    assert stroke.width_px == pytest.approx(width, abs=1.2)
+    assert stroke.length == pytest.approx(2 * np.pi * radius, rel=2e-3)
+    assert stroke.width == pytest.approx(width, abs=1.2)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.003, 0.125, 0.5, 1.0])
@@ -133,7 +133,7 @@ def test_a_turned_or_mirrored_picture_has_the_turned_or_mirrored_curve(name, clo
     moved = places(plain.points_px, *SHAPE)
     error = normal_errors(other.points_px, moved, closed)
     assert np.abs(error).max() < 0.15
-    assert other.length_px == pytest.approx(plain.length_px, abs=1.0)
+    assert other.length == pytest.approx(plain.length, abs=1.0)
 
 
 @pytest.mark.parametrize("shift", [(0, 1), (7, 3), (16, 5)])
@@ -196,7 +196,7 @@ def test_methods_skeleton_and_mask_follow_the_same_ink():
     skeleton = stroke_of(image, method="skeleton")
     error = normal_errors(skeleton.points_px, hand(13), False)
     assert np.abs(error).max() < 1.2
-    assert skeleton.length_px == pytest.approx(ridge.length_px, rel=0.1)
+    assert skeleton.length == pytest.approx(ridge.length, rel=0.1)
     extraction = extract_curve(image, method="mask")
     pixels = extraction.strokes[0].points_px
     assert len(pixels) == np.count_nonzero(extraction.mask)

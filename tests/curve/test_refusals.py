@@ -179,7 +179,7 @@ def test_start_and_end_cut_and_turn_the_curve():
     part = extract_curve(image, start=(250, 150), end=(100, 150)).strokes[0]
     assert part.points_px[0] == pytest.approx([250, 150], abs=1)
     assert part.points_px[-1] == pytest.approx([100, 150], abs=1)
-    assert part.length_px == pytest.approx(150, abs=2)
+    assert part.length == pytest.approx(150, abs=2)
     turned = extract_curve(image, start=(300, 150)).strokes[0]
     assert np.allclose(turned.points_px, whole.points_px[::-1])
     assert refusal(image, start=(100, 60)).code == "place-off-curve"

@@ -11,6 +11,7 @@ from vfplan.errors import CurveError
 from vfplan.figures import slice as picture
 from vfplan.figures import style
 from vfplan.findings import doubt
+from vfplan.fixture import Stroke
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
 
@@ -27,7 +28,9 @@ def drawn(monkeypatch, tmp_path):
             error.numbers.update(given.get("place", {}))
             picture.draw_refusal(image, error, tmp_path / "p.png")
         else:
-            picture.draw_overlay(image, vector_stroke(WAY, False, image, "w"), tmp_path / "p.png")
+            picture.draw_overlay(
+                image, vector_stroke(Stroke(WAY, False), image, "w"), tmp_path / "p.png"
+            )
         return kept[-1].axes[0]
 
     return draw

@@ -166,7 +166,7 @@ def normal_errors(points, truth, closed):
 
 
 def compare(stroke, truth, closed=False):
-    """Score a stroke (`points_px`, `sigma_px`, `length_px`) against the true centre line."""
+    """Score a stroke (`points_px`, `sigma_px`, `length`) against the true centre line."""
     points = stroke.points_px
     error = normal_errors(points, truth, closed)
     inner = slice(None) if closed else slice(2, -2)
@@ -186,6 +186,6 @@ def compare(stroke, truth, closed=False):
         worst=float(np.abs(error[inner]).max()),
         uncovered=float(uncovered),
         ends=float(ends),
-        length_ratio=float(stroke.length_px / true_length),
+        length_ratio=float(stroke.length / true_length),
         z_rms=float(np.sqrt(np.mean(z**2))),
     )

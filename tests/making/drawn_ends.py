@@ -9,7 +9,8 @@ from canvas import Canvas
 from drawing import anatomy
 from slices import RED, SHAPE, arc_of, hand, part, pen
 
-from vfplan.review.sheet_input import AccountEntry, SheetInput, SheetMarker, SheetStroke
+from vfplan.fixture import Stroke
+from vfplan.review.sheet_input import AccountEntry, SheetInput, SheetMarker
 
 
 @dataclass
@@ -51,8 +52,8 @@ def draw(seed, *, covered="end", tone=None, shape=SHAPE):
 
 def sheet_input(drawn, **more):
     """The sheet's input of a drawn slice whose visible line was taken."""
-    no_bridge = np.zeros(len(drawn.line), bool)
-    stroke = SheetStroke(drawn.line, False, no_bridge, drawn.width)
+    sigma = np.full(len(drawn.line), 0.1)
+    stroke = Stroke(drawn.line, False, sigma, width=drawn.width)
     return SheetInput(title="drawn.png", digest="0" * 64, rgb=drawn.image, strokes=(stroke,),
                       account=(), **more)  # fmt: skip
 

@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
+from vfplan.geometry.polyline import values_at
 from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan
-from vfplan.planning.carry import interpolate_at
 from vfplan.planning.rendering import ignored_axis, render
 
 SAMPLES = ROOT / "samples"
@@ -233,7 +233,7 @@ def test_no_axis_is_ignored_when_told_so():
 
 def test_values_along_a_closed_curve_run_back_to_the_first():
     values = np.array([0.0, 1.0, 2.0, 3.0])
-    assert interpolate_at(values, np.array([0, 0.5, 3, 3.5])).tolist() == [0, 0.5, 3, 1.5]
+    assert values_at(values, np.array([0, 0.5, 3, 3.5])).tolist() == [0, 0.5, 3, 1.5]
 
 
 def test_a_registered_fixture_is_not_registered_twice():

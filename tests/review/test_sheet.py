@@ -14,6 +14,7 @@ from drawing import blend, coverage, flat, to_uint8
 from vfplan import PlannedImage
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
+from vfplan.fixture import Stroke
 from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
@@ -21,7 +22,6 @@ from vfplan.review.sheet import draw_sheet
 from vfplan.review.sheet_input import (
     AccountEntry,
     SheetInput,
-    SheetStroke,
     check_slice,
     of_fixture,
 )
@@ -64,7 +64,8 @@ def check_layout(sheet):
 
 def line_of(points, *, closed=False, bridged=None, width=3.0):
     flags = np.zeros(len(points), bool) if bridged is None else bridged
-    return SheetStroke(np.asarray(points, float), closed, flags, width)
+    points = np.asarray(points, float)
+    return Stroke(points, closed, np.full(len(points), 0.1), flags, width=width)
 
 
 def ring(shape, radius=60.0):
@@ -294,7 +295,7 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
 
 def test_line_without_ink_is_drawn_in_the_wider_view_alone():
     points = np.column_stack([np.linspace(60, 300, 241), np.full(241, 160.0)])
-    vector = replace(line_of(points), has_ink=False, width_px=None)
+    vector = replace(line_of(points), sigma=None, width=None)
     sheet = draw_sheet(shown_of(np.zeros((320, 380, 3), np.uint8), vector))
     check_layout(sheet)
     [close, wider] = insets(sheet, "End")
@@ -429,7 +430,7 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     arc, circle = shown.strokes
     turn = np.linspace(0, np.pi, 40)
     truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
-    assert np.abs(arc.points_px - truth).max() < 1e-6
+    assert np.abs(arc.points - truth).max() < 1e-6
     assert circle.closed
     record = fixture.registration
     for marker, place, target in zip(shown.markers, record.source, record.target, strict=True):

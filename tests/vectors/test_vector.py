@@ -19,7 +19,7 @@ from vfplan.vectors import read_vector_curve
 def test_closed_curve_is_a_smooth_ring_in_metres(tmp_path):
     curve = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve"))
     assert curve.closed
-    fine = curve.fine(1e-4)
+    fine = curve.stroke(1e-4).points
     assert np.abs(np.hypot(fine[:, 0], fine[:, 1]) - 0.01).max() < 2e-6
     assert np.allclose(fine[:, 2], 0.005)
     steps = np.linalg.norm(np.diff(np.vstack([fine, fine[:1]]), axis=0), axis=1)
@@ -39,8 +39,8 @@ def test_polyline_open_and_closed(tmp_path):
     opened = read_vector_curve(polyline(tmp_path, square))
     ring = read_vector_curve(polyline(tmp_path, [*square, square[0]]))
     assert (opened.closed, ring.closed) == (False, True)
-    assert len(opened.fine(1.0)) == 121
-    assert len(ring.fine(1.0)) == 160
+    assert len(opened.stroke(1.0).points) == 121
+    assert len(ring.stroke(1.0).points) == 160
 
 
 def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
@@ -221,7 +221,7 @@ def test_a_control_point_table_is_the_curve_that_its_points_are_in_order(tmp_pat
     as_curve = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve"))
     assert closed.closed
     assert np.allclose(closed.points, as_curve.points, atol=1e-12)
-    assert np.allclose(closed.fine(1e-4), as_curve.fine(1e-4), atol=1e-12)
+    assert np.allclose(closed.stroke(1e-4).points, as_curve.stroke(1e-4).points, atol=1e-12)
     ras = control_points(tmp_path, RING_MM * [-1, -1, 1], HEADER.replace("LPS", "RAS") + COLUMNS)
     opened = read_vector_curve(ras)
     assert not opened.closed
@@ -253,8 +253,10 @@ def test_broken_control_point_tables_are_refused(tmp_path, text):
 
 @pytest.mark.parametrize("off", [0, 1e-14])
 def test_a_point_that_is_there_twice_is_one(tmp_path, off):
-    once = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve")).fine(1e-4)
+    once = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve")).stroke(1e-4).points
     twice = np.vstack([RING_MM[:1], RING_MM, RING_MM[:1] + off])
-    assert np.allclose(read_vector_curve(slicer(tmp_path, twice, "ClosedCurve")).fine(1e-4), once)
+    assert np.allclose(
+        read_vector_curve(slicer(tmp_path, twice, "ClosedCurve")).stroke(1e-4).points, once
+    )
     with refuses(CurveError, "too-few-points"):
         read_vector_curve(slicer(tmp_path, RING_MM[[0, 1, 0]], "ClosedCurve"))

@@ -54,7 +54,7 @@ def test_an_area_counts_from_pixels_corners_and_is_closed(tmp_path, kind):
         curve = read_vector_curve(selection(tmp_path, kind, points, version=228))
         assert curve.closed
         assert curve.points.tolist() == [[u - 0.5, v - 0.5] for u, v in SQUARE]
-        assert len(curve.fine(1.0)) == 160
+        assert len(curve.stroke(1.0).points) == 160
         assert curve.warnings == ()
 
 
@@ -135,7 +135,7 @@ def test_a_selection_of_tens_of_thousands_of_points(tmp_path):
     t = np.linspace(0, 2 * np.pi, 60000, endpoint=False)
     ring = np.column_stack([200 + 100 * np.cos(t), 200 + 100 * np.sin(t)])
     curve = read_vector_curve(selection(tmp_path, "FREEHAND", ring))
-    fine = curve.fine(1.0) + 0.5 - 200
+    fine = curve.stroke(1.0).points + 0.5 - 200
     assert len(fine) == 628
     assert np.abs(np.hypot(*fine.T) - 100).max() < 1e-3
 

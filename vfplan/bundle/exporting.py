@@ -146,9 +146,9 @@ def slicer_markups(fixture: Fixture) -> bytes:
             "A cloud without strokes cannot be written as .mrk.json. Write it as .ply."
         )
     markups = []
-    for number, is_closed in enumerate(fixture.curve.closed):
-        points_mm = 1000 * fixture.points[fixture.curve.stroke == number]
-        markups.append(slicer_markup(points_mm, number, bool(is_closed), fixture.frame))
+    for number, stroke in enumerate(fixture.strokes):
+        points_mm = 1000 * stroke.points
+        markups.append(slicer_markup(points_mm, number, stroke.closed, fixture.frame))
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
 
 

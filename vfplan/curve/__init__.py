@@ -8,7 +8,7 @@ pen         a pen's colour
 region      where the curve is sought
 coverage    how much of each pixel the pen covers, whatever the grey below it
 skeleton    connected pieces of ink, as branches, junctions and ends
-lines       pieces joined over pen lifts
+candidates  pieces joined over pen lifts, one of which may be the line
 choose      the line that is meant, or why none is
 profiles    what the picture shows across a line
 centreline  the line's smooth centre, and the deviation of each point

@@ -16,9 +16,10 @@ from vfplan.curve.ambiguity import (
     relative_width,
     sudden_changes,
 )
-from vfplan.curve.centreline import CentreLine, normals, runs
+from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
+from vfplan.geometry.polyline import normals
 
 NAMED = 3
 """Pieces of ink of one sort that have a finding of their own; the account lists all."""
@@ -82,7 +83,7 @@ class Leftover:
     mirrored: bool
 
 
-def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
+def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
     import cv2
     from scipy.spatial import cKDTree
@@ -128,7 +129,7 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
 
 
 def _is_mirrored(
-    ink: Ink, curve: CentreLine, pixels: NDArray, nearest: NDArray
+    ink: Ink, curve: MeasuredStroke, pixels: NDArray, nearest: NDArray
 ) -> NDArray[np.bool_]:
     """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
     normal = normals(curve.points, curve.closed)[nearest]
@@ -143,7 +144,7 @@ def _is_mirrored(
 
 
 def list_account(
-    leftover: list[Leftover], curves: list[CentreLine], ink: Ink
+    leftover: list[Leftover], curves: list[MeasuredStroke], ink: Ink
 ) -> tuple[AccountEntry, ...]:
     """All other ink, and every stretch of curve that does not show, the largest first."""
     rows: list[tuple] = [(piece.pixels, piece.middle, piece.size, "ink") for piece in leftover]
@@ -158,7 +159,7 @@ def list_account(
     return tuple(entries)
 
 
-def _stretches(curve: CentreLine) -> Iterator[tuple[str, NDArray[np.int64]]]:
+def _stretches(curve: MeasuredStroke) -> Iterator[tuple[str, NDArray[np.int64]]]:
     """Each stretch of a curve that does not show, with the reason."""
     for run in runs(curve.bridged | curve.hidden, curve.closed):
         if curve.hidden[run].any():
@@ -172,7 +173,7 @@ def _finding(code: str, text: str, place: NDArray) -> Finding:
     return doubt(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
-def end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
+def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     """Another colour at an end, faint ink beyond it, and an end that is not known well."""
     findings = []
     for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
@@ -228,7 +229,7 @@ def _and_more(pieces: list[Leftover]) -> str:
     return f", and {len(pieces) - NAMED} smaller pieces as well"
 
 
-def stretch_findings(curve: CentreLine) -> list[Finding]:
+def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
     """Long stretches of the curve that another colour hides or that were carried over a gap."""
     findings = []
     for what, run in _stretches(curve):
@@ -244,7 +245,7 @@ def stretch_findings(curve: CentreLine) -> list[Finding]:
     return findings
 
 
-def width_findings(curve: CentreLine) -> list[Finding]:
+def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
     change = np.where(expected, 0.0, sudden_changes(curve))
@@ -264,7 +265,7 @@ def width_findings(curve: CentreLine) -> list[Finding]:
     return [_finding("width-changes", text, curve.path[at])]
 
 
-def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
+def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
     """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
     from scipy.ndimage import maximum_filter1d
 
@@ -281,7 +282,7 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)
 
 
-def _is_dot(curve: CentreLine, change: NDArray) -> NDArray[np.bool_]:
+def _is_dot(curve: MeasuredStroke, change: NDArray) -> NDArray[np.bool_]:
     """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
     from scipy.ndimage import binary_dilation
 
@@ -293,7 +294,7 @@ def _is_dot(curve: CentreLine, change: NDArray) -> NDArray[np.bool_]:
     return dot & (one_sided(curve) < tuned.ONE_SIDED * change)
 
 
-def _turn_deg(curve: CentreLine) -> NDArray[np.float64]:
+def _turn_deg(curve: MeasuredStroke) -> NDArray[np.float64]:
     """(M,) degrees by which the line turns over a short stretch around each point."""
     ahead = np.gradient(curve.path, axis=0)
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.centreline import CentreLine, runs
-from vfplan.curve.lines import Line
+from vfplan.curve.candidates import Candidate
+from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.errors import CurveError
 
 
-def relative_width(curve: CentreLine) -> NDArray[np.float64]:
+def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
     """(M,) the line's width at each profile over its usual width.
 
     The lesser of two ratios: another opacity changes the ink across the line but not its width,
@@ -33,7 +33,7 @@ def relative_width(curve: CentreLine) -> NDArray[np.float64]:
     return uniform_filter1d(ratio, round(tuned.INK_HANGS_PX), mode=mode)
 
 
-def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
+def sudden_changes(curve: MeasuredStroke) -> NDArray[np.float64]:
     """(M,) change of the relative width over a short stretch, 0 where it is not sudden.
 
     A pressed pen changes its width all along; a dot, a letter or a second run begins at once.
@@ -46,7 +46,7 @@ def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
     return change
 
 
-def one_sided(curve: CentreLine) -> NDArray[np.float64]:
+def one_sided(curve: MeasuredStroke) -> NDArray[np.float64]:
     """(M,) how much more ink lies on one side of the line than on the other, of its usual ink.
 
     The largest over a short stretch. A dot on the line and a control point lie on both sides.
@@ -81,7 +81,7 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     return largest, int(change.argmax()) + reach
 
 
-def refuse_wide_run(curve: CentreLine) -> None:
+def refuse_wide_run(curve: MeasuredStroke) -> None:
     """Raise `CurveError` where the line is wider than elsewhere: two runs side by side."""
     from scipy.ndimage import median_filter
 
@@ -106,7 +106,7 @@ def refuse_wide_run(curve: CentreLine) -> None:
     )
 
 
-def refuse_double_line(curve: CentreLine) -> None:
+def refuse_double_line(curve: MeasuredStroke) -> None:
     """Raise `CurveError` where the mean profile has a valley: two lines side by side."""
     profiles = curve.profiles
     mean = profiles.coverage[profiles.valid].mean(0)[profiles.core]
@@ -125,7 +125,7 @@ def refuse_double_line(curve: CentreLine) -> None:
     )
 
 
-def refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
+def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
     """Raise `CurveError` where more of the line is hidden than may be bridged."""
     for run in runs(curve.bridged, curve.closed):
         gap = len(run) - curve.width
@@ -140,7 +140,7 @@ def refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
             )
 
 
-def refuse_fit_off_ink(curve: CentreLine, line: Line) -> None:
+def refuse_fit_off_ink(curve: MeasuredStroke, line: Candidate) -> None:
     """Raise `CurveError` where the measured line lies off the ink that it was measured from."""
     from scipy.spatial import cKDTree
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.centreline import CentreLine
-from vfplan.curve.lines import Line
+from vfplan.curve.candidates import Candidate
+from vfplan.curve.centreline import MeasuredStroke
 from vfplan.errors import CurveError
 from vfplan.findings import Finding
 
@@ -20,7 +20,7 @@ REACH_PX = 10.0
 Place = tuple[float, float] | None
 
 
-def lines_through(lines: list[Line], places: list[tuple[float, float]]) -> list[Line]:
+def lines_through(lines: list[Candidate], places: list[tuple[float, float]]) -> list[Candidate]:
     """The lines that pass by all of the places."""
     passing = []
     for line in lines:
@@ -29,7 +29,7 @@ def lines_through(lines: list[Line], places: list[tuple[float, float]]) -> list[
     return passing
 
 
-def cut_to(curve: CentreLine, start: Place, end: Place) -> CentreLine:
+def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
     """The curve from `start` to `end` (u, v) [px], in that direction.
 
     One of them alone gives the direction, and cuts off what lies beyond it. On a ring, `start` says
@@ -75,7 +75,9 @@ def cut_to(curve: CentreLine, start: Place, end: Place) -> CentreLine:
     return _cut(curve, first, stop)
 
 
-def without_cut_off(findings: list[Finding], curve: CentreLine, cut: CentreLine) -> list[Finding]:
+def without_cut_off(
+    findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
+) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
     kept = []
     for finding in findings:
@@ -85,7 +87,7 @@ def without_cut_off(findings: list[Finding], curve: CentreLine, cut: CentreLine)
     return kept
 
 
-def _cut(curve: CentreLine, first: int, stop: int) -> CentreLine:
+def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
     keep = np.arange(min(first, stop), max(first, stop) + 1)
     ends = curve.ends
     if first > stop:
@@ -101,7 +103,7 @@ def _cut(curve: CentreLine, first: int, stop: int) -> CentreLine:
     )
 
 
-def _index(curve: CentreLine, place: tuple[float, float], option: str) -> int:
+def _index(curve: MeasuredStroke, place: tuple[float, float], option: str) -> int:
     distance = _distance(curve.points, place)
     reach = _reach(curve.width)
     if distance > reach:

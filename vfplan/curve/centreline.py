@@ -13,34 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
 from vfplan.curve.ends import End, find_ends
-from vfplan.curve.lines import Line
 from vfplan.curve.profiles import Profiles, add_brightness, read_profiles
 from vfplan.errors import CurveError
+from vfplan.fixture import Stroke
+from vfplan.geometry.polyline import evenly, length_of, normals
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
 
 
-@dataclass(frozen=True, eq=False)
-class CentreLine:
-    """A measured line.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredStroke(Stroke):
+    """A stroke as it was measured in the ink, and what it was measured from.
 
     Parameters
     ----------
-    points
-        (P, 2) (u, v), about one a pixel.
-    sigma
-        (P,) standard deviation across the line [px].
-    bridged
-        (P,) bool, carried across a gap.
     hidden
         (P,) bool, where another colour lies over it.
-    closed
-        Whether the last point joins the first.
-    width
-        Of the pen [px].
     ends
         The first and the last end; none of a closed line.
     profiles
@@ -51,19 +43,14 @@ class CentreLine:
         (M,) bool, where the profiles count.
     """
 
-    points: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    bridged: NDArray[np.bool_]
     hidden: NDArray[np.bool_]
-    closed: bool
-    width: float
     ends: tuple[End, ...]
     profiles: Profiles | None
     path: NDArray[np.float64]
     whole: NDArray[np.bool_]
 
 
-def measure(ink: Ink, line: Line) -> CentreLine:
+def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
     from scipy.ndimage import gaussian_filter1d
     from scipy.spatial import cKDTree
@@ -82,7 +69,7 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         if not line.closed:
             # Carried on beyond both ends, far enough to see the ink end.
             path = np.vstack([_onward(path[::-1])[::-1], path, _onward(path)])
-        path = _evenly(path, line.closed)
+        path = evenly(path, line.closed)
         normal = normals(path, line.closed)
         profiles = read_profiles(ink, path, normal, line.width)
         in_gap = line.bridged[skeleton.query(path)[1]] & (profiles.mass < tuned.HALF)
@@ -117,10 +104,10 @@ def measure(ink: Ink, line: Line) -> CentreLine:
     return _centre_line(ink, line, spline, profiles, smooth, valid, whole, ends, noise, smooth_px)
 
 
-def skeleton_line(line: Line) -> CentreLine:
+def skeleton_line(line: Candidate) -> MeasuredStroke:
     """A line's skeleton, pixel by pixel, as a centre line."""
     count = len(line.path)
-    return CentreLine(
+    return MeasuredStroke(
         points=line.path,
         sigma=np.full(count, SKELETON_SIGMA_PX),
         bridged=line.bridged,
@@ -141,18 +128,10 @@ def drawn_length(path: NDArray, closed: bool) -> float:
     mode = "nearest"
     if closed:
         mode = "wrap"
-    return arc_length(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0, mode=mode), closed)
+    return length_of(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0, mode=mode), closed)
 
 
-def arc_length(points: NDArray, closed: bool) -> float:
-    """Length along points, the closing step included [px]."""
-    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    if closed:
-        length += float(np.hypot(*(points[0] - points[-1])))
-    return length
-
-
-def is_noisy(ink: Ink, line: Line) -> bool:
+def is_noisy(ink: Ink, line: Candidate) -> bool:
     """Whether there is colour a few pixels beside the line, as the noise of JPEG is."""
     from scipy.ndimage import gaussian_filter1d
 
@@ -161,16 +140,6 @@ def is_noisy(ink: Ink, line: Line) -> bool:
     places = np.rint(np.vstack([line.path - away, line.path + away])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
     return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
-
-
-def normals(points: NDArray, closed: bool) -> NDArray[np.float64]:
-    """(M, 2) unit normals of a path."""
-    if closed:
-        step = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    else:
-        step = np.gradient(points, axis=0)
-    step = step / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
-    return np.column_stack([-step[:, 1], step[:, 0]])
 
 
 def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
@@ -186,7 +155,7 @@ def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
         yield (np.arange(start, stop) + shift) % len(flags)
 
 
-def _too_little_error(line: Line, measured_px: int) -> CurveError:
+def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
     u, v = (float(x) for x in line.path[len(line.path) // 2])
     return CurveError(
         f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
@@ -236,18 +205,6 @@ def _onward(path: NDArray) -> NDArray[np.float64]:
     return path[-1] + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
 
 
-def _evenly(points: NDArray, closed: bool) -> NDArray[np.float64]:
-    """About one point a pixel, at equal steps of arc."""
-    if closed:
-        points = np.vstack([points, points[:1]])
-    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
-    at = np.linspace(0, arc[-1], max(4, round(arc[-1])) + 1)
-    even = np.column_stack([np.interp(at, arc, points[:, k]) for k in (0, 1)])
-    if closed:
-        return even[:-1]
-    return even
-
-
 def _fit_spline(
     points: NDArray, valid: NDArray, mass: NDArray, smooth_px: float, closed: bool
 ) -> Callable[[NDArray], NDArray]:
@@ -286,7 +243,7 @@ def _smoothing_scale(spline: Callable, at: NDArray, smooth_px: float) -> NDArray
 
 def _centre_line(
     ink: Ink,
-    line: Line,
+    line: Candidate,
     spline: Callable,
     profiles: Profiles,
     smooth: NDArray,
@@ -295,7 +252,7 @@ def _centre_line(
     ends: tuple[End, ...],
     noise: float,
     smooth_px: float,
-) -> CentreLine:
+) -> MeasuredStroke:
     """Points about a pixel apart between the ends, each with its deviation."""
     first, last = 0.0, float(len(valid))
     if not line.closed:
@@ -331,7 +288,7 @@ def _centre_line(
         first_end = replace(ends[0], sigma=float(np.hypot(ends[0].sigma, sideways[0])))
         last_end = replace(ends[1], sigma=float(np.hypot(ends[1].sigma, sideways[-1])))
         ends = (first_end, last_end)
-    return CentreLine(
+    return MeasuredStroke(
         points=spline(at),
         sigma=sigma,
         bridged=bridged,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.candidates import Candidate, find_candidates, gap_px
 from vfplan.curve.coverage import Ink, find_ink
-from vfplan.curve.lines import Line, find_lines, gap_px
 from vfplan.curve.pen import HUES, Pen
 from vfplan.curve.region import Region
 from vfplan.curve.skeleton import find_groups, find_pieces
@@ -22,8 +22,8 @@ Choice = int | Literal["all", "longest"] | None
 
 
 def choose_lines(
-    lines: list[Line], choice: Choice, ink: Ink, pen: Pen, region: Region
-) -> list[Line]:
+    lines: list[Candidate], choice: Choice, ink: Ink, pen: Pen, region: Region
+) -> list[Candidate]:
     """The lines that are meant; raises `CurveError` where that is left open.
 
     Candidates are the longest line and those that are at least half as long. A frame around
@@ -50,7 +50,7 @@ def choose_lines(
     return candidates[:1]
 
 
-def is_frame(line: Line) -> bool:
+def is_frame(line: Candidate) -> bool:
     """Whether a line is a frame: no hand's curve, but a box around a picture or a part of it.
 
     It is one if it runs along the sides of the upright rectangle around it, all the way round.
@@ -61,7 +61,7 @@ def is_frame(line: Line) -> bool:
     return on_side and len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
 
 
-def refuse_junctions(line: Line) -> None:
+def refuse_junctions(line: Candidate) -> None:
     """Raise `CurveError` for a line that forks or crosses itself."""
     if len(line.junctions) == 0:
         return
@@ -75,7 +75,7 @@ def refuse_junctions(line: Line) -> None:
     )
 
 
-def describe(line: Line) -> str:
+def describe(line: Candidate) -> str:
     """One line in words: its shape, its length, and where it is."""
     (u, v), (last_u, last_v) = line.path[[0, -1]]
     if line.closed:
@@ -84,7 +84,7 @@ def describe(line: Line) -> str:
     return f"open, {line.length:.0f} px long, {ends}"
 
 
-def _several_error(candidates: list[Line]) -> CurveError:
+def _several_error(candidates: list[Candidate]) -> CurveError:
     listed = "; ".join(f"{k}: {describe(line)}" for k, line in enumerate(candidates[:DESCRIBED], 1))
     message = (
         f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
@@ -104,7 +104,7 @@ def _several_error(candidates: list[Line]) -> CurveError:
     return error
 
 
-def _nearest_ends(lines: list[Line]) -> tuple[float, tuple[float, float]] | None:
+def _nearest_ends(lines: list[Candidate]) -> tuple[float, tuple[float, float]] | None:
     """The shortest gap between ends of two lines, and its middle [px]."""
     nearest = None
     for i, one in enumerate(lines):
@@ -118,7 +118,7 @@ def _nearest_ends(lines: list[Line]) -> tuple[float, tuple[float, float]] | None
     return nearest
 
 
-def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> CurveError:
+def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
     """The refusal where the pen drew no line; it names another pen's line if there is one."""
     if (ink.rgb == ink.rgb[..., :1]).all():
         return CurveError(
@@ -152,7 +152,7 @@ def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> Cu
     )
 
 
-def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str, Line | None]:
+def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str, Candidate | None]:
     """The longest line that a pen of another named colour drew, and the colour's name."""
     best_name = ""
     best = None
@@ -161,7 +161,7 @@ def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str
             continue
         try:
             ink = find_ink(rgb, Pen.of_colour(name), region)
-            lines = find_lines(find_pieces(ink, find_groups(ink)), 0.0)
+            lines = find_candidates(find_pieces(ink, find_groups(ink)), 0.0)
         except CurveError:  # Too many pieces: that is no pen.
             continue
         if lines and (best is None or lines[0].length > best.length):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,54 +27,20 @@ from vfplan.curve.ambiguity import (
     refuse_wide_run,
 )
 from vfplan.curve.between import cut_to, lines_through, without_cut_off
-from vfplan.curve.centreline import CentreLine, arc_length, drawn_length, measure, skeleton_line
+from vfplan.curve.candidates import Candidate, find_candidates
+from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
 from vfplan.curve.choose import choose_lines, refuse_junctions
 from vfplan.curve.coverage import Ink, find_ink
-from vfplan.curve.lines import Line, find_lines
 from vfplan.curve.pen import Pen
 from vfplan.curve.region import Box, Region
 from vfplan.curve.skeleton import find_groups, find_pieces, half_covered, pen_mask
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
+from vfplan.fixture import Stroke
 from vfplan.images.read import PlannedImage, as_image
 
 Method = Literal["ridge", "skeleton", "mask"]
 METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
-
-
-@dataclass(frozen=True, eq=False)
-class Stroke:
-    """One extracted line.
-
-    Parameters
-    ----------
-    points_px
-        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
-    sigma_px
-        (M,) standard deviation of each point across the line; `None` for a vector curve.
-    closed
-        Whether the last point joins the first.
-    bridged
-        (M,) bool, points carried across a pen lift or under something drawn over the line.
-    length_px
-        Arc length, the closing step included.
-    width_px
-        Mean width of the pen; `None` for a vector curve.
-    """
-
-    points_px: NDArray[np.float64]
-    sigma_px: NDArray[np.float64] | None
-    closed: bool
-    bridged: NDArray[np.bool_]
-    length_px: float
-    width_px: float | None
-
-    @property
-    def ends_px(self) -> NDArray[np.float64]:
-        """(2, 2) first and last point; (0, 2) for a closed line."""
-        if self.closed:
-            return np.zeros((0, 2))
-        return self.points_px[[0, -1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +134,7 @@ def extract_curve(
     pieces = find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
-    lines = find_lines(pieces, max_gap_px)
+    lines = find_candidates(pieces, max_gap_px)
     if places and stroke is None:
         lines = lines_through(lines, places) or lines
     chosen = [line.in_order() for line in choose_lines(lines, stroke, ink, pen, region)]
@@ -216,15 +182,15 @@ def load_libraries() -> None:
     importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
 
 
-def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
+def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction:
     """A curve that was drawn as vectors on an image, as an `Extraction` with an empty mask.
 
     Raises `CurveError` when it does not lie in the image.
     """
     limit = np.array([image.width_px, image.height_px]) - 0.5
-    outside = ((points_px < -0.5) | (points_px > limit)).any(1)
+    outside = ((stroke.points < -0.5) | (stroke.points > limit)).any(1)
     if outside.any():
-        u, v = (float(x) for x in points_px[np.argmax(outside)])
+        u, v = (float(x) for x in stroke.points[np.argmax(outside)])
         raise CurveError(
             f"The curve leaves the image of {image.width_px}x{image.height_px} px at "
             f"({u:.1f}, {v:.1f}). Give the image that it was drawn on.",
@@ -232,9 +198,8 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
             code="vector-outside-image",
             numbers={"u_px": u, "v_px": v},
         )
-    bridged = np.zeros(len(points_px), bool)
-    stroke = Stroke(points_px, None, closed, bridged, arc_length(points_px, closed), None)
-    return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
+    nothing = np.zeros(image.rgb.shape[:2], bool)
+    return Extraction(nothing, (stroke,), "vector")
 
 
 def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, places: list) -> None:
@@ -261,7 +226,7 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
         )
 
 
-def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[Finding]:
+def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> list[Finding]:
     """A note for each open end on a border of the region, beyond which nothing was looked at."""
     if curve.closed:
         return []
@@ -278,15 +243,25 @@ def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[F
     return findings
 
 
-def _stroke(ink: Ink, curve: CentreLine, line: Line, method: Method) -> Stroke:
+def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
-    length = arc_length(curve.points, curve.closed)
+    length = None
     if method != "ridge":
         length = drawn_length(curve.points, curve.closed)
+    measured = Stroke(
+        curve.points,
+        curve.closed,
+        curve.sigma,
+        curve.bridged,
+        width=line.width,
+        known_length=length,
+    )
     if method != "mask":
-        return Stroke(curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width)
+        return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
     points = np.vstack([half_covered(ink, piece.pixels) for piece in line.pieces]).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
-    return Stroke(points, sigma, curve.closed, np.zeros(len(points), bool), length, line.width)
+    return replace(
+        measured, points=points, sigma=sigma, bridged=None, edited=None, is_ordered=False
+    )

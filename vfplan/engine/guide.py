@@ -221,16 +221,16 @@ class Guide:
                 "the fixture has no guidance. Plan one with a guide, or render this one with "
                 "vfplan.ProxyEngine.of."
             )
-        strokes = np.arange(len(fixture.curve.closed))
-        is_guide = np.ones(len(strokes), bool)
+        is_guide = np.ones(len(fixture.curve.closed), bool)
         if guidance.stroke is not None:
-            is_guide = strokes == guidance.stroke
+            is_guide = np.arange(len(is_guide)) == guidance.stroke
         if fixture.pieces is not None and fixture.ignore_axis is not None:
             curves: Any = fixture.pieces.of(is_guide)
         else:
             curves = []
-            for stroke in strokes[is_guide]:
-                curves.append(fixture.points[fixture.curve.stroke == stroke])
+            for number, stroke in enumerate(fixture.strokes):
+                if is_guide[number]:
+                    curves.append(stroke.points)
         return cls(
             curves,
             guidance.radius,

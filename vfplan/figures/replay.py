@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
+from vfplan.geometry.polyline import ring_of
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.episodes import episode_count
@@ -154,12 +155,10 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
     """The band around the strokes that guide."""
     guidance = fixture.guidance
     label = "tube"
-    for stroke, closed in enumerate(fixture.curve.closed):
-        if guidance.stroke not in (None, stroke):
+    for number, stroke in enumerate(fixture.strokes):
+        if guidance.stroke not in (None, number):
             continue
-        line = MM * fixture.points[fixture.curve.stroke == stroke] @ basis
-        if closed:
-            line = np.vstack([line, line[:1]])
+        line = MM * ring_of(stroke.points, stroke.closed) @ basis
         tangent = np.gradient(line, axis=0)
         normal = tangent[:, ::-1] * [-1, 1] / np.hypot(*tangent.T)[:, None]
         across = MM * guidance.radius * normal

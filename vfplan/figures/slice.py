@@ -18,10 +18,10 @@ from vfplan.io.staging import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:
-    from vfplan.curve import AccountEntry, Extraction, Stroke
+    from vfplan.curve import AccountEntry, Extraction
     from vfplan.errors import CurveError
     from vfplan.findings import Finding
-    from vfplan.fixture import RegistrationRecord
+    from vfplan.fixture import RegistrationRecord, Stroke
     from vfplan.images.read import PlannedImage
 
 OTHER_INK = PROXY
@@ -102,7 +102,7 @@ def draw_overlay(
             if len(extraction.strokes) > 1:
                 name = f" {number}"
             if extraction.method == "mask":
-                axes.plot(*stroke.points_px.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
+                axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
             else:
                 draw_stroke(axes, stroke, scale, name)
         draw_account(axes, extraction.account)
@@ -230,10 +230,10 @@ def side(direction: NDArray) -> str:
 
 def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     """An outline along the ink, the direction, and both ends by name."""
-    points = stroke.points_px
+    points = stroke.points
     width = USUAL_WIDTH_PX
-    if stroke.width_px is not None:
-        width = stroke.width_px
+    if stroke.width is not None:
+        width = stroke.width
     distance = width / 2 + OUTLINE_GAP_PX / scale
     bridges = points[np.asarray(stroke.bridged, bool)]
     for outline in outline_along(points, distance, closed=stroke.closed):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import ROUND_DOWN, Context
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
+from vfplan.geometry.polyline import length_of
 from vfplan.planning.settings import DEFAULT_ARCS_M, MIN_ARCS_M, FixtureSettings
 from vfplan.planning.tolerance import TightBend, sample_curve
 
@@ -77,41 +78,34 @@ def carry(
 
     if tolerance_m is None:
         tolerance_m = settings.tolerance_m
-    drawn = curve.curve
-    points, source, sigma, counts, tight_bends = [], [], [], [], []
-    flags: dict[str, list[NDArray[np.bool_]]] = {}
-    length_m, sampling_error_m = 0.0, 0.0
-    for number, is_closed in enumerate(drawn.closed):
-        rows = drawn.stroke == number
+    points, strokes, tight_bends = [], [], []
+    length_m, sampling_error_m, gaps = 0.0, 0.0, 0
+    for stroke in curve.strokes:
         sampled = sample_curve(
-            registration.apply(curve.points[rows]),
-            bool(is_closed),
+            registration.apply(stroke.points),
+            stroke.closed,
             radius_m=settings.contact_radius + settings.point_radius,
             tolerance_m=tolerance_m,
             density_per_m=settings.density_per_m,
         )
         points.append(sampled.points)
-        source.append(interpolate_at(curve.points[rows], sampled.parameter))
-        if curve.sigma is not None:
-            sigma.append(interpolate_at(curve.sigma[rows], sampled.parameter))
-        # A sample is marked as soon as one of its neighbours on the measured curve is.
-        for name in ("bridged", "edited"):
-            marks = getattr(drawn, name)
-            if marks is not None:
-                share = interpolate_at(marks[rows].astype(float), sampled.parameter)
-                flags.setdefault(name, []).append(share > 0)
-        counts.append(len(sampled.points))
-        length_m += length_of(sampled.points, bool(is_closed))
+        strokes.append(stroke.at(sampled.parameter))
+        length_m += length_of(sampled.points, stroke.closed)
+        gaps += len(sampled.points)
+        if not stroke.closed:
+            gaps -= 1
         sampling_error_m = max(sampling_error_m, sampled.sampling_error_m)
         tight_bends += sampled.tight_bends
 
-    marked = {name: np.concatenate(parts) for name, parts in flags.items()}
+    sigma = None
+    if curve.sigma is not None:
+        sigma = np.concatenate([stroke.sigma for stroke in strokes]) * scale
     return CarriedCurve(
         points=np.round(np.concatenate(points), POINT_DECIMALS),
-        source=np.concatenate(source),
-        spacing_m=length_m / (sum(counts) - np.count_nonzero(~drawn.closed)),
-        sigma=np.concatenate(sigma) * scale if sigma else None,
-        curve=replace(strokes_of(counts, drawn.closed), **marked),
+        source=np.concatenate([stroke.points for stroke in strokes]),
+        spacing_m=length_m / gaps,
+        sigma=sigma,
+        curve=Curve.of(strokes),
         sampling_error_m=sampling_error_m,
         tight_bends=tuple(tight_bends),
     )
@@ -132,31 +126,6 @@ def scale_m_per_unit(registration: Registration) -> float:
     k = registration.source.shape[1]
     scales = np.linalg.svd(registration.T_target_source[:3, :k])[1][:k]
     return float(np.exp(np.log(scales).mean()))
-
-
-def interpolate_at(values: Array, parameter: Array) -> Array:
-    """Values (M,) or (M, K) of a fine curve at float indices (N,) of its points.
-
-    Between the last point of a closed curve (index M - 1) and M lies the step back to the first.
-    """
-    ring = np.concatenate([values, values[:1]])
-    below = np.minimum(parameter.astype(int), len(values) - 1)
-    part = (parameter - below).reshape(-1, *[1] * (values.ndim - 1))
-    return ring[below] * (1 - part) + ring[below + 1] * part
-
-
-def length_of(points: Array, is_closed: bool) -> float:
-    """The length along points (N, K), of a closed curve back to the first."""
-    if is_closed:
-        points = np.concatenate([points, points[:1]])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def strokes_of(
-    counts: list[int], closed: NDArray[np.bool_], bridged: NDArray[np.bool_] | None = None
-) -> Curve:
-    """Strokes of so many points each, one after the other."""
-    return Curve(np.repeat(np.arange(len(counts), dtype=np.int32), counts), closed, bridged)
 
 
 def lines_and_arcs_of(

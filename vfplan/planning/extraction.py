@@ -11,14 +11,14 @@ import numpy as np
 
 from vfplan.errors import ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
-from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
+from vfplan.geometry.polyline import length_of
 from vfplan.io.files import now_utc
-from vfplan.planning.carry import interpolate_at, length_of, strokes_of
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
 
 if TYPE_CHECKING:
-    from vfplan.curve import Extraction, Stroke
+    from vfplan.curve import Extraction
     from vfplan.images.read import PlannedImage
 
 # Settings that only a pen's drawing can follow.
@@ -167,7 +167,7 @@ def read_vectors(
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))
-    extraction = vector_stroke(placed.fine(1.0), curve.closed, image, str(path))
+    extraction = vector_stroke(placed.stroke(1.0), image, str(path))
     findings = [note("vector-curve", "extract", text) for text in curve.warnings]
     for text in check_drawn_on(curve.drawn_on, image, settings.frame, str(path)):
         findings.append(doubt("vector-image-unknown", "extract", text))
@@ -192,24 +192,24 @@ def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
         frame, step = "patient_lps", 1e-3 / settings.density_per_mm
     else:
         frame, step = "patient_lps", FINE_M
-    points = curve.fine(step)
-    length = length_of(points, curve.closed)
+    stroke = curve.stroke(step)
+    points = stroke.points
+    described = {"length_mm": stroke.length * 1e3}
     if is_in_image:
         points = np.column_stack([points, np.zeros(len(points))])
-        stroke = {"length_px": length}
-    else:
-        stroke = {"length_mm": length * 1e3}
+        described = {"length_px": stroke.length}
+    described |= {"closed": stroke.closed, "points": len(points)}
     findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
     fixture = Fixture(
         frame=frame,
         points=points,
         provenance=Provenance.now({"curve": curve.sha256}, settings),
-        curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
+        curve=Curve.of([stroke]),
         findings=findings,
     )
     report: dict[str, Any] = {
         "frame": frame,
-        "strokes": [stroke | {"closed": curve.closed, "points": len(points)}],
+        "strokes": [described],
         "points": len(points),
         "elapsed_s": time.perf_counter() - started,
     }
@@ -225,16 +225,12 @@ def planned_curve(
 ) -> Fixture:
     """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
     strokes = extraction.strokes
-    points = np.concatenate([stroke.points_px for stroke in strokes])
+    points = np.concatenate([stroke.points for stroke in strokes])
     sigma = curve = None
     if extraction.method != "vector":
-        sigma = np.concatenate([stroke.sigma_px for stroke in strokes])
+        sigma = np.concatenate([stroke.sigma for stroke in strokes])
     if extraction.method != "mask":
-        counts = [len(stroke.points_px) for stroke in strokes]
-        bridged = np.concatenate([stroke.bridged for stroke in strokes])
-        curve = strokes_of(counts, np.array([stroke.closed for stroke in strokes]))
-        if bridged.any():
-            curve = replace(curve, bridged=bridged)
+        curve = Curve.of(strokes)
     return Fixture(
         frame="image",
         points=np.column_stack([points, np.zeros(len(points))]),
@@ -266,27 +262,17 @@ def resample(
     unit = np.array([*spacing_mm, 0.0]) * 1e-3
     strokes = []
     for stroke in extraction.strokes:
-        fine_m = np.column_stack([stroke.points_px, np.zeros(len(stroke.points_px))]) * unit
+        fine_m = np.column_stack([stroke.points, np.zeros(len(stroke.points))]) * unit
         sampled = sample_curve(
             fine_m, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3
         )
-        sigma_px = stroke.sigma_px
-        if sigma_px is not None:
-            sigma_px = interpolate_at(sigma_px, sampled.parameter)
-        thinner = replace(
-            stroke,
-            points_px=interpolate_at(stroke.points_px, sampled.parameter),
-            sigma_px=sigma_px,
-            bridged=interpolate_at(stroke.bridged.astype(float), sampled.parameter) > 0,
-        )
-        strokes.append(thinner)
+        strokes.append(stroke.at(sampled.parameter))
     return replace(extraction, strokes=tuple(strokes))
 
 
 def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
     """What `extract --json` reports of a curve, but for the time it took."""
     spacing = image.pixel_spacing_mm
-    is_ordered = extraction.method != "mask"
     report: dict[str, Any] = {
         "image": {
             "width_px": image.width_px,
@@ -299,10 +285,10 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     report["strokes"] = []
     point_count, gap_count = 0, 0
     for stroke in extraction.strokes:
-        report["strokes"].append(describe_stroke(stroke, spacing, is_ordered))
-        point_count += len(stroke.points_px)
-        gap_count += len(stroke.points_px)
-        if is_ordered and not stroke.closed:
+        report["strokes"].append(describe_stroke(stroke, spacing))
+        point_count += len(stroke.points)
+        gap_count += len(stroke.points)
+        if stroke.is_ordered and not stroke.closed:
             gap_count -= 1
     report |= {"points": point_count, "spacing_mm": None, "density_per_mm": None}
     if extraction.method != "vector":
@@ -317,24 +303,20 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     return report
 
 
-def describe_stroke(
-    stroke: Stroke, spacing_mm: tuple[float, float] | None, is_ordered: bool
-) -> dict[str, Any]:
+def describe_stroke(stroke: Stroke, spacing_mm: tuple[float, float] | None) -> dict[str, Any]:
     """One stroke as `extract --json` reports it."""
-    length_mm, ends_px = None, []
-    if is_ordered:
-        ends_px = stroke.ends_px
-    if spacing_mm is not None and is_ordered:
-        length_mm = length_of(stroke.points_px * spacing_mm, stroke.closed)
+    length_mm = None
+    if spacing_mm is not None and stroke.is_ordered:
+        length_mm = length_of(stroke.points * spacing_mm, stroke.closed)
     elif spacing_mm is not None:
-        length_mm = float(stroke.length_px * np.sqrt(spacing_mm[0] * spacing_mm[1]))
-    report: dict[str, Any] = {"length_px": float(stroke.length_px), "length_mm": length_mm}
-    if stroke.width_px is not None:
-        report["width_px"] = float(stroke.width_px)
+        length_mm = float(stroke.length * np.sqrt(spacing_mm[0] * spacing_mm[1]))
+    report: dict[str, Any] = {"length_px": float(stroke.length), "length_mm": length_mm}
+    if stroke.width is not None:
+        report["width_px"] = float(stroke.width)
     report |= {
         "closed": bool(stroke.closed),
-        "points": len(stroke.points_px),
-        "ends_px": ends_px,
+        "points": len(stroke.points),
+        "ends_px": stroke.end_points,
         "bridged_points": int(np.count_nonzero(stroke.bridged)),
     }
     return report

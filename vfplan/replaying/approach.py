@@ -41,10 +41,10 @@ def approach_sessions(
         )
     stop = fixture.contact_radius + fixture.point_radius
     sessions = []
-    for stroke in np.unique(fixture.curve.stroke).tolist():
-        points = fixture.points[fixture.curve.stroke == stroke]
+    for number, stroke in enumerate(fixture.strokes):
+        points = stroke.points
         normals = side_normals(points, fixture.ignore_axis)
-        if not to_ends and not fixture.curve.closed[stroke]:
+        if not to_ends and not stroke.closed:
             arc = arc_length(points)
             clear = stop + PRESS_DEPTH_M
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
@@ -70,7 +70,7 @@ def approach_sessions(
             for axis in range(3):
                 hip[:, axis] = np.interp(wanted, arc, path[:, axis])
             time = np.arange(ticks) / rate_hz
-            title = f"stroke {stroke}, {name} side"
+            title = f"stroke {number}, {name} side"
             sessions.append(Session(time, hip, frame=fixture.frame, name=title))
     return sessions
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Stroke
 from vfplan.planning import ExtractSettings
 
 Array = NDArray[np.float64]
@@ -24,16 +24,6 @@ Box = tuple[int, int, int, int]
 
 MAX_ENTRIES = 200
 """Entries that are listed at most; more is a photograph, not a drawing."""
-
-
-@dataclass(frozen=True, eq=False)
-class AccountLine:
-    """A line of the curve: (M, 2) points, the pen's width [px], and (M,) where it is bridged."""
-
-    points: Array
-    closed: bool
-    width_px: float
-    bridged: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +72,11 @@ class Entry:
         return outlines
 
 
-def list_account(mask: NDArray[np.bool_], lines: Sequence[AccountLine]) -> tuple[Entry, ...]:
-    """All ink of a (H, W) mask beyond the lines' edges, and each bridged stretch, by size."""
+def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entry, ...]:
+    """All ink of a (H, W) mask beyond the lines' edges, and each bridged stretch, by size.
+
+    The lines have the width of their pen.
+    """
     nonzero = cv2.findNonZero(mask.view(np.uint8))
     if nonzero is None:
         return ()
@@ -107,14 +100,14 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[AccountLine]) -> tuple
     return tuple(account)
 
 
-def _edge_distance(pixels: NDArray[np.int64], lines: Sequence[AccountLine]) -> Array:
+def _edge_distance(pixels: NDArray[np.int64], lines: Sequence[Stroke]) -> Array:
     """(N,) distance of pixels from the edge of the closest line [px]."""
     from scipy.spatial import cKDTree
 
     distance = np.full(len(pixels), np.inf)
     for line in lines:
         to_line, _ = cKDTree(line.points).query(pixels)
-        distance = np.minimum(distance, to_line - line.width_px / 2)
+        distance = np.minimum(distance, to_line - line.width / 2)
     return distance
 
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Stroke
+from vfplan.geometry.polyline import length_of
 
 if TYPE_CHECKING:
-    from vfplan.review.sheet_input import SheetInput, SheetStroke
+    from vfplan.review.sheet_input import SheetInput
 
 
 def facts_of(
     record: SheetInput,
     fixture: Fixture,
-    strokes: tuple[SheetStroke, ...],
+    strokes: tuple[Stroke, ...],
 ) -> tuple[tuple[str, str], ...]:
     """What stands beside the picture, in words."""
     heading = "Line"
@@ -63,9 +62,7 @@ def _pixel_in_words(metres_per_px: float, fixture: Fixture) -> str:
     return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
 
 
-def _geometry_in_words(
-    record: SheetInput, fixture: Fixture, strokes: tuple[SheetStroke, ...]
-) -> str:
+def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stroke, ...]) -> str:
     if not strokes and fixture.mesh is not None:
         return f"{len(fixture.points)} points, {len(fixture.mesh)} triangles"
     if not strokes:
@@ -73,17 +70,17 @@ def _geometry_in_words(
     parts = []
     for stroke in strokes:
         if not stroke.is_ordered:
-            parts.append(f"{len(stroke.points_px)} pixels in no order")
+            parts.append(f"{len(stroke.points)} pixels in no order")
             continue
-        points, shape = stroke.points_px, "open"
+        shape = "open"
         if stroke.closed:
-            points, shape = np.vstack([points, points[:1]]), "closed"
-        length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+            shape = "closed"
+        length = length_of(stroke.points, stroke.closed)
         words = f"{shape}, {length:.0f} px"
         if record.metres_per_px is not None:
             words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
-        if stroke.width_px is not None:
-            words += f"; the pen is {stroke.width_px:.1f} px wide"
+        if stroke.width is not None:
+            words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
     return ". ".join(parts)
 

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
-from vfplan.planning import ExtractResult, ExtractSettings, extract
-from vfplan.review.account import AccountLine, Entry, list_account
+from vfplan.fixture import Stroke
+from vfplan.planning import ExtractSettings, extract
+from vfplan.review.account import Entry, list_account
 from vfplan.review.ink import MIN_LINE_PX, Ink
 from vfplan.review.paths import nearest_point
-from vfplan.review.routes import Route, routes_through
-from vfplan.review.strokes import Stroke
+from vfplan.review.routes import route_along, routes_through
+from vfplan.review.strokes import MendedStroke
 
 MENDED_PX = 12.0
 """Distance [px] from a changed stretch within which a finding counts as mended."""
@@ -70,11 +71,11 @@ class Geometry:
         Middles of the ink that a person left out of the curve.
     """
 
-    strokes: tuple[Stroke, ...] = ()
+    strokes: tuple[MendedStroke, ...] = ()
     ink: Ink | None = None
     findings: tuple[Finding, ...] = ()
     refusal: Refusal | None = None
-    candidates: tuple[Route, ...] = ()
+    candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
 
     @cached_property
@@ -84,10 +85,10 @@ class Geometry:
             return ()
         lines = []
         for stroke in self.strokes:
-            width = stroke.width_px
+            width = stroke.width
             if width is None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
-            lines.append(AccountLine(stroke.points, stroke.closed, width, stroke.bridged))
+            lines.append(replace(stroke, width=width))
         return list_account(self.ink.mask, lines)
 
     @property
@@ -106,7 +107,7 @@ class Geometry:
             findings.append(finding)
         return tuple(findings)
 
-    def stroke(self, number: int) -> Stroke:
+    def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
         if not 0 <= number < len(self.strokes):
             raise SettingError(
@@ -127,7 +128,7 @@ class Geometry:
             numbers={"ink": number, "pieces": len(self.account)},
         )
 
-    def candidate(self, number: int) -> Route:
+    def candidate(self, number: int) -> Stroke:
         """A candidate by its number from 1; raises `SettingError` if there is none."""
         if not 1 <= number <= len(self.candidates):
             raise SettingError(
@@ -154,7 +155,7 @@ class Geometry:
             new.__dict__["account"] = self.account
         return new
 
-    def with_stroke(self, number: int, stroke: Stroke) -> Geometry:
+    def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
         strokes = list(self.strokes)
         before = strokes[number]
@@ -162,23 +163,12 @@ class Geometry:
         findings = _unmended(self.findings, _changed(before, stroke))
         return replace(self, strokes=tuple(strokes), findings=findings)
 
-    def with_strokes(self, strokes: tuple[Stroke, ...]) -> Geometry:
+    def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
         findings = self.findings
         if strokes:
             findings = _unmended(findings, np.vstack([stroke.points for stroke in strokes]))
         return replace(self, strokes=strokes, findings=findings, refusal=None)
-
-
-def strokes_of(extracted: ExtractResult) -> tuple[Stroke, ...]:
-    """The lines that extraction measured."""
-    strokes = []
-    for line in extracted.extraction.strokes:
-        stroke = Stroke.measured(
-            line.points_px, line.sigma_px, line.closed, line.bridged, width_px=line.width_px
-        )
-        strokes.append(stroke)
-    return tuple(strokes)
 
 
 def geometry_of_slice(
@@ -195,7 +185,8 @@ def geometry_of_slice(
             raise
         candidates = _candidates(error, ink, settings)
         return Geometry(ink=ink, refusal=_refusal_of(error), candidates=candidates)
-    return Geometry(strokes_of(extracted), ink, extracted.findings)
+    strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
+    return Geometry(strokes, ink, extracted.findings)
 
 
 def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, number: int) -> Geometry:
@@ -213,25 +204,26 @@ def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, numbe
         if branches:
             return replace(geometry, refusal=_refusal_of(error), candidates=branches)
     else:
-        strokes = strokes_of(extracted)
+        strokes = extracted.extraction.strokes
         if len(strokes) == 1 and _follows(strokes[0], route):
-            return replace(settled, strokes=strokes, findings=extracted.findings)
-    line = geometry.ink.trace(route.path, route.closed)
-    return replace(settled, strokes=(Stroke.from_ink(line, route.closed),), findings=())
+            mended = MendedStroke.of(strokes[0])
+            return replace(settled, strokes=(mended,), findings=extracted.findings)
+    line = geometry.ink.trace(route.points, route.closed)
+    return replace(settled, strokes=(MendedStroke.from_ink(line, route.closed),), findings=())
 
 
-def _follows(stroke: Stroke, route: Route) -> bool:
+def _follows(stroke: Stroke, route: Stroke) -> bool:
     """Whether a measured line runs along a candidate."""
-    for place in route.path[::8]:
+    for place in route.points[::8]:
         _, distance = nearest_point(stroke.points, place)
         if distance >= SAME_LINE_PX:
             return False
     return True
 
 
-def _branches(geometry: Geometry, route: Route) -> tuple[Route, ...]:
+def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     """The routes through the forked ink of a candidate; none if the candidate is one of them."""
-    middle = np.rint(route.path[len(route.path) // 2]).astype(int)
+    middle = np.rint(route.points[len(route.points) // 2]).astype(int)
     for entry in Geometry(ink=geometry.ink).account:
         left_of, above = middle - entry.box[:2]
         if not (0 <= left_of < entry.box[2] and 0 <= above < entry.box[3]):
@@ -240,7 +232,7 @@ def _branches(geometry: Geometry, route: Route) -> tuple[Route, ...]:
             continue
         routes, forks = routes_through(entry.mask, entry.box[:2])
         for other in routes:
-            if np.array_equal(other.path, route.path):
+            if np.array_equal(other.points, route.points):
                 return ()
         if forks and len(routes) > 1:
             return tuple(routes)
@@ -248,10 +240,10 @@ def _branches(geometry: Geometry, route: Route) -> tuple[Route, ...]:
     return ()
 
 
-def route_over(entry: Entry) -> Route:
+def route_over(entry: Entry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
     routes, _ = routes_through(entry.mask, entry.box[:2])
-    if not routes or routes[0].length_px < MIN_ROUTE_PX:
+    if not routes or routes[0].length < MIN_ROUTE_PX:
         raise SettingError(
             f"Ink {entry.number} is no line. Draw the curve by clicks instead.",
             code="ink-no-line",
@@ -279,14 +271,14 @@ def _refusal_of(error: CurveError) -> Refusal:
     return Refusal(error.code, text, place)
 
 
-def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple[Route, ...]:
+def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink."""
     routes = []
     if error.candidates:
         for path in error.candidates:
             path = np.asarray(path, float)
             closed = len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0
-            routes.append(Route(path, bool(closed)))
+            routes.append(route_along(path, bool(closed)))
         return tuple(routes)
     for entry in Geometry(ink=ink).account:
         if max(entry.box[2:]) >= MIN_LINE_PX:
@@ -297,14 +289,14 @@ def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple
         high = low + settings.roi[2:]
     long = []
     for route in routes:
-        inside = (route.path >= low) & (route.path < high)
-        if route.length_px >= MIN_LINE_PX and inside.all():
+        inside = (route.points >= low) & (route.points < high)
+        if route.length >= MIN_LINE_PX and inside.all():
             long.append(route)
-    long.sort(key=lambda route: -route.length_px)
+    long.sort(key=lambda route: -route.length)
     return tuple(long[:MAX_CANDIDATES])
 
 
-def _changed(before: Stroke, after: Stroke) -> NDArray[np.float64]:
+def _changed(before: MendedStroke, after: MendedStroke) -> NDArray[np.float64]:
     """(M, 2) points of either line that are not on the other."""
     from scipy.spatial import cKDTree
 
@@ -327,15 +319,15 @@ def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding,
     return tuple(kept)
 
 
-def describe_candidate(number: int, route: Route) -> dict[str, Any]:
+def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:
     """A candidate as the page shows it."""
     shape = "open"
     if route.closed:
         shape = "closed"
     return {
         "number": number,
-        "points_px": route.path[:: max(1, len(route.path) // 200)].round(1).tolist(),
+        "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
         "closed": route.closed,
-        "length_px": route.length_px,
-        "text": f"{shape}, {route.length_px:.0f} px long",
+        "length_px": route.length,
+        "text": f"{shape}, {route.length:.0f} px long",
     }

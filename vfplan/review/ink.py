@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vfplan.curve.coverage import find_ink
 from vfplan.curve.pen import Pen
 from vfplan.curve.region import Box, Region
-from vfplan.review.paths import arc_length, evenly, normals
+from vfplan.geometry.polyline import arc_lengths, evenly, normals
 from vfplan.review.profiles import (
     SMOOTH_PX,
     is_strong,
@@ -269,7 +269,7 @@ class Ink:
         before, after = reach * int(free[0]), reach * int(free[1])
         carried = _carried_on(line.points, before, after)
         _, inked, _ = self.along_path(carried, False, 2.0)
-        arc = arc_length(carried, False)
+        arc = arc_lengths(carried, False)
         start, stop = arc[before], arc[-1 - after]
         at = arc[inked]
         if len(at) and free[0] and 1.0 < at[0] < 2.0 * reach:
@@ -294,7 +294,7 @@ class Ink:
         line = self.measure(path, closed, max(3.0, width), width)
         if closed or not line.has_ink.any():
             return line
-        arc = arc_length(line.points, False)
+        arc = arc_lengths(line.points, False)
         at = arc[line.has_ink]
         back = ROUND_END * width
         if at[-1] - at[0] < 2.0 * back + 4.0:
@@ -315,7 +315,7 @@ def _without_ink(path: NDArray, closed: bool) -> Measured:
 
 def _part(line: Measured, start: float, stop: float) -> Measured:
     """The part of a measured path between two lengths of arc [px]."""
-    arc = arc_length(line.points, False)
+    arc = arc_lengths(line.points, False)
     at = np.linspace(start, stop, max(4, round(stop - start)) + 1)
     nearest = np.clip(np.rint(np.interp(at, arc, np.arange(len(arc)))).astype(int), 0, len(arc) - 1)
     points = np.column_stack([np.interp(at, arc, line.points[:, k]) for k in (0, 1)])

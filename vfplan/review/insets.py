@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.fixture import Stroke
 from vfplan.images.read import as_uint8
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, CONTENT_WIDTH, GREY, MARGIN, SMALL, SMALL_BOLD, Box, Paper
-from vfplan.review.sheet_input import SheetInput, SheetStroke
+from vfplan.review.sheet_input import SheetInput
 
 Array = NDArray[np.float64]
 
@@ -85,9 +86,9 @@ class Inset:
         return u - size // 2, v - size // 2, size, size
 
 
-def ends_of(stroke: SheetStroke) -> list[LineEnd]:
+def ends_of(stroke: Stroke) -> list[LineEnd]:
     """Both ends of a line, or the start of a closed one."""
-    points = stroke.points_px
+    points = stroke.points
     if not stroke.is_ordered:
         return []
     if stroke.closed:
@@ -100,16 +101,16 @@ def ends_of(stroke: SheetStroke) -> list[LineEnd]:
     return ends
 
 
-def grey_ahead(content: SheetInput, stroke: SheetStroke, end: LineEnd) -> int | None:
+def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
     """The one grey, 0 to 255, of all pixels ahead of an end; `None` if there are several.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
     even can compare the slice with the one that was not drawn on.
     """
-    if end.direction is None or not stroke.has_ink:
+    if end.direction is None or stroke.sigma is None:
         return None
     rgb = as_uint8(content.rgb)
-    half_width = (stroke.width_px or 0.0) / 2
+    half_width = (stroke.width or 0.0) / 2
     # The blur of the pen's own end reaches two pixels.
     centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
     low = np.maximum(np.floor(centre - AHEAD_PX).astype(int), 0)
@@ -156,7 +157,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
                     end.place,
                     WIDER_ZOOM,
                     is_raised=True,
-                    has_line=not stroke.has_ink,
+                    has_line=stroke.sigma is None,
                 )
             )
     for number, stroke in enumerate(content.strokes, 1):
@@ -173,7 +174,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
             insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))
     if content.tre95_m is not None and content.metres_per_px is not None:
         # Where the registration's error may be largest, enlarged so that the band fits in.
-        points = np.concatenate([stroke.points_px for stroke in content.strokes])
+        points = np.concatenate([stroke.points for stroke in content.strokes])
         worst = int(np.argmax(content.tre95_m))
         half_m = max(content.tre95_m[worst], content.margin_m or 0.0)
         zoom = ZOOM
@@ -183,11 +184,11 @@ def insets_of(content: SheetInput) -> list[Inset]:
     return insets
 
 
-def _bridges(stroke: SheetStroke, of_line: str) -> list[Inset]:
+def _bridges(stroke: Stroke, of_line: str) -> list[Inset]:
     """One inset a bridge, or several along a long one."""
     insets = []
     for number, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
-        points = stroke.points_px[run]
+        points = stroke.points[run]
         along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
         count = max(1, int(np.ceil(along[-1] / BRIDGE_PX)))
         for k in range(count):
@@ -283,10 +284,10 @@ def draw_inset(
     return box
 
 
-def _within(inset: Inset, stroke: SheetStroke) -> Array:
+def _within(inset: Inset, stroke: Stroke) -> Array:
     """(M, 2) the points of a line in an inset [px of the page]."""
     u, v, _, _ = inset.window
-    return (stroke.points_px - (u, v) + 0.5) * inset.zoom - 0.5
+    return (stroke.points - (u, v) + 0.5) * inset.zoom - 0.5
 
 
 def _cut_out(
@@ -327,7 +328,7 @@ def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -
     enlarged[:] = 128 + enlarged // 2
     first = 0
     for stroke in content.strokes:
-        count = len(stroke.points_px)
+        count = len(stroke.points)
         points = _within(inset, stroke)
         to_page = inset.zoom / content.metres_per_px
         bound_px = content.tre95_m[first : first + count] * to_page

@@ -20,7 +20,7 @@ WHAT_TO_LOOK_FOR = (
 
 
 @dataclass(frozen=True)
-class Line:
+class TextLine:
     """A line of a list, its indent, and the space above it [px of the page]."""
 
     words: str
@@ -39,7 +39,7 @@ class Line:
         return y + self.height
 
 
-def total_height(lines: Iterable[Line]) -> float:
+def total_height(lines: Iterable[TextLine]) -> float:
     """The space that lines take one below the other [px of the page]."""
     return sum(line.height for line in lines)
 
@@ -95,15 +95,15 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
     return y
 
 
-def list_lines(content: SheetInput, width: float) -> list[Line]:
+def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
     return [*_finding_lines(content, width), *_account_lines(content, width)]
 
 
-def _finding_lines(content: SheetInput, width: float) -> list[Line]:
+def _finding_lines(content: SheetInput, width: float) -> list[TextLine]:
     if not content.findings:
-        return [Line("Findings: none", HEADING)]
-    lines = [Line("Findings", HEADING)]
+        return [TextLine("Findings: none", HEADING)]
+    lines = [TextLine("Findings", HEADING)]
     for number, finding in enumerate(content.findings, 1):
         kind, style = finding.severity, BODY
         if finding.is_open:
@@ -111,32 +111,32 @@ def _finding_lines(content: SheetInput, width: float) -> list[Line]:
         head = f"F{number}  {kind}: {finding.code}"
         if finding.place_px is not None:
             head += f", at ({finding.place_px[0]:.0f}, {finding.place_px[1]:.0f})"
-        lines.append(Line(paper.shortened(head, width, style), style, above=6))
+        lines.append(TextLine(paper.shortened(head, width, style), style, above=6))
         words = finding.text
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         for line in paper.wrapped(words, width - 30, BODY):
-            lines.append(Line(line, indent=30))
+            lines.append(TextLine(line, indent=30))
     return lines
 
 
-def _account_lines(content: SheetInput, width: float) -> list[Line]:
+def _account_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The ink in the pen's colour that was not taken."""
     if content.rgb is None:
         return []
     if content.account is None:
-        return [Line("Other ink: not kept in the bundle", HEADING, above=20)]
+        return [TextLine("Other ink: not kept in the bundle", HEADING, above=20)]
     if not content.account:
-        return [Line("Other ink in the pen's colour: none", HEADING, above=20)]
-    lines = [Line("Other ink in the pen's colour", HEADING, above=20)]
+        return [TextLine("Other ink in the pen's colour: none", HEADING, above=20)]
+    lines = [TextLine("Other ink in the pen's colour", HEADING, above=20)]
     for entry in content.account[:LISTED_ENTRIES]:
         words = f"{entry.number}: "
         if entry.what:
             words += f"{entry.what}, "
         words += f"{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, {entry.v:.0f})"
-        lines.append(Line(paper.shortened(words, width, BODY)))
+        lines.append(TextLine(paper.shortened(words, width, BODY)))
     smaller = content.account[LISTED_ENTRIES:]
     if smaller:
         pixels = sum(entry.pixels for entry in smaller)
-        lines.append(Line(f"and {len(smaller)} smaller, {pixels} px together"))
+        lines.append(TextLine(f"and {len(smaller)} smaller, {pixels} px together"))
     return lines

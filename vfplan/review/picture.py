@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.display import nice_length
+from vfplan.fixture import Stroke
 from vfplan.review import paper
 from vfplan.review.insets import draw_distance, ends_of, runs_of
 from vfplan.review.labels import Labeller
@@ -28,7 +29,7 @@ from vfplan.review.paper import (
     Box,
     Paper,
 )
-from vfplan.review.sheet_input import SheetInput, SheetStroke
+from vfplan.review.sheet_input import SheetInput
 from vfplan.review.views import draw_tag
 
 Array = NDArray[np.float64]
@@ -70,11 +71,11 @@ class Panel:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
         return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5
 
-    def outline_distance(self, stroke: SheetStroke) -> float:
+    def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
         half_width = USUAL_HALF_WIDTH
-        if stroke.width_px is not None:
-            half_width = stroke.width_px / 2
+        if stroke.width is not None:
+            half_width = stroke.width / 2
         return half_width * self.zoom + OUTLINE_GAP
 
 
@@ -122,7 +123,7 @@ def _draw_outline(
     region = np.zeros((panel.height, panel.width), np.uint8)
     for stroke in content.strokes:
         distance = panel.outline_distance(stroke)
-        points = panel.place(stroke.points_px)
+        points = panel.place(stroke.points)
         if stroke.is_ordered:
             thickness = max(1, round(2 * distance))
             paper.draw_line(region, points, 255, thickness, stroke.closed)
@@ -143,7 +144,7 @@ def _draw_outline(
     for stroke in content.strokes:
         thickness = round(2 * panel.outline_distance(stroke)) + 12
         for run in runs_of(stroke.bridged, stroke.closed):
-            paper.draw_line(bridges, panel.place(stroke.points_px[run]), 255, thickness)
+            paper.draw_line(bridges, panel.place(stroke.points[run]), 255, thickness)
     paper.blend(canvas, casing, WHITE, 0, 0)
     paper.blend(canvas, np.where(bridges > 0, 0, outline).astype(np.uint8), LINE_COLOUR, 0, 0)
     paper.blend(canvas, np.where(bridges > 0, outline, 0).astype(np.uint8), BRIDGE_COLOUR, 0, 0)
@@ -157,8 +158,8 @@ def _draw_bands(canvas: NDArray[np.uint8], content: SheetInput, panel: Panel) ->
         return drawn
     first = 0
     for stroke in content.strokes:
-        count = len(stroke.points_px)
-        points = panel.place(stroke.points_px)
+        count = len(stroke.points)
+        points = panel.place(stroke.points)
         outline = panel.outline_distance(stroke) + 3
         to_page = panel.zoom / content.metres_per_px
         if content.margin_m and content.margin_m * to_page > outline:
@@ -268,7 +269,7 @@ def _draw_captions(
         for end in ends_of(stroke):
             tag(end.place, end.name + of_line)
         for k, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
-            tag(stroke.points_px[run[len(run) // 2]], f"bridge {k}{of_bridge}")
+            tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(content.findings, 1):
         if finding.place_px is not None:
             tag(finding.place_px, f"F{number}", is_dark=True)

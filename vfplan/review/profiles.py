@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.review.paths import normals
+from vfplan.geometry.polyline import normals
 
 SMOOTH_PX = 2.0
 """Deviation [px] of the Gaussian that smooths what was measured along a path; hands bend slower."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.review.paths import arc_length
+from vfplan.fixture import Stroke
+from vfplan.geometry.polyline import length_of
 
 MAX_ROUTES = 9
 """Routes through a forked line that are offered at most: one digit chooses among them."""
@@ -20,30 +20,15 @@ STAIRCASE = 1.05
 """Factor by which a staircase of pixels is longer than the line that it follows."""
 
 
-@dataclass(frozen=True, eq=False)
-class Route:
-    """A route that a curve may take over the ink.
-
-    Parameters
-    ----------
-    path
-        (M, 2) skeleton pixels (u, v) in order.
-    closed
-        Whether the last pixel joins the first.
-    """
-
-    path: NDArray[np.float64]
-    closed: bool
-
-    @property
-    def length_px(self) -> float:
-        """Length of the line that the pixels follow."""
-        return float(arc_length(self.path, self.closed)[-1]) / STAIRCASE
+def route_along(pixels: NDArray, closed: bool) -> Stroke:
+    """A route that a curve may take over the ink, along skeleton pixels (u, v) in order."""
+    length = length_of(pixels, closed) / STAIRCASE
+    return Stroke(pixels, closed, known_length=length)
 
 
 def routes_through(
     mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)
-) -> tuple[list[Route], list[tuple[float, float]]]:
+) -> tuple[list[Stroke], list[tuple[float, float]]]:
     """The routes through one connected piece of ink, the longest first, and where it forks.
 
     A line has one route, from end to end, or around. A forked line has one for each pair of its
@@ -88,12 +73,12 @@ def routes_through(
     for i, start in enumerate(ends):
         for stop in ends[i + 1 :]:
             if np.isfinite(distance[i, stop]):
-                routes.append(Route(pixels[_walked_back(before[i], start, stop)], False))
-    routes.sort(key=lambda route: -route.length_px)
+                routes.append(route_along(pixels[_walked_back(before[i], start, stop)], False))
+    routes.sort(key=lambda route: -route.length)
     return routes[:MAX_ROUTES], forks
 
 
-def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Route]:
+def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Stroke]:
     """The one route around a ring: cut beside a pixel, and walked the other way round."""
     from scipy.sparse.csgraph import dijkstra
 
@@ -106,7 +91,7 @@ def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Route]:
     distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
     if not np.isfinite(distance[stop]):
         return []
-    return [Route(pixels[_walked_back(before, start, stop)], True)]
+    return [route_along(pixels[_walked_back(before, start, stop)], True)]
 
 
 def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:

@@ -434,16 +434,9 @@ class Session:
         if not sigma.any():
             # A curve that was drawn as vectors has no deviation.
             sigma = None
-        counts = [len(stroke.points) for stroke in strokes]
         settings = self.source.settings_in_force
         if self.current.exclude:
             settings["exclude"] = self.current.exclude
-        curve = Curve(
-            stroke=np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
-            closed=np.array([stroke.closed for stroke in strokes]),
-            bridged=_flags_or_none([stroke.bridged for stroke in strokes]),
-            edited=_flags_or_none([stroke.edited for stroke in strokes]),
-        )
         image = self.source.image
         size = SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm)
         return Fixture(
@@ -451,7 +444,7 @@ class Session:
             points=np.c_[points, np.zeros(len(points))],
             provenance=Provenance.now(self.source.inputs, settings),
             sigma=sigma,
-            curve=curve,
+            curve=Curve.of(strokes),
             image=size,
         )
 
@@ -460,14 +453,6 @@ def key_of(finding: Finding) -> str:
     """What an answer belongs to: a finding with other words or at another place is another one."""
     place = finding.place_px or finding.place_m or ()
     return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
-
-
-def _flags_or_none(parts: list[np.ndarray]) -> np.ndarray | None:
-    """Flags of all strokes one behind the other; `None` if none is set."""
-    flags = np.concatenate(parts)
-    if not flags.any():
-        return None
-    return flags
 
 
 def _runs(flags: np.ndarray) -> list[list[int]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 from vfplan.findings import Finding
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Stroke
 from vfplan.review.digest import digest_of
 from vfplan.review.facts import facts_of, labels_left_out
 
@@ -25,23 +25,6 @@ if TYPE_CHECKING:
     from vfplan.registration import Registration
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class SheetStroke:
-    """One line on the slice.
-
-    `points_px` is (M, 2) (u, v) in drawing order, or in no order where `is_ordered` is false;
-    `bridged` is (M,) bool, points that were carried over a gap in the ink; `width_px` is the
-    pen's, or `None` where nobody knows. A curve that was drawn as vectors has no ink.
-    """
-
-    points_px: Array
-    closed: bool
-    bridged: NDArray[np.bool_]
-    width_px: float | None = None
-    is_ordered: bool = True
-    has_ink: bool = True
 
 
 @dataclass(frozen=True)
@@ -120,7 +103,7 @@ class SheetInput:
     digest: str
     findings: tuple[Finding, ...] = ()
     rgb: NDArray[Any] | None = None
-    strokes: tuple[SheetStroke, ...] = ()
+    strokes: tuple[Stroke, ...] = ()
     account: tuple[AccountEntry, ...] | None = None
     markers: tuple[SheetMarker, ...] = ()
     metres_per_px: float | None = None
@@ -233,15 +216,15 @@ def of_fixture(
             facts=facts_of(record, fixture, ()),
         )
     if extracted is None:
-        strokes = strokes_of_fixture(fixture, image)
+        strokes = strokes_on_slice(fixture, image)
         account = account_again(fixture, image, strokes)
     else:
-        strokes, account = strokes_of_extraction(extracted), account_of(extracted)
+        strokes, account = extracted.extraction.strokes, account_of(extracted)
     if registration is None:
         registration = _registration_again(fixture)
     tre95_m = None
     if registration is not None:
-        points = np.concatenate([stroke.points_px for stroke in strokes])
+        points = np.concatenate([stroke.points for stroke in strokes])
         if registration.source.shape[1] == 3:
             place = _place_in_patient(image)
             points = points @ place[:, :2].T + place[:, 2]
@@ -275,41 +258,28 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
         )
 
 
-def strokes_of_extraction(extracted: ExtractResult) -> tuple[SheetStroke, ...]:
-    """The lines as they were measured."""
-    method = extracted.extraction.method
-    return tuple(
-        SheetStroke(
-            points_px=stroke.points_px,
-            closed=stroke.closed,
-            bridged=np.asarray(stroke.bridged),
-            width_px=stroke.width_px,
-            is_ordered=method != "mask",
-            has_ink=method != "vector",
-        )
-        for stroke in extracted.extraction.strokes
-    )
+def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stroke, ...]:
+    """The strokes of a bundle in the pixels of its slice; a bare cloud is one without order.
 
-
-def strokes_of_fixture(fixture: Fixture, image: PlannedImage) -> tuple[SheetStroke, ...]:
-    """The lines of a bundle, carried back onto its slice."""
-    points = to_pixels(fixture, image)(fixture.points)
+    The slice need not be given where the bundle itself says how its pixels lie.
+    """
+    convert = to_pixels(fixture, image)
+    units_per_px = 1.0
+    if fixture.frame != "image":
+        units_per_px = _size_of(_pixel_axes(fixture, image))
+    drawn = fixture.strokes
     if fixture.curve is None:
-        return (SheetStroke(points, False, np.zeros(len(points), bool), is_ordered=False),)
+        drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
-    for k, closed in enumerate(fixture.curve.closed):
-        of_stroke = fixture.curve.stroke == k
-        bridged = np.zeros(int(of_stroke.sum()), bool)
-        if fixture.curve.bridged is not None:
-            bridged = np.asarray(fixture.curve.bridged[of_stroke], bool)
-        stroke = SheetStroke(
-            points[of_stroke], bool(closed), bridged, has_ink=fixture.sigma is not None
-        )
-        strokes.append(stroke)
+    for stroke in drawn:
+        sigma = stroke.sigma
+        if sigma is not None:
+            sigma = sigma / units_per_px
+        strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
     return tuple(strokes)
 
 
-def to_pixels(fixture: Fixture, image: PlannedImage) -> Callable[[Array], Array]:
+def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array], Array]:
     """From the frame of the fixture back to the pixels of its slice."""
     if fixture.frame == "image":
         return lambda points: points[:, :2]
@@ -358,11 +328,11 @@ def account_of(extracted: ExtractResult) -> tuple[AccountEntry, ...]:
 
 
 def account_again(
-    fixture: Fixture, image: PlannedImage, strokes: tuple[SheetStroke, ...]
+    fixture: Fixture, image: PlannedImage, strokes: tuple[Stroke, ...]
 ) -> tuple[AccountEntry, ...]:
     """The account of a bundle, made again on its slice; none for a curve of vectors."""
     from vfplan.planning import ExtractSettings
-    from vfplan.review.account import AccountLine, extraction_of, list_account
+    from vfplan.review.account import extraction_of, list_account
     from vfplan.review.ink import Ink
 
     if "curve" in fixture.provenance.inputs:
@@ -373,8 +343,8 @@ def account_again(
     for stroke in strokes:
         width = 0.0
         if stroke.is_ordered:
-            width = ink.width_along(stroke.points_px, stroke.closed)
-        lines.append(AccountLine(stroke.points_px, stroke.closed, width, stroke.bridged))
+            width = ink.width_along(stroke.points, stroke.closed)
+        lines.append(replace(stroke, width=width))
     entries = []
     for entry in list_account(ink.mask, lines):
         what = ""
@@ -397,12 +367,28 @@ def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
     return float(margin)
 
 
-def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
+def _pixel_axes(fixture: Fixture, image: PlannedImage | None) -> Array | None:
+    """(3, 2) steps of a pixel along u and v in the frame of the fixture [m]; `None` if unknown."""
     record = fixture.registration
     if record is not None and record.source_frame == "image":
-        return float(np.sqrt(np.prod(np.linalg.svd(record.T_robot_image[:3, :2])[1])))
-    if image.T_patient_image is not None:
-        return float(np.sqrt(np.prod(np.linalg.norm(image.T_patient_image[:3, :2], axis=0))))
+        return record.T_robot_image[:3, :2]
+    if image is None or image.T_patient_image is None:
+        return None
+    axes = image.T_patient_image[:3, :2]
+    if record is not None:
+        axes = record.T_robot_image[:3, :3] @ axes
+    return axes
+
+
+def _size_of(axes: Array) -> float:
+    """The geometric mean of a pixel's sides [m]."""
+    return float(np.sqrt(np.prod(np.linalg.svd(axes)[1])))
+
+
+def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
+    axes = _pixel_axes(fixture, image)
+    if axes is not None:
+        return _size_of(axes)
     spacing = image.pixel_spacing_mm
     if spacing is None and fixture.image is not None:
         spacing = fixture.image.pixel_spacing_mm
@@ -415,33 +401,23 @@ def _side_of(fixture: Fixture, image: PlannedImage | None) -> str | None:
     """From where the robot sees the slice; `None` where nobody knows how it lies."""
     from vfplan.registration.registration import describe_side
 
-    record = fixture.registration
-    if record is None:
-        return None
-    if record.source_frame == "image":
-        axes = record.T_robot_image[:3, :2]
-    elif image is not None and image.T_patient_image is not None:
-        axes = record.T_robot_image[:3, :3] @ image.T_patient_image[:3, :2]
-    else:
+    axes = _pixel_axes(fixture, image)
+    if axes is None or fixture.registration is None:
         return None
     return describe_side(-np.cross(axes[:, 0], axes[:, 1]))
 
 
 def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarker, ...]:
     """The markers where they lie on the slice, or where they project onto it."""
-    record = fixture.registration
-    if record is None:
+    record, steps = fixture.registration, _pixel_axes(fixture, image)
+    if record is None or steps is None:
         return ()
     if record.source_frame == "image":
-        places, steps = record.source, record.T_robot_image[:3, :2]
+        places = record.source
         reached = record.source @ steps.T + record.T_robot_image[:3, 2]
-    elif image.T_patient_image is not None:
-        rotation, origin = record.T_robot_image[:3, :3], record.T_robot_image[:3, 3]
-        places = _onto_plane(image.T_patient_image[:3])(record.source)
-        steps = rotation @ image.T_patient_image[:3, :2]
-        reached = record.source @ rotation.T + origin
     else:
-        return ()
+        places = _onto_plane(image.T_patient_image[:3])(record.source)
+        reached = record.source @ record.T_robot_image[:3, :3].T + record.T_robot_image[:3, 3]
     in_plane = (record.target - reached) @ np.linalg.pinv(steps).T
     return _markers_of(fixture, places, in_plane)
 

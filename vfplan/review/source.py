@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Stroke
 from vfplan.images.read import MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
@@ -20,8 +20,8 @@ from vfplan.review.facts import labels_left_out
 from vfplan.review.geometry import Geometry, geometry_of_slice
 from vfplan.review.ink import Ink
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.sheet_input import to_pixels
-from vfplan.review.strokes import Stroke
+from vfplan.review.sheet_input import strokes_on_slice
+from vfplan.review.strokes import MendedStroke
 
 Box = tuple[int, int, int, int]
 
@@ -304,10 +304,11 @@ def _of_bundle(
     if slice_path is not None:
         slice_path = Path(slice_path)
         slice_image = _slice_of(fixture, slice_path, path, extraction)
-    points, sigma = _on_slice(fixture, slice_image, path)
+    _refuse_unplaced(fixture, slice_image, path)
+    drawn = strokes_on_slice(fixture, slice_image)
     image = slice_image
     if image is None:
-        image = _blank_ground(fixture, points)
+        image = _blank_ground(fixture, drawn)
 
     # The curve on the slice, and the pen's ink if it was drawn by a pen.
     ink = None
@@ -315,14 +316,7 @@ def _of_bundle(
     exclude = extraction.exclude or ()
     if slice_image is not None and "curve" not in fixture.provenance.inputs:
         ink = Ink(image.rgb, extraction.colour, exclude, extraction.roi)
-    strokes = []
-    for number, closed in enumerate(fixture.curve.closed):
-        members = fixture.curve.stroke == number
-        values = {"sigma": sigma, "bridged": fixture.curve.bridged, "edited": fixture.curve.edited}
-        for name, value in values.items():
-            if value is not None:
-                values[name] = value[members]
-        strokes.append(Stroke.measured(points[members], closed=bool(closed), **values))
+    strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
     of_extraction = [finding for finding in fixture.findings if finding.stage == "extract"]
 
     # The markers of its registration, and how it was rendered.
@@ -336,7 +330,7 @@ def _of_bundle(
         image=image,
         extraction=extraction,
         planning=planning,
-        geometry=Geometry(tuple(strokes), ink, tuple(of_extraction)),
+        geometry=Geometry(strokes, ink, tuple(of_extraction)),
         fit=fit,
         exclude=exclude,
         inputs=dict(fixture.provenance.inputs),
@@ -362,39 +356,25 @@ def _slice_of(
     return image
 
 
-def _on_slice(
-    fixture: Fixture, image: PlannedImage | None, path: Path
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """A bundle's points and their deviations on the slice [px]."""
+def _refuse_unplaced(fixture: Fixture, image: PlannedImage | None, path: Path) -> None:
+    """Refuse a bundle whose curve cannot be drawn on a slice."""
     record = fixture.registration
-    if fixture.frame == "image":
-        return fixture.points[:, :2], fixture.sigma
     is_planar = record is not None and record.source_frame == "image"
     is_placed = image is not None and image.T_patient_image is not None
-    if not is_planar and (record is None or not is_placed):
+    if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
         raise InputError(
             "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
             f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png",
             where=str(path),
             code="no-slice-registration",
         )
-    # `to_pixels` needs no image where the registration begins in pixels.
-    convert = to_pixels(fixture, image)
-    points = convert(fixture.points)
-    if fixture.sigma is None:
-        return points, None
-    if is_planar:
-        axes = record.T_robot_image[:, :2]
-    else:
-        axes = record.T_robot_image[:3, :3] @ image.T_patient_image[:3, :2]
-    metres_per_px = float(np.sqrt(np.prod(np.linalg.norm(axes, axis=0))))
-    return points, fixture.sigma / metres_per_px
 
 
-def _blank_ground(fixture: Fixture, points: np.ndarray) -> PlannedImage:
+def _blank_ground(fixture: Fixture, strokes: tuple[Stroke, ...]) -> PlannedImage:
     """A blank picture of the slice's size."""
     spacing = None
     if fixture.image is None:
+        points = np.concatenate([stroke.points for stroke in strokes])
         width, height = (points.max(axis=0) + 50).astype(int).tolist()
     else:
         width, height = fixture.image.width_px, fixture.image.height_px

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError, SettingError, VfplanError
+from vfplan.fixture import Stroke
 from vfplan.io.files import now_utc
 from vfplan.planning import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
@@ -21,7 +22,7 @@ from vfplan.review.ink import Ink
 from vfplan.review.markers import Marker, fit_of, pairs_of_table
 from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
-from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, REACH_PX, Stroke
+from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, REACH_PX, MendedStroke
 
 Step = dict[str, Any]
 MAX_CLICKS = 500
@@ -115,13 +116,13 @@ def _label(step: Step, name: str) -> str:
     return value.strip()
 
 
-def _stroke_of(session: Session, step: Step) -> tuple[State, int, Stroke]:
+def _stroke_of(session: Session, step: Step) -> tuple[State, int, MendedStroke]:
     state = session.current
     number = _whole(step, "stroke", 0)
     return state, number, state.geometry.stroke(number)
 
 
-def _knot_of(stroke: Stroke, step: Step) -> int:
+def _knot_of(stroke: MendedStroke, step: Step) -> int:
     knot = _whole(step, "knot")
     if not 0 <= knot < len(stroke.knots):
         raise SettingError(
@@ -198,10 +199,13 @@ def draw(session: Session, step: Step) -> State:
             return state.changed(geometry=geometry.with_stroke(number, stroke))
     if geometry.ink is None:
         sigma = np.full(len(path), HAND_SIGMA_PX)
-        stroke = Stroke.measured(path, sigma, closed, edited=np.ones(len(path), bool))
+        edited = np.ones(len(path), bool)
+        stroke = MendedStroke.of(Stroke(path, closed, sigma, edited=edited))
     else:
-        stroke = Stroke.from_ink(geometry.ink.draw(path, closed, REACH_PX, (True, True)), closed)
-    strokes: tuple[Stroke, ...] = (stroke,)
+        stroke = MendedStroke.from_ink(
+            geometry.ink.draw(path, closed, REACH_PX, (True, True)), closed
+        )
+    strokes: tuple[MendedStroke, ...] = (stroke,)
     if adds:
         strokes = (*geometry.strokes, stroke)
     return state.changed(geometry=geometry.with_strokes(strokes))
@@ -361,8 +365,8 @@ def take(session: Session, step: Step) -> State:
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
         raise _malformed(step, "as", '"curve" or "part"')
-    stroke = Stroke.from_ink(ink.trace(route.path, route.closed), route.closed)
-    strokes: tuple[Stroke, ...] = (stroke,)
+    stroke = MendedStroke.from_ink(ink.trace(route.points, route.closed), route.closed)
+    strokes: tuple[MendedStroke, ...] = (stroke,)
     if meaning == "part":
         strokes = (*state.geometry.strokes, stroke)
     return state.changed(geometry=state.geometry.with_strokes(strokes))

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.fixture import Stroke
+from vfplan.geometry.polyline import arc_lengths, evenly
 from vfplan.review.ink import Ink, Measured
-from vfplan.review.paths import arc_length, evenly, nearest_point, spline_through
+from vfplan.review.paths import nearest_point, spline_through
 
 KNOTS = 30
 """Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws."""
@@ -34,93 +36,61 @@ PER_POINT = ("points", "sigma", "bridged", "edited", "viewed")
 """The fields of a stroke that have a value a point."""
 
 
-@dataclass(frozen=True, eq=False)
-class Stroke:
-    """One line of the curve.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MendedStroke(Stroke):
+    """A stroke on the slice, with what a person needs to mend it.
 
     Parameters
     ----------
-    points
-        (M, 2) pixels (u, v), in drawing order.
-    sigma
-        (M,) standard deviation across the line [px].
-    closed
-        Whether the last point joins the first.
-    bridged
-        (M,) bool, points that lie on a bridged gap.
-    edited
-        (M,) bool, points that a hand placed and no ink confirms.
     viewed
         (M,) bool, points that the person had in view at full size.
     knots
         (K,) indices of the points that can be moved, rising.
-    width_px
-        Mean width of the pen; `None` if it was not measured.
     """
 
-    points: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    closed: bool
-    bridged: NDArray[np.bool_]
-    edited: NDArray[np.bool_]
     viewed: NDArray[np.bool_]
     knots: NDArray[np.int64]
-    width_px: float | None = None
 
     @classmethod
-    def measured(
-        cls,
-        points: NDArray,
-        sigma: NDArray | None,
-        closed: bool,
-        bridged: NDArray | None = None,
-        edited: NDArray | None = None,
-        width_px: float | None = None,
-    ) -> Stroke:
-        """A stroke that nobody has looked at yet, with its knots at equal steps of arc."""
-        none = np.zeros(len(points), bool)
+    def of(cls, stroke: Stroke) -> MendedStroke:
+        """A stroke that nobody has looked at yet, with its knots at equal steps of arc.
+
+        One that was drawn as vectors has a deviation of 0.
+        """
+        sigma = stroke.sigma
         if sigma is None:
-            sigma = np.zeros(len(points))
-        if bridged is None:
-            bridged = none
-        if edited is None:
-            edited = none
+            sigma = np.zeros(len(stroke.points))
         return cls(
-            points=np.array(points, float),
+            points=np.array(stroke.points, float),
+            closed=stroke.closed,
             sigma=np.array(sigma, float),
-            closed=bool(closed),
-            bridged=np.array(bridged, bool),
-            edited=np.array(edited, bool),
-            viewed=none,
-            knots=spread_knots(points, bool(closed)),
-            width_px=width_px,
+            bridged=stroke.bridged,
+            edited=stroke.edited,
+            width=stroke.width,
+            viewed=np.zeros(len(stroke.points), bool),
+            knots=spread_knots(stroke.points, stroke.closed),
         )
 
     @classmethod
-    def from_ink(cls, line: Measured, closed: bool) -> Stroke:
+    def from_ink(cls, line: Measured, closed: bool) -> MendedStroke:
         """A stroke of a path that was moved onto the ink; edited where there was none."""
         confirmed = line.is_confirmed
         sigma = np.where(confirmed, line.sigma, HAND_SIGMA_PX)
-        return cls.measured(line.points, sigma, closed, edited=~confirmed)
-
-    @property
-    def length_px(self) -> float:
-        """Length along the stroke, the closing step included."""
-        return float(arc_length(self.points, self.closed)[-1])
+        return cls.of(Stroke(line.points, closed, sigma, edited=~confirmed))
 
     @property
     def knots_px(self) -> NDArray[np.float64]:
         """(K, 2) where the knots lie."""
         return self.points[self.knots]
 
-    def look_at(self, start: float, stop: float) -> Stroke:
+    def look_at(self, start: float, stop: float) -> MendedStroke:
         """The stroke with the part between two shares of its length viewed."""
-        arc = arc_length(self.points, False)
+        arc = arc_lengths(self.points, False)
         share = arc / arc[-1]
         inside = (share >= start - 1e-9) & (share <= stop + 1e-9)
         return replace(self, viewed=self.viewed | inside)
 
-    def move_knot(self, knot: int, to: NDArray, ink: Ink | None) -> Stroke:
+    def move_knot(self, knot: int, to: NDArray, ink: Ink | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
         before, moved, after = self._around(knot)
         # One run of indices, which on a closed stroke may lead through its seam.
@@ -129,7 +99,7 @@ class Stroke:
         middle = moved - before
         if self.closed:
             middle %= len(self.points)
-        arc = arc_length(points, False)
+        arc = arc_lengths(points, False)
         share = np.ones(len(points))
         if middle > 0:
             share[: middle + 1] = _eased(arc[: middle + 1] / arc[middle])
@@ -139,7 +109,7 @@ class Stroke:
         drawn = points + share[:, None] * (to - self.points[moved])
         return self._with_stretch(before, after, drawn, ink, knot_at=drawn[middle])
 
-    def insert_knot(self, at: NDArray) -> Stroke:
+    def insert_knot(self, at: NDArray) -> MendedStroke:
         """A further knot at the point nearest to a place."""
         nearest, _ = nearest_point(self.points, at)
         if nearest in self.knots:
@@ -151,7 +121,7 @@ class Stroke:
             )
         return replace(self, knots=np.sort(np.append(self.knots, nearest)))
 
-    def delete_knot(self, knot: int, ink: Ink | None) -> Stroke:
+    def delete_knot(self, knot: int, ink: Ink | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
         needed = 2
@@ -182,7 +152,7 @@ class Stroke:
         drawn = np.vstack([self.points[before], inner, self.points[after]])
         return self._with_stretch(before, after, drawn, ink)
 
-    def cut(self, start: NDArray | None, end: NDArray | None) -> Stroke:
+    def cut(self, start: NDArray | None, end: NDArray | None) -> MendedStroke:
         """Without what lies before the place `start` and behind the place `end`."""
         stroke = self
         if self.closed:
@@ -210,13 +180,13 @@ class Stroke:
             )
         return stroke.part(first, last + 1)
 
-    def reversed(self) -> Stroke:
+    def reversed(self) -> MendedStroke:
         """The same line, drawn the other way round."""
         order = np.arange(len(self.points))[::-1]
         knots = len(self.points) - 1 - self.knots[::-1]
         return self._selected(order, knots)
 
-    def redraw(self, drawn: NDArray, ink: Ink | None) -> Stroke:
+    def redraw(self, drawn: NDArray, ink: Ink | None) -> MendedStroke:
         """Put a drawn stretch in place of the part between its ends, or carry an end on.
 
         `drawn` is a (M, 2) path of which at least one end lies within `JOIN_PX` of the stroke.
@@ -246,7 +216,7 @@ class Stroke:
         stretch = np.vstack([drawn[:0:-1], self.points[first]])
         return self._with_stretch(0, first, stretch, ink, free_start=True)
 
-    def join(self, other: Stroke, ink: Ink | None) -> Stroke:
+    def join(self, other: MendedStroke, ink: Ink | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
         pairs = []
         for end in (0, -1):
@@ -267,7 +237,14 @@ class Stroke:
         gap = spline[start + 1 : stop]
         count = len(gap)
         none = np.zeros(count, bool)
-        between = Stroke(gap, np.full(count, HAND_SIGMA_PX), False, none, ~none, none, none[:0])
+        between = MendedStroke(
+            points=gap,
+            closed=False,
+            sigma=np.full(count, HAND_SIGMA_PX),
+            edited=~none,
+            viewed=none,
+            knots=none[:0],
+        )
         knots = np.r_[first.knots, len(first.points) + count + second.knots]
         whole = _concatenated([first, between, second], False, knots)
         if count < 2:
@@ -276,7 +253,7 @@ class Stroke:
         drawn = whole.points[last : last + count + 2]
         return whole._with_stretch(last, last + count + 1, drawn, ink)
 
-    def measured_in(self, box: tuple[int, int, int, int], ink: Ink) -> Stroke:
+    def measured_in(self, box: tuple[int, int, int, int], ink: Ink) -> MendedStroke:
         """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
         low = np.array(box[:2]) - 0.5
         high = low + box[2:]
@@ -291,20 +268,22 @@ class Stroke:
                 stroke = stroke._with_stretch(first, last, path, ink)
         return stroke
 
-    def part(self, start: int, stop: int) -> Stroke:
+    def part(self, start: int, stop: int) -> MendedStroke:
         """The open stroke from one point to before another, with a knot at either end."""
         inner = self.knots[(self.knots > start) & (self.knots < stop - 1)] - start
         knots = np.r_[0, inner, stop - start - 1].astype(np.int64)
         return replace(self._selected(np.arange(start, stop), knots), closed=False)
 
-    def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> Stroke:
+    def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> MendedStroke:
         """The stroke with these of its points, in this order."""
         values = {}
         for name in PER_POINT:
             values[name] = getattr(self, name)[order]
         return replace(self, **values, knots=knots)
 
-    def _redraw_closed(self, first: int, last: int, drawn: NDArray, ink: Ink | None) -> Stroke:
+    def _redraw_closed(
+        self, first: int, last: int, drawn: NDArray, ink: Ink | None
+    ) -> MendedStroke:
         """Of the two parts between the drawn stretch's ends the one nearer to it is replaced."""
         middle = drawn[len(drawn) // 2]
         _, forward = nearest_point(self.points[self._run(first, last)], middle)
@@ -346,14 +325,14 @@ class Stroke:
         knot_at: NDArray | None = None,
         free_start: bool = False,
         free_end: bool = False,
-    ) -> Stroke:
+    ) -> MendedStroke:
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
         `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
         as elsewhere. `free_start` and `free_end` say whether that end of the path may move to the
         end of its ink.
         """
-        if arc_length(drawn, False)[-1] < 1.0:
+        if arc_lengths(drawn, False)[-1] < 1.0:
             raise SettingError(
                 "The stretch would be shorter than a pixel. Move the knot elsewhere, or delete it.",
                 code="stretch-too-short",
@@ -373,15 +352,22 @@ class Stroke:
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
         points = _meeting(points, drawn[[0, -1]], keeps_start, keeps_end)
-        none = np.zeros(len(points), bool)
         # Knots on the new stretch, but for its ends.
         if knot_at is None:
-            spacing = self.length_px / max(len(self.knots), 1)
+            spacing = self.length / max(len(self.knots), 1)
             inner = spread_knots(points, False, spacing)[1:-1]
         else:
             inner = np.array([nearest_point(points, knot_at)[0]])
             inner = inner[(inner > 0) & (inner < len(points) - 1)]
-        stretch = Stroke(points, sigma, False, none, edited, none, inner, self.width_px)
+        stretch = MendedStroke(
+            points=points,
+            closed=False,
+            sigma=sigma,
+            edited=edited,
+            width=self.width,
+            viewed=np.zeros(len(points), bool),
+            knots=inner,
+        )
         if not keeps_start and not keeps_end:
             return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))
         if self.closed and last <= first:
@@ -391,7 +377,7 @@ class Stroke:
             return turned._spliced((first - last) % count, count, stretch)
         return self._spliced(first, last, stretch)
 
-    def _spliced(self, first: int, last: int, stretch: Stroke) -> Stroke:
+    def _spliced(self, first: int, last: int, stretch: MendedStroke) -> MendedStroke:
         """The points before `first`, the stretch, the points behind `last`.
 
         On a closed stroke `last` may be the number of points: the stretch ends at the first one.
@@ -413,7 +399,9 @@ class Stroke:
         return _concatenated([head, stretch, tail], self.closed, knots)
 
 
-def _concatenated(parts: list[Stroke], closed: bool, knots: NDArray[np.int64]) -> Stroke:
+def _concatenated(
+    parts: list[MendedStroke], closed: bool, knots: NDArray[np.int64]
+) -> MendedStroke:
     """Strokes as one, one behind the other, with these knots."""
     values = {}
     for name in PER_POINT:
@@ -423,7 +411,7 @@ def _concatenated(parts: list[Stroke], closed: bool, knots: NDArray[np.int64]) -
 
 def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None) -> NDArray:
     """(K,) indices of points at equal steps of arc; of an open stroke the first and the last."""
-    arc = arc_length(points, closed)
+    arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
     min_steps = 1

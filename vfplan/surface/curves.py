@@ -58,7 +58,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
                     where=where,
                     code="outline-empty",
                 )
-            rings.append(VectorCurve(points, True, True, "").fine(FINE_M))
+            rings.append(VectorCurve(points, True, True, "").stroke(FINE_M).points)
     return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
 
 
@@ -114,10 +114,10 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
         for stroke in extracted.extraction.strokes:
             if not stroke.closed:
                 raise CurveError(
-                    f"a drawing of {stroke.length_px:.0f} px is open. Close the outline.",
+                    f"a drawing of {stroke.length:.0f} px is open. Close the outline.",
                     where=where,
                     code="outline-open",
-                    numbers={"length_px": stroke.length_px},
+                    numbers={"length_px": stroke.length},
                 )
             pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
             rings.append((pixels @ place.T)[:, :3])

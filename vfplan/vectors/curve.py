@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError
+from vfplan.fixture import Stroke
+from vfplan.geometry.polyline import arc_lengths, ring_of
 
 FINE_M = 2.5e-4
 """Metres between the points of a curve in the patient."""
@@ -52,19 +54,12 @@ class VectorCurve:
     warnings: tuple[str, ...] = ()
     drawn_on: dict[str, list[int]] = field(default_factory=dict)
 
-    @property
-    def ring(self) -> NDArray[np.float64]:
-        """The points, with the first one again at the end of a closed curve."""
-        if self.closed:
-            return np.vstack([self.points, self.points[:1]])
-        return self.points
-
-    def fine(self, step: float) -> NDArray[np.float64]:
-        """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
+    def stroke(self, step: float) -> Stroke:
+        """The curve as a stroke whose points are `step` apart in arc length, ends included.
 
         Raises `CurveError` where these are more than a bundle holds.
         """
-        chords = chord_lengths(self.ring)
+        chords = arc_lengths(self.points, self.closed)
         steps = chords[-1] / step
         if not steps < MAX_POINTS:
             raise CurveError(
@@ -75,25 +70,25 @@ class VectorCurve:
             )
         at = np.linspace(0, chords[-1], max(64, 8 * round(steps)) + 1)
         line = self.at(at)
-        arc = chord_lengths(line)
+        arc = arc_lengths(line, False)
         even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
         line = _interpolate(even, arc, line)
         if self.closed:
-            return line[:-1]
-        return line
+            line = line[:-1]
+        return Stroke(line, self.closed)
 
     def distance_from_straight(self) -> float:
         """The largest distance of the spline from straight lines between its points; their unit."""
-        chords = chord_lengths(self.ring)
+        chords = arc_lengths(self.points, self.closed)
         quarters = np.arange(1, 4)[:, None] / 4
         at = (chords[:-1] + quarters * np.diff(chords)).ravel()
-        straight = _interpolate(at, chords, self.ring)
+        straight = _interpolate(at, chords, ring_of(self.points, self.closed))
         return float(np.linalg.norm(self.at(at) - straight, axis=1).max())
 
     def at(self, chords: NDArray) -> NDArray[np.float64]:
         """(K, 2|3) points at lengths along the chords between the curve's points."""
-        ring = self.ring
-        knots = chord_lengths(ring)
+        ring = ring_of(self.points, self.closed)
+        knots = arc_lengths(self.points, self.closed)
         if not self.smooth or len(ring) < 3:
             return _interpolate(chords, knots, ring)
         from scipy.interpolate import CubicSpline
@@ -128,7 +123,7 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
             numbers={"coordinate": largest, "coordinate_max": MAX_COORDINATE},
         )
     if len(points):
-        chords = chord_lengths(points)
+        chords = arc_lengths(points, False)
         same = SAME_POINT * chords[-1]
         points = points[np.r_[True, np.diff(chords) > same]]
         if closed and np.linalg.norm(points[-1] - points[0]) <= same:
@@ -156,9 +151,9 @@ def meeting_warnings(curve: VectorCurve, where: str) -> list[str]:
         unit = "mm"
         step = FINE_M
         scale = 1e3
-    if not chord_lengths(curve.ring)[-1] / step < MAX_POINTS:
+    if not arc_lengths(curve.points, curve.closed)[-1] / step < MAX_POINTS:
         return []  # The curve is refused where it is sampled.
-    places = curve.fine(step)
+    places = curve.stroke(step).points
     meets = find_meetings(places, curve.closed, step)
     if not meets.any():
         return []
@@ -190,11 +185,6 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
             along = np.minimum(along, count - along)
         meets[part] = (np.isfinite(distance) & (along > NEIGHBOUR_STEPS)).any(1)
     return meets
-
-
-def chord_lengths(points: NDArray) -> NDArray[np.float64]:
-    """(M,) lengths along the straight lines between points, from the first one on."""
-    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
 
 
 def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.float64]:

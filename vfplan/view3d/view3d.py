@@ -14,6 +14,7 @@ from PIL import Image
 from vfplan.display import nice_length
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
+from vfplan.geometry.polyline import ring_of
 from vfplan.images.read import PlannedImage, as_uint8
 from vfplan.io.staging import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
@@ -159,13 +160,10 @@ class Stage:
         self._legend.append(("fixture", CLOUD))
         if fixture.guidance is not None:
             # The tube around the strokes that guide.
-            for stroke, closed in enumerate(fixture.curve.closed):
-                line = fixture.points[fixture.curve.stroke == stroke]
-                if len(line) < 2 or fixture.guidance.stroke not in (None, stroke):
+            for number, stroke in enumerate(fixture.strokes):
+                if len(stroke.points) < 2 or fixture.guidance.stroke not in (None, number):
                     continue
-                if closed:
-                    line = np.vstack([line, line[:1]])
-                centre = self._pv.lines_from_points(line)
+                centre = self._pv.lines_from_points(ring_of(stroke.points, stroke.closed))
                 tube = centre.tube(radius=fixture.guidance.radius, n_sides=24)
                 self.plotter.add_mesh(tube, color=BRIDGED, opacity=0.3)
             self._legend.append(("tube that guides", BRIDGED))
@@ -173,8 +171,8 @@ class Stage:
             return
         # A planar fixture goes on along its ignored axis: show a strip of it.
         up = 2 * fixture.contact_radius * fixture.ignore_axis
-        for stroke in range(len(fixture.curve.closed)):
-            line = fixture.points[fixture.curve.stroke == stroke]
+        for stroke in fixture.strokes:
+            line = stroke.points
             if len(line) > 1:
                 grid = np.stack([line - up, line + up], axis=1)
                 x, y, z = np.moveaxis(grid, -1, 0)[:, None]

@@ -12,8 +12,8 @@ from vfplan.curve.skeleton import Piece
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """One or several pieces of ink, joined over gaps.
+class Candidate:
+    """One or several pieces of ink that may be the line, joined over gaps; not measured yet.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Line:
     pieces: tuple[Piece, ...]
 
     @classmethod
-    def of(cls, piece: Piece) -> Line:
+    def of(cls, piece: Piece) -> Candidate:
         """The line of a single piece."""
         closed = piece.closed and len(piece.junctions) == 0
         return cls(
@@ -75,11 +75,11 @@ class Line:
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)
 
-    def backwards(self) -> Line:
+    def backwards(self) -> Candidate:
         """The same line from its other end."""
         return replace(self, path=self.path[::-1], bridged=self.bridged[::-1])
 
-    def in_order(self) -> Line:
+    def in_order(self) -> Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
             if self.path[0].sum() <= self.path[-1].sum():
@@ -95,9 +95,9 @@ class Line:
         )
 
 
-def find_lines(pieces: list[Piece], max_gap_px: float) -> list[Line]:
+def find_candidates(pieces: list[Piece], max_gap_px: float) -> list[Candidate]:
     """The lines that the pieces are, joined over gaps where tangents agree; the longest first."""
-    lines = [Line.of(piece) for piece in pieces if piece.is_part]
+    lines = [Candidate.of(piece) for piece in pieces if piece.is_part]
     pair = _best_gap(lines, max_gap_px)
     while pair is not None:
         lines = _joined(lines, *pair)
@@ -106,7 +106,7 @@ def find_lines(pieces: list[Piece], max_gap_px: float) -> list[Line]:
     return sorted(long, key=lambda line: (-line.length, *line.path[0]))
 
 
-def _best_gap(lines: list[Line], max_gap_px: float) -> tuple[int, int, int, int] | None:
+def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
     from scipy.spatial import cKDTree
 
@@ -126,13 +126,15 @@ def _best_gap(lines: list[Line], max_gap_px: float) -> tuple[int, int, int, int]
     return best
 
 
-def gap_px(one: Line, end: int, other: Line, other_end: int) -> float:
+def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
     """Pixels of paper between the ends of two lines, which their round tips stand out from."""
     across = other.path[other_end] - one.path[end]
     return float(np.hypot(*across) - (one.width + other.width) / 2)
 
 
-def _gap_cost(one: Line, end: int, other: Line, other_end: int, max_gap_px: float) -> float:
+def _gap_cost(
+    one: Candidate, end: int, other: Candidate, other_end: int, max_gap_px: float
+) -> float:
     """The length of a gap, more where it bends; infinite where it is not bridged."""
     across = other.path[other_end] - one.path[end]
     gap = gap_px(one, end, other, other_end)
@@ -158,7 +160,7 @@ def _angle_deg(a: NDArray, b: NDArray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[Line]:
+def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> list[Candidate]:
     """The lines with two of them joined at these ends, or one closed to a ring."""
     one, other = lines[i], lines[j]
     others = [line for k, line in enumerate(lines) if k not in (i, j)]
@@ -182,7 +184,7 @@ def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[L
         )
         return [*others, ring]
     share = one.length / (one.length + other.length)
-    both = Line(
+    both = Candidate(
         path=np.vstack([one.path, gap, other.path]),
         closed=False,
         bridged=np.concatenate([one.bridged, in_gap, other.bridged]),
