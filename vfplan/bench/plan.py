@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from vfplan.bench.cases import Elbow, R, elbow_map
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed
-from vfplan.bench.sample import Line, planned_surface
+from vfplan.bench.sample import TrueCurve, planned_surface
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 
 STRIDE = 5
@@ -94,7 +94,7 @@ def write_exact_markers(source: Path, target: Path) -> None:
 
 def true_surface() -> Array:
     """(K, 3) places R beside the true curve in the plane of the table [m]."""
-    return planned_surface(Line("elbow", *Elbow().runs))[::STRIDE]
+    return planned_surface(TrueCurve("elbow", *Elbow().runs))[::STRIDE]
 
 
 def score_plan(planned: Any, surface: Array) -> Record:

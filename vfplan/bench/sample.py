@@ -36,7 +36,7 @@ PRESS_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class TrueCurve:
     """A true curve in the plane z = 0, and the name of its scene."""
 
     name: str
@@ -88,7 +88,7 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
         yield runs
 
 
-def lines() -> list[Line]:
+def lines() -> list[TrueCurve]:
     """A straight line, a circle of 30 mm, an S of 8 mm bends, and a hairpin of 2 mm."""
     straight = Run((segment((0, 0), (0.1, 0)),))
     circle = Run((arc((0, 0), 30e-3, 0, 2 * np.pi),), closed=True)
@@ -101,15 +101,15 @@ def lines() -> list[Line]:
         )
     )
     return [
-        Line("line", straight),
-        Line("circle, 30 mm", circle),
-        Line("S, 8 mm bends", bends),
-        Line("hairpin, 2 mm", hairpin),
+        TrueCurve("line", straight),
+        TrueCurve("circle, 30 mm", circle),
+        TrueCurve("S, 8 mm bends", bends),
+        TrueCurve("hairpin, 2 mm", hairpin),
     ]
 
 
 def sample_run(
-    line: Line,
+    line: TrueCurve,
     method: str,
     settings: dict[str, Setting],
     surface: Array,
@@ -130,7 +130,7 @@ def sample_run(
     return BenchRun(line.name, method, settings, run, score, "m", chosen)
 
 
-def planned_surface(line: Line) -> Array:
+def planned_surface(line: TrueCurve) -> Array:
     """(K, 3) places of the planned surface: R beside the curve and round its ends [m].
 
     What another part of the curve swallows does not belong to it.
@@ -156,18 +156,18 @@ def surface_error(points: Array, surface: Array) -> Array:
     return np.maximum(nearest - R, 0.0)
 
 
-def sample_by_curvature(line: Line, tolerance_m: float) -> Array:
+def sample_by_curvature(line: TrueCurve, tolerance_m: float) -> Array:
     """The points that a plan takes from a tolerance."""
     sampled = sample_curve(line.fine, line.run.closed, radius_m=R, tolerance_m=tolerance_m)
     return sampled.points
 
 
-def sample_evenly(line: Line, tolerance_m: float) -> Array:
+def sample_evenly(line: TrueCurve, tolerance_m: float) -> Array:
     """Points as dense as the flat dimple formula h²/8R = tolerance allows, bends or not."""
     return sample_densely(line, 1 / np.sqrt(8 * R * tolerance_m))
 
 
-def sample_densely(line: Line, density_per_m: float) -> Array:
+def sample_densely(line: TrueCurve, density_per_m: float) -> Array:
     """Points of one density."""
     sampled = sample_curve(line.fine, line.run.closed, radius_m=R, density_per_m=density_per_m)
     return sampled.points

@@ -60,7 +60,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         mode = "wrap"
     path = gaussian_filter1d(line.path, tuned.SMOOTH_PX, axis=0, mode=mode)
     skeleton = cKDTree(path)
-    noisy = is_noisy(ink, line)
+    noisy = is_noisy(ink, line.path, line.width)
     smooth_px = tuned.SMOOTH_PX
     if noisy:
         smooth_px = tuned.SMOOTH_NOISY_PX
@@ -68,14 +68,14 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     for _ in range(2):
         if not line.closed:
             # Carried on beyond both ends, far enough to see the ink end.
-            path = np.vstack([_onward(path[::-1])[::-1], path, _onward(path)])
+            path = np.vstack([onward(path[::-1])[::-1], path, onward(path)])
         path = evenly(path, line.closed)
         normal = normals(path, line.closed)
         profiles = read_profiles(ink, path, normal, line.width)
         in_gap = line.bridged[skeleton.query(path)[1]] & (profiles.mass < tuned.HALF)
         valid = profiles.valid & ~in_gap
         if not line.closed:
-            valid = _without_ink_ahead(valid)
+            valid = without_ink_ahead(valid)
         if valid.sum() < tuned.MIN_PROFILES:
             raise _too_little_error(line, int(valid.sum()))
         ends: tuple[End, ...] = ()
@@ -89,7 +89,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         if noisy:
             offset = add_brightness(ink, path, normal, profiles, offset)
         measured = path + offset[:, None] * normal
-        spline = _fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
+        spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
         residual = (offset - ((smooth - path) * normal).sum(1))[whole]
         if line.closed:
@@ -131,13 +131,13 @@ def drawn_length(path: NDArray, closed: bool) -> float:
     return length_of(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0, mode=mode), closed)
 
 
-def is_noisy(ink: Ink, line: Candidate) -> bool:
-    """Whether there is colour a few pixels beside the line, as the noise of JPEG is."""
+def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
+    """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
     from scipy.ndimage import gaussian_filter1d
 
-    normal = normals(gaussian_filter1d(line.path, tuned.SMOOTH_PX, axis=0), False)
-    away = (line.width + 5.0) * normal
-    places = np.rint(np.vstack([line.path - away, line.path + away])).astype(int)
+    normal = normals(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0), False)
+    away = (width + 5.0) * normal
+    places = np.rint(np.vstack([path - away, path + away])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
     return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
 
@@ -183,7 +183,7 @@ def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool
     return whole
 
 
-def _without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Valid profiles less those ahead of an end, beyond paper: other ink lies there."""
     kept = valid.copy()
     for side in (slice(None), slice(None, None, -1)):
@@ -192,7 +192,7 @@ def _without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return kept
 
 
-def _onward(path: NDArray) -> NDArray[np.float64]:
+def onward(path: NDArray) -> NDArray[np.float64]:
     """Steps of a pixel beyond the last point, along the arc of the line's last stretch."""
     reach = min(9, (len(path) - 1) // 2)
     last = path[-1] - path[-1 - reach]
@@ -205,7 +205,7 @@ def _onward(path: NDArray) -> NDArray[np.float64]:
     return path[-1] + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
 
 
-def _fit_spline(
+def fit_spline(
     points: NDArray, valid: NDArray, mass: NDArray, smooth_px: float, closed: bool
 ) -> Callable[[NDArray], NDArray]:
     """The smoothing spline of (M, 2) points over their index, through the valid ones.

@@ -38,7 +38,7 @@ ARCS_SHARE_OF_MARGIN = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedCurve:
+class CarriedPoints:
     """The fixture's points and what came with them."""
 
     # (N, 3) in the target frame [m].
@@ -63,7 +63,7 @@ def carry(
     registration: Registration,
     settings: FixtureSettings,
     tolerance_m: float | None = None,
-) -> CarriedCurve:
+) -> CarriedPoints:
     """Carry a curve into the registration's target frame; sample it where it is ordered.
 
     `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
@@ -74,7 +74,7 @@ def carry(
         sigma = curve.sigma
         if sigma is not None:
             sigma = sigma * scale
-        return CarriedCurve(points, curve.points, spacing_of_cloud(points), sigma)
+        return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
     if tolerance_m is None:
         tolerance_m = settings.tolerance_m
@@ -100,7 +100,7 @@ def carry(
     sigma = None
     if curve.sigma is not None:
         sigma = np.concatenate([stroke.sigma for stroke in strokes]) * scale
-    return CarriedCurve(
+    return CarriedPoints(
         points=np.round(np.concatenate(points), POINT_DECIMALS),
         source=np.concatenate([stroke.points for stroke in strokes]),
         spacing_m=length_m / gaps,
@@ -133,7 +133,7 @@ def lines_and_arcs_of(
     registration: Registration,
     axis: Array | None,
     settings: FixtureSettings,
-    carried: CarriedCurve,
+    carried: CarriedPoints,
 ) -> Pieces | None:
     """The carried strokes as lines and arcs, where they can be rendered as such.
 

@@ -12,7 +12,7 @@ from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.errors import SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Rendering
-from vfplan.planning.carry import CarriedCurve, carry, check_arcs_error, lines_and_arcs_of
+from vfplan.planning.carry import CarriedPoints, carry, check_arcs_error, lines_and_arcs_of
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import BAND_SHARE, Choice, choose
 
@@ -30,7 +30,7 @@ MAX_IGNORED_TILT_DEG = 45.0
 class RenderingResult:
     """The fixture's points, and how they are rendered."""
 
-    carried: CarriedCurve
+    carried: CarriedPoints
     rendering: Rendering
     # From the tolerance; `None` where it had nothing to choose.
     choice: Choice | None

@@ -166,7 +166,7 @@ class TightBend:
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class Sampling:
     """Points along a curve."""
 
     # (N, 3) [m].
@@ -190,7 +190,7 @@ def sample_curve(
     radius_m: float,
     tolerance_m: float | None = 1e-5,
     density_per_m: float | None = None,
-) -> Sampled:
+) -> Sampling:
     """Sample a fine curve by need, or at a given density.
 
     Parameters
@@ -227,7 +227,7 @@ def sample_curve(
         raise SettingError(
             "the curve holds points that are not finite. Leave them out", code="points-not-finite"
         )
-    curve = FineCurve.through(points, closed)
+    curve = CurveSpline.through(points, closed)
 
     # The spacing that each place allows, and with it the points.
     if density_per_m is None:
@@ -247,7 +247,7 @@ def sample_curve(
     gap = np.minimum(np.searchsorted(arclength, curve.arc, side="right") - 1, len(gaps) - 1)
     dimple = radius_m - np.sqrt(np.maximum(radius_m**2 - gaps**2 / 4, 0.0))
     sampling_error_m = float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
-    return Sampled(
+    return Sampling(
         points=curve.spline(parameter),
         arclength=arclength,
         parameter=parameter,
@@ -258,7 +258,7 @@ def sample_curve(
 
 
 @dataclass(frozen=True, eq=False)
-class FineCurve:
+class CurveSpline:
     """The cubic spline through a fine curve's points, over their index, and dense values of it."""
 
     spline: Callable[[Array], Array]
@@ -270,7 +270,7 @@ class FineCurve:
     kappa: Array
 
     @classmethod
-    def through(cls, points: Array, closed: bool) -> FineCurve:
+    def through(cls, points: Array, closed: bool) -> CurveSpline:
         """The curve through points (M, 3)."""
         from scipy.interpolate import CubicSpline
 
@@ -331,7 +331,7 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     return places
 
 
-def tight_bends(curve: FineCurve, radius_m: float) -> tuple[TightBend, ...]:
+def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:
     """The tightest place of each stretch that bends tighter than the radius."""
     is_tight = np.flatnonzero(curve.kappa * radius_m > 1)
     if not len(is_tight):

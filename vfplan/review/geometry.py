@@ -20,7 +20,7 @@ from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.planning import ExtractSettings, extract
 from vfplan.review.account import Entry, list_account
-from vfplan.review.ink import MIN_LINE_PX, Ink
+from vfplan.review.ink import MIN_LINE_PX, SliceInk
 from vfplan.review.paths import nearest_point
 from vfplan.review.routes import route_along, routes_through
 from vfplan.review.strokes import MendedStroke
@@ -72,7 +72,7 @@ class Geometry:
     """
 
     strokes: tuple[MendedStroke, ...] = ()
-    ink: Ink | None = None
+    ink: SliceInk | None = None
     findings: tuple[Finding, ...] = ()
     refusal: Refusal | None = None
     candidates: tuple[Stroke, ...] = ()
@@ -172,7 +172,7 @@ class Geometry:
 
 
 def geometry_of_slice(
-    path: Path, settings: ExtractSettings, ink: Ink | None, curve: Path | None = None
+    path: Path, settings: ExtractSettings, ink: SliceInk | None, curve: Path | None = None
 ) -> Geometry:
     """What `vfplan extract` makes of a slice; a refusal becomes a part of the answer.
 
@@ -271,7 +271,7 @@ def _refusal_of(error: CurveError) -> Refusal:
     return Refusal(error.code, text, place)
 
 
-def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple[Stroke, ...]:
+def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink."""
     routes = []
     if error.candidates:

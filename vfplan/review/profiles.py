@@ -8,31 +8,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.geometry.polyline import normals
-
-SMOOTH_PX = 2.0
-"""Deviation [px] of the Gaussian that smooths what was measured along a path; hands bend slower."""
-
-VALLEY = 0.2
-"""Of the strongest ink of a profile: a dip so deep parts two lines; a pen's own dips are half."""
+from vfplan.curve import tuned
 
 NEARBY_POINTS = 41
 """Points along a line whose median width is the usual one there; longer than a branch's mouth."""
-
-TREND_POINTS = 41
-"""Points (odd) over which a cubic follows the line, to see errors that hang together: two and a
-half blocks of JPEG's colour. A hand's bends are longer.
-"""
 
 MAX_BRANCH_PX = 60
 """Length [px] of a place where other ink joins the line, over which the line can be carried."""
 
 
-def is_valley(score: NDArray) -> NDArray[np.bool_]:
+def is_valley(coverage: NDArray) -> NDArray[np.bool_]:
     """(M, K) bool: samples with stronger ink on both sides, as between two lines that touch."""
-    left = np.maximum.accumulate(score, axis=1)
-    right = np.maximum.accumulate(score[:, ::-1], axis=1)[:, ::-1]
-    return np.minimum(left, right) - score > VALLEY * score.max(axis=1, keepdims=True)
+    left = np.maximum.accumulate(coverage, axis=1)
+    right = np.maximum.accumulate(coverage[:, ::-1], axis=1)[:, ::-1]
+    return np.minimum(left, right) - coverage > tuned.RISE * coverage.max(axis=1, keepdims=True)
 
 
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
@@ -52,7 +41,7 @@ def is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     strong = np.zeros(len(peak), bool)
     at = np.flatnonzero(has_ink)
     if len(at):
-        strong[at] = peak[at] >= 0.5 * median_filter(peak[at], size=61, mode="nearest")
+        strong[at] = peak[at] >= tuned.HALF * median_filter(peak[at], size=61, mode="nearest")
     return strong
 
 
@@ -68,21 +57,13 @@ def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return is_jump
 
 
-def smoothed(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
-    """Offsets smoothed along the path; far from ink they fall to 0."""
-    from scipy.ndimage import gaussian_filter1d
-
-    mode = "wrap" if closed else "nearest"
-    weight = has_ink.astype(float)
-    summed = gaussian_filter1d(offset * weight, SMOOTH_PX, mode=mode)
-    share = gaussian_filter1d(weight, SMOOTH_PX, mode=mode)
-    smooth = summed / np.maximum(share, 0.02)
+def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
+    """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     if has_ink.all():
-        return smooth
-    # Beyond the last ink the correction goes on, and fades over ten pixels.
+        return offset
     distance, nearest = _nearest_ink(has_ink, closed)
     fade = np.exp(-0.5 * (distance / 10.0) ** 2)
-    return np.where(has_ink, smooth, smooth[nearest] * fade)
+    return np.where(has_ink, offset, offset[nearest] * fade)
 
 
 def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDArray]:
@@ -99,29 +80,6 @@ def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDA
     nearer = np.abs(places[before] - own) < np.abs(places[after] - own)
     nearest = np.where(nearer, places[before], places[after])
     return np.abs(nearest - own), nearest % count
-
-
-def trend_scatter(points: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> float:
-    """Deviation [px] of a line from a cubic that follows it; errors of a few pixels' length show.
-
-    What a hand bends within `TREND_POINTS` counts too, so that this is too large for a clean line.
-    """
-    from scipy.ndimage import convolve1d
-
-    half = TREND_POINTS // 2
-    # The value in the middle of the cubic that fits the points best (Savitzky and Golay, 1964).
-    kernel = np.linalg.pinv(np.vander(np.linspace(-1.0, 1.0, TREND_POINTS), 4))[-1]
-    known = has_ink.copy()
-    mode = "wrap"
-    if not closed:
-        mode = "nearest"
-        known[:half] = False
-        known[-half:] = False
-    if np.count_nonzero(known) < half:
-        return np.inf
-    trend = convolve1d(points, kernel, axis=0, mode=mode)
-    across = ((points - trend) * normals(points, closed)).sum(axis=1)
-    return float(np.sqrt(np.mean(across[known] ** 2)))
 
 
 def past_branches(

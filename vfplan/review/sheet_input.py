@@ -333,12 +333,12 @@ def account_again(
     """The account of a bundle, made again on its slice; none for a curve of vectors."""
     from vfplan.planning import ExtractSettings
     from vfplan.review.account import extraction_of, list_account
-    from vfplan.review.ink import Ink
+    from vfplan.review.ink import SliceInk
 
     if "curve" in fixture.provenance.inputs:
         return ()
     settings = extraction_of(fixture, ExtractSettings())
-    ink = Ink(image.rgb, settings.colour, settings.exclude or (), settings.roi)
+    ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
     lines = []
     for stroke in strokes:
         width = 0.0

@@ -18,7 +18,7 @@ from vfplan.planning import ExtractSettings, FixtureSettings
 from vfplan.review.account import extraction_of
 from vfplan.review.facts import labels_left_out
 from vfplan.review.geometry import Geometry, geometry_of_slice
-from vfplan.review.ink import Ink
+from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
 from vfplan.review.sheet_input import strokes_on_slice
 from vfplan.review.strokes import MendedStroke
@@ -255,7 +255,7 @@ def _of_slice(
     inputs = {"image": image.sha256}
     ink = None
     if curve_path is None:
-        ink = Ink(image.rgb, extraction.colour, exclude, extraction.roi)
+        ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
         geometry = geometry_of_slice(path, extraction, ink)
     else:
         curve_path = Path(curve_path)
@@ -315,7 +315,7 @@ def _of_bundle(
     extraction = extraction_of(fixture, extraction)
     exclude = extraction.exclude or ()
     if slice_image is not None and "curve" not in fixture.provenance.inputs:
-        ink = Ink(image.rgb, extraction.colour, exclude, extraction.roi)
+        ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
     strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
     of_extraction = [finding for finding in fixture.findings if finding.stage == "extract"]
 

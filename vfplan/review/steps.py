@@ -18,7 +18,7 @@ from vfplan.fixture import Stroke
 from vfplan.io.files import now_utc
 from vfplan.planning import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
-from vfplan.review.ink import Ink
+from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Marker, fit_of, pairs_of_table
 from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
@@ -133,7 +133,7 @@ def _knot_of(stroke: MendedStroke, step: Step) -> int:
     return knot
 
 
-def _needs_ink(session: Session) -> Ink:
+def _needs_ink(session: Session) -> SliceInk:
     ink = session.current.geometry.ink
     if ink is None:
         if session.source.slice_path is None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
 from vfplan.geometry.polyline import arc_lengths, evenly
-from vfplan.review.ink import Ink, Measured
+from vfplan.review.ink import Followed, SliceInk
 from vfplan.review.paths import nearest_point, spline_through
 
 KNOTS = 30
@@ -72,7 +72,7 @@ class MendedStroke(Stroke):
         )
 
     @classmethod
-    def from_ink(cls, line: Measured, closed: bool) -> MendedStroke:
+    def from_ink(cls, line: Followed, closed: bool) -> MendedStroke:
         """A stroke of a path that was moved onto the ink; edited where there was none."""
         confirmed = line.is_confirmed
         sigma = np.where(confirmed, line.sigma, HAND_SIGMA_PX)
@@ -90,7 +90,7 @@ class MendedStroke(Stroke):
         inside = (share >= start - 1e-9) & (share <= stop + 1e-9)
         return replace(self, viewed=self.viewed | inside)
 
-    def move_knot(self, knot: int, to: NDArray, ink: Ink | None) -> MendedStroke:
+    def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
         before, moved, after = self._around(knot)
         # One run of indices, which on a closed stroke may lead through its seam.
@@ -121,7 +121,7 @@ class MendedStroke(Stroke):
             )
         return replace(self, knots=np.sort(np.append(self.knots, nearest)))
 
-    def delete_knot(self, knot: int, ink: Ink | None) -> MendedStroke:
+    def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
         needed = 2
@@ -186,7 +186,7 @@ class MendedStroke(Stroke):
         knots = len(self.points) - 1 - self.knots[::-1]
         return self._selected(order, knots)
 
-    def redraw(self, drawn: NDArray, ink: Ink | None) -> MendedStroke:
+    def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Put a drawn stretch in place of the part between its ends, or carry an end on.
 
         `drawn` is a (M, 2) path of which at least one end lies within `JOIN_PX` of the stroke.
@@ -216,7 +216,7 @@ class MendedStroke(Stroke):
         stretch = np.vstack([drawn[:0:-1], self.points[first]])
         return self._with_stretch(0, first, stretch, ink, free_start=True)
 
-    def join(self, other: MendedStroke, ink: Ink | None) -> MendedStroke:
+    def join(self, other: MendedStroke, ink: SliceInk | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
         pairs = []
         for end in (0, -1):
@@ -253,7 +253,7 @@ class MendedStroke(Stroke):
         drawn = whole.points[last : last + count + 2]
         return whole._with_stretch(last, last + count + 1, drawn, ink)
 
-    def measured_in(self, box: tuple[int, int, int, int], ink: Ink) -> MendedStroke:
+    def measured_in(self, box: tuple[int, int, int, int], ink: SliceInk) -> MendedStroke:
         """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
         low = np.array(box[:2]) - 0.5
         high = low + box[2:]
@@ -282,7 +282,7 @@ class MendedStroke(Stroke):
         return replace(self, **values, knots=knots)
 
     def _redraw_closed(
-        self, first: int, last: int, drawn: NDArray, ink: Ink | None
+        self, first: int, last: int, drawn: NDArray, ink: SliceInk | None
     ) -> MendedStroke:
         """Of the two parts between the drawn stretch's ends the one nearer to it is replaced."""
         middle = drawn[len(drawn) // 2]
@@ -320,7 +320,7 @@ class MendedStroke(Stroke):
         first: int,
         last: int,
         drawn: NDArray,
-        ink: Ink | None,
+        ink: SliceInk | None,
         *,
         knot_at: NDArray | None = None,
         free_start: bool = False,

@@ -23,7 +23,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
     from vfplan.markers.slicer import lps_points, markups_of
-    from vfplan.vectors.read import FINE_M, MAX_BYTES, VectorCurve
+    from vfplan.vectors.read import FINE_M, MAX_BYTES, VectorDrawing
 
     rings = []
     digest = hashlib.sha256()
@@ -58,7 +58,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
                     where=where,
                     code="outline-empty",
                 )
-            rings.append(VectorCurve(points, True, True, "").stroke(FINE_M).points)
+            rings.append(VectorDrawing(points, True, True, "").stroke(FINE_M).points)
     return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
 
 

@@ -10,6 +10,6 @@ table         a CSV of its points
 
 from __future__ import annotations
 
-from vfplan.vectors.read import SUFFIXES, VectorCurve, onto_slice, read_vector_curve
+from vfplan.vectors.read import SUFFIXES, VectorDrawing, onto_slice, read_vector_curve
 
-__all__ = ["SUFFIXES", "VectorCurve", "onto_slice", "read_vector_curve"]
+__all__ = ["SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]

@@ -27,7 +27,7 @@ POINTS_AT_ONCE = 2**16
 
 
 @dataclass(frozen=True, eq=False)
-class VectorCurve:
+class VectorDrawing:
     """A curve as a drawing program left it.
 
     Parameters
@@ -141,7 +141,7 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
     return points
 
 
-def meeting_warnings(curve: VectorCurve, where: str) -> list[str]:
+def meeting_warnings(curve: VectorDrawing, where: str) -> list[str]:
     """A warning where a curve crosses, touches or doubles itself."""
     if curve.points.shape[1] == 2:
         unit = "px"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from vfplan.dicom.graphics import Annotation, read_annotations
 from vfplan.errors import CurveError
 from vfplan.images.read import PlannedImage
-from vfplan.vectors.curve import VectorCurve, distinct_points, without_repeated_end
+from vfplan.vectors.curve import VectorDrawing, distinct_points, without_repeated_end
 
 
 def read_presentation(
@@ -53,12 +53,12 @@ def read_presentation(
     return lines[chosen], (f"{where}: of {count} {names[chosen]} is taken{not_read}",)
 
 
-def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorCurve:
+def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
     """A line of a DICOM presentation state."""
     drawn, warnings = read_presentation(data, number, where)
     points, closed = without_repeated_end(drawn.points)
     points = distinct_points(points, closed, where)
-    curve = VectorCurve(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
+    curve = VectorDrawing(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
     if not curve.smooth:
         return curve
     warning = (

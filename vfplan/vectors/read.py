@@ -18,7 +18,7 @@ from vfplan.io.files import read_whole
 from vfplan.vectors import imagej
 from vfplan.vectors.curve import (
     FINE_M,
-    VectorCurve,
+    VectorDrawing,
     distinct_points,
     meeting_warnings,
 )
@@ -37,7 +37,7 @@ def read_vector_curve(
     path: str | Path,
     origin: imagej.PixelOrigin | None = None,
     number: int | str | None = None,
-) -> VectorCurve:
+) -> VectorDrawing:
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
     A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
@@ -96,7 +96,7 @@ def read_vector_curve(
     return replace(curve, sha256=hashlib.sha256(data).hexdigest(), warnings=warnings)
 
 
-def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:
+def onto_slice(curve: VectorDrawing, T_patient_image: NDArray | None, where: str) -> VectorDrawing:
     """The curve in the pixels of a slice whose place in the patient is known.
 
     Raises `CurveError` when the place is not known, or the curve does not lie in the slice's plane.
@@ -128,11 +128,11 @@ def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) 
 
 def _read_file(
     data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str
-) -> VectorCurve:
+) -> VectorDrawing:
     """A curve of any other file, by how its name ends."""
     if suffix == ".roi" or imagej.is_roi(data):
         points, closed, warnings = imagej.read_roi(data, origin, where)
-        return VectorCurve(distinct_points(points, closed, where), closed, False, "", warnings)
+        return VectorDrawing(distinct_points(points, closed, where), closed, False, "", warnings)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -150,4 +150,4 @@ def _read_file(
     return read_table(text, origin, where)
 
 
-__all__ = ["FINE_M", "SUFFIXES", "VectorCurve", "onto_slice", "read_vector_curve"]
+__all__ = ["FINE_M", "SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from vfplan.errors import CurveError
 from vfplan.markers.slicer import fcsv_points, lps_points, markups_of
-from vfplan.vectors.curve import VectorCurve, distinct_points, without_repeated_end
+from vfplan.vectors.curve import VectorDrawing, distinct_points, without_repeated_end
 
 SPLINE_WARNING_M = 1e-4
 """Metres from straight lines at which a spline is warned of, where a file names neither."""
@@ -16,7 +16,7 @@ SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 """Slicer's names of curves, and whether they are closed."""
 
 
-def read_markups(text: str, where: str) -> VectorCurve:
+def read_markups(text: str, where: str) -> VectorDrawing:
     """The one curve of a Slicer `.mrk.json`."""
     markups = markups_of(text, where)
     curves = []
@@ -34,16 +34,16 @@ def read_markups(text: str, where: str) -> VectorCurve:
             numbers={"curves": len(curves)},
         )
     closed = SLICER_CURVES[curves[0]["type"]]
-    return VectorCurve(
+    return VectorDrawing(
         distinct_points(lps_points(curves[0], where), closed, where), closed, True, ""
     )
 
 
-def read_control_points(text: str, where: str) -> VectorCurve:
+def read_control_points(text: str, where: str) -> VectorDrawing:
     """A Slicer `.fcsv`, which says no more of its points than their order."""
     control_points = np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3)
     points, closed = without_repeated_end(control_points)
-    curve = VectorCurve(distinct_points(points, closed, where), closed, True, "")
+    curve = VectorDrawing(distinct_points(points, closed, where), closed, True, "")
     distance = curve.distance_from_straight()
     if distance <= SPLINE_WARNING_M:
         return curve

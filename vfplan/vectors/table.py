@@ -5,10 +5,10 @@ from __future__ import annotations
 from vfplan.errors import CurveError, MarkerError
 from vfplan.io.table import split_rows
 from vfplan.vectors import imagej
-from vfplan.vectors.curve import VectorCurve, distinct_points, without_repeated_end
+from vfplan.vectors.curve import VectorDrawing, distinct_points, without_repeated_end
 
 
-def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
+def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorDrawing:
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
     rows = [row for _, row in split_rows(text, where, MarkerError)]
     header = []
@@ -27,4 +27,4 @@ def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> Vect
             code="table-header",
         )
     points, closed = without_repeated_end(points)
-    return VectorCurve(distinct_points(points, closed, where), closed, False, "")
+    return VectorDrawing(distinct_points(points, closed, where), closed, False, "")
