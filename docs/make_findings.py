@@ -5,7 +5,8 @@
 
 The codes and their sentences are read from the syntax trees of vfplan and cli, so that the page
 cannot fall behind. What to do about each finding and each refused slice stands in
-docs/findings.toml. A value that a sentence fills in at run time is shown as `…`.
+docs/findings.toml, and also what is seen where the program puts a sentence together. A value that
+a sentence fills in at run time is shown as `…`.
 """
 
 from __future__ import annotations
@@ -206,13 +207,11 @@ def page() -> str:
     text += "Exit code 3. [A slice was refused](howto/refused.md) goes through the usual ones.\n\n"
     text += advised_table(refused, advice, with_kind=False)
     replayed = [e for e in entries if e.kind == "replay"]
-    text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n" + plain_table(
-        replayed
-    )
+    text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n"
+    text += plain_table(replayed, advice)
     validated = [e for e in entries if e.kind == "validate"]
-    text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n" + plain_table(
-        validated
-    )
+    text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n"
+    text += plain_table(validated, advice)
     text += "\n## Other errors\n"
     for error in error_classes():
         rows = [e for e in entries if e.kind == error.__name__]
@@ -220,7 +219,7 @@ def page() -> str:
             text += (
                 f"\n### {error.__name__}\n\n{summary_of(error)} Exit code {error.exit_code}.\n\n"
             )
-            text += plain_table(rows)
+            text += plain_table(rows, advice)
     text += "\n## Errors without a code of their own\n\n"
     text += "These carry the code of their class. The sentence says what to do.\n\n"
     text += "| code | class | exit code | meaning |\n|---|---|---|---|\n"
@@ -276,11 +275,12 @@ def advised_table(entries: list[Entry], advice: dict, with_kind: bool) -> str:
     return text
 
 
-def plain_table(entries: list[Entry]) -> str:
+def plain_table(entries: list[Entry], advice: dict) -> str:
     """A table of codes and their sentences."""
     text = "| code | what you see |\n|---|---|\n"
     for entry in one_of_each_code(entries):
-        text += f"| `{entry.code}` | {cell(entry.sentence)} |\n"
+        words = advice.get(entry.code, {})
+        text += f"| `{entry.code}` | {cell(words.get('sees', entry.sentence))} |\n"
     return text
 
 
