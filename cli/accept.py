@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import click
+from vfplan.cli.following import sign_command
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -47,5 +48,5 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     }
     return CommandResult(
         data, f"wrote {output}", warnings=warnings, findings=accepted.findings,
-        verdict=f"accepted by {by}", next_step=f"vfplan sign {output} --key KEY -o SIGNED.h5",
+        verdict=f"accepted by {by}", next_step=sign_command(output),
     )  # fmt: skip

@@ -30,6 +30,6 @@ def command(folder) -> CommandResult:
         {"folder": str(folder), "files": count},
         f"wrote {count} files into {folder}",
         verdict="the kit is complete",
-        next_step=f"python -m vfplan.conformance --kit {shlex.quote(str(folder))} CMD, which runs "
-        "your reader CMD on each file",
+        next_step="run your reader CMD on each file: python -m vfplan.conformance --kit "
+        f"{shlex.quote(str(folder))} CMD",
     )

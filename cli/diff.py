@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -64,9 +65,11 @@ def command(a, b, session) -> CommandResult:
         next_step = "give a session that touches the fixtures"
     elif failed:
         verdict = "fail"
-        next_step = f"vfplan info --all {a}, and {b}, show all their values"
+        next_step = "; ".join(shlex.join(["vfplan", "info", "--all", str(path)]) for path in (a, b))
         if session is not None:
-            next_step = f"vfplan replay {a} {session}, and {b}, show what each renders"
+            command_a = shlex.join(["vfplan", "replay", str(a), str(session)])
+            command_b = shlex.join(["vfplan", "replay", str(b), str(session)])
+            next_step = f"{command_a}; {command_b}"
     return CommandResult(
         data, "\n".join(lines), failed=", ".join(failed), verdict=verdict, next_step=next_step
     )

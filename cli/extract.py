@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import shlex
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.following import page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     option,
@@ -66,7 +65,7 @@ def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
     from vfplan.planning import ExtractSettings, extract
 
     settings = settings_from_options(ExtractSettings, arguments)
-    page = review_command(image, output=output)
+    page = page_command(image, output=output)
     with (
         announce_if_slow(f"extracting the curve of {image.name}"),
         pointing_to_page(page),
@@ -77,15 +76,15 @@ def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     text = f"{extracted_text(extracted.report)}\nwrote {output}"
-    words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
+    slice_path = None
     if extracted.image is not None:
-        words += ["--image", str(image)]
+        slice_path = image
     return CommandResult(
         extracted.report,
         text,
         findings=extracted.findings,
         verdict=findings_verdict("extracted", extracted.fixture),
-        next_step=shlex.join(words),
+        next_step=register_command(output, slice_path),
     )
 
 
@@ -141,41 +140,6 @@ def pointing_to_page(page: str) -> Iterator[None]:
             sentence = error.message.rstrip(".")
             error.message = f"{sentence}. To mend it on a page: {page}"
         raise
-
-
-def review_command(*files: Path | None, output: Path) -> str:
-    """The command that opens the review page of a slice and its markers, with the same options."""
-    words = ["vfplan", "review"]
-    for file in files:
-        if file is not None:
-            words.append(str(file))
-    return shlex.join([*words, *typed_review_options(), "-o", str(output)])
-
-
-def typed_review_options() -> list[str]:
-    """The options that were typed and that `vfplan review` has too, with their values.
-
-    --json is left out: a person at the page reads text.
-    """
-    from vfplan.cli.review import command as review
-
-    takes_value = {}
-    for parameter in review.params:
-        if parameter.name == "as_json" or parameter.name.endswith(("_out", "output")):
-            continue
-        if isinstance(parameter, click.Option):
-            for name in parameter.opts:
-                takes_value[name] = not parameter.is_flag
-    words = []
-    typed = iter(sys.argv[2:])
-    for word in typed:
-        name, has_value, _ = word.partition("=")
-        if name not in takes_value:
-            continue
-        words.append(word)
-        if takes_value[name] and not has_value:
-            words.append(next(typed, ""))
-    return words
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import click
+from vfplan.cli.following import review_command
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -99,7 +100,7 @@ def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
     return CommandResult(
         data, text, warnings=import_warnings(fixture, opening_m), findings=findings,
         verdict=f"imported, {certified}",
-        next_step=f"vfplan review {output} -o APPROVED.h5, to look at it",
+        next_step=review_command(output, None),
     )  # fmt: skip
 
 

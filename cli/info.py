@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
+from vfplan.cli.following import review_command, sign_command
 from vfplan.cli.options import FIXTURE, option
 from vfplan.cli.run import CommandResult, command
 from vfplan.cli.units import millimetres
@@ -30,15 +32,15 @@ def command(fixture, everything, values) -> CommandResult:
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
         verdict = "sound, not signed"
-        slice_option = ""
+        image = None
         if any(path.startswith("/image@") for path in data):
-            slice_option = "--slice IMAGE "
-        next_step = f"vfplan review {fixture} {slice_option}-o APPROVED.h5, then sign it"
+            image = "IMAGE"
+        next_step = review_command(fixture, image)
         if data["reviewed"] is not None:
-            next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5"
+            next_step = sign_command(fixture)
         if data["seal"]["signed"]:
             verdict = "sound, signed"
-            next_step = f"vfplan verify {fixture} --keys KEYS.pub"
+            next_step = shlex.join(["vfplan", "verify", str(fixture), "--keys", "KEYS.pub"])
     return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from vfplan.cli.options import output_option
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command
@@ -24,5 +26,5 @@ def command(output) -> CommandResult:
         f"wrote {output} and {public}",
         verdict=f"made key {key_id}",
         next_step=f"keep {output} secret, give {public} to the robots, and sign: vfplan sign "
-        f"FIXTURE.h5 --key {output} -o SIGNED.h5",
+        f"FIXTURE.h5 --key {shlex.quote(str(output))} -o SIGNED.h5",
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import click
+from vfplan.cli.following import review_command
 from vfplan.cli.options import output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -24,9 +25,12 @@ def command(old, output) -> CommandResult:
         content = migrate(old, path)
     line = content["/provenance/history"][-1]
     version = content["/@version"]
+    image = None
+    if any(path.startswith("/image@") for path in content):
+        image = "IMAGE"
     return CommandResult(
         {"output": str(output), "version": version, "history": line},
         f"{line}\nwrote {output}",
         verdict=f"migrated to version {version}; not reviewed and not signed",
-        next_step=f"vfplan review {output} -o APPROVED.h5",
+        next_step=review_command(output, image),
     )

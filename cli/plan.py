@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,9 @@ from vfplan.cli.extract import (
     extracted_text,
     findings_verdict,
     pointing_to_page,
-    review_command,
     write_pictures,
 )  # fmt: skip
+from vfplan.cli.following import page_command, review_command
 from vfplan.cli.options import option, options_in_order, output_option, settings_from_options
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
@@ -76,7 +75,7 @@ def command(
     extraction = settings_from_options(ExtractSettings, arguments)
     settings = options.fixture_settings(arguments)
     robot = read_robot(arguments["robot"])
-    page = review_command(image, markers, markers2, output=output)
+    page = page_command(image, markers, markers2, output=output)
     with (
         announce_if_slow(f"planning on {image.name}"),
         pointing_to_page(page),
@@ -126,8 +125,7 @@ def command(
 
     # The last lines: how it ended, and what to do.
     verdict = findings_verdict("planned", planned.fixture)
-    words = ["vfplan", "review", str(output), "--slice", str(image)]
-    next_step = shlex.join([*words, "-o", str(output.with_name(f"{output.stem}-approved.h5"))])
+    next_step = review_command(output, image)
     wrote = f"wrote {output}"
     if sheet_path is not None:
         wrote += f" and {sheet_path}, its review sheet"

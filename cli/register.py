@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 from typing import Any
 
 import click
 from vfplan.cli import options
 from vfplan.cli.extract import findings_verdict
+from vfplan.cli.following import register_command, review_command
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, is_verbose
@@ -69,20 +69,18 @@ def command(
         write_registration_picture(planned, drawn, slice_image, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
     if planned.fixture.frame == "robot_base":
-        words = ["vfplan", "review", str(output)]
-        if image is not None:
-            words += ["--slice", str(image)]
-        elif planned.fixture.image is not None:
-            words += ["--slice", "IMAGE"]
-        words += ["-o", str(output.with_name(f"{output.stem}-approved.h5"))]
+        slice_path = image
+        if image is None and planned.fixture.image is not None:
+            slice_path = "IMAGE"
+        next_step = review_command(output, slice_path)
     else:
-        words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
+        next_step = register_command(output)
     return CommandResult(
         planned.report,
         text,
         findings=planned.findings,
         verdict=findings_verdict("registered", planned.fixture),
-        next_step=shlex.join(words),
+        next_step=next_step,
     )
 
 

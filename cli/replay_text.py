@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 from vfplan.cli.run import is_verbose
@@ -232,7 +233,7 @@ def next_step(report: dict[str, Any], fixture: str, robot: str) -> str:
         return "give limits to hold it against: --robot NAME, or --at-most force_max_n=NUMBER"
     if report["verdict"] == "fail":
         return "look at the failed limits: --report DIR draws the session tick by tick"
-    return f"vfplan stability {fixture} --robot {robot}, which judges the stiffness"
+    return shlex.join(["vfplan", "stability", fixture, "--robot", robot])
 
 
 def check_text(check: dict[str, Any]) -> str:

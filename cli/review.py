@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import tempfile
 import time
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from vfplan.cli import options
+from vfplan.cli.following import page_command, sign_command
 from vfplan.cli.options import option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line
 from vfplan.cli.stopping import noted_signals
 from vfplan.cli.values import FILE, HDF5, PNG, WholeNumber
 
@@ -140,13 +142,16 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
             data["draft"] = str(draft.path)
         return CommandResult(
             data, failed="left without approval; nothing is written", verdict="not approved",
-            next_step="The same command continues the review where it was left.",
+            next_step=f"continue where it was left: {command_line()}",
             findings=session.findings,
         )  # fmt: skip
     data["output"] = str(output)
+    next_step = sign_command(output)
+    if arguments["key"] is not None:
+        next_step = shlex.join(["vfplan", "replay", str(output), "SESSION", "--report", "DIR"])
     return CommandResult(
         data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
-        next_step=f"vfplan replay {output} SESSION --report DIR",
+        next_step=next_step,
     )  # fmt: skip
 
 
@@ -176,10 +181,12 @@ def draw_sheet(files: ReviewFiles, sheet_out: Path, arguments: dict[str, Any]) -
         with outputs(sheet_out) as (path,):
             write_sheet(content, path)
     data = {"digest": content.digest, "sheet": str(sheet_out)}
+    approved = sheet_out.with_name(f"{files.source.stem}-approved.h5")
+    page = page_command(files.source, files.markers, files.markers2, output=approved)
     return CommandResult(
         data, f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
         verdict=content.verdict,
-        next_step=f"Look at {sheet_out}. Then approve: vfplan review, or vfplan accept.",
+        next_step=f"look at {sheet_out}, then {page}",
     )  # fmt: skip
 
 

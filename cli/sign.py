@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
@@ -44,5 +45,5 @@ def command(fixture, output, key, **arguments) -> CommandResult:
         data,
         f"wrote {output}",
         verdict=f"signed with key {seal.key_id.hex()}",
-        next_step=f"vfplan verify {output} --keys {public}, then load it on the robot",
+        next_step=shlex.join(["vfplan", "verify", str(output), "--keys", str(public)]),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.following import review_command, sign_command
 from vfplan.cli.options import OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, is_verbose, progress
@@ -111,17 +113,15 @@ def command(
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
         verdict = f"pass: {subject} is stable with this robot"
-        next_step = (
-            f"vfplan plan IMAGE MARKERS --robot {robot or 'NAME'}, which judges a plan in the "
-            "same way"
-        )
+        robot_words = shlex.join(["--robot", robot or "NAME"])
+        next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
         if judged is not None and judged.reviewed is None:
-            slice_option = ""
+            image = None
             if judged.image is not None:
-                slice_option = "--slice IMAGE "
-            next_step = f"vfplan review {fixture} {slice_option}-o APPROVED.h5, then sign it"
+                image = "IMAGE"
+            next_step = review_command(fixture, image)
         elif judged is not None:
-            next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5, then load it on the robot"
+            next_step = sign_command(fixture)
     if not studied.rows:
         failed.append("not tested: no case ran")
         verdict = "not-tested: no case ran"

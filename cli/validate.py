@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from dataclasses import asdict
 
@@ -33,7 +34,7 @@ def command(fixture) -> CommandResult:
         lines.append(f"{fixture} is valid: {summary}")
         return CommandResult(
             data, "\n".join(lines), verdict="valid",
-            next_step=f"vfplan review {fixture} -o APPROVED.h5 shows what it holds",
+            next_step=shlex.join(["vfplan", "info", str(fixture)]),
         )  # fmt: skip
     failed = f"{fixture} is NOT valid: {summary}"
     lines.append(failed)

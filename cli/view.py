@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 import click
@@ -55,7 +56,7 @@ def command(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     data: dict[str, Any] = {"points": len(planned.points), "files": []}
     if ticks is not None:
         data["ticks"] = len(ticks)
-    next_step = f"vfplan replay {fixture} SESSION, which renders a session against it"
+    next_step = shlex.join(["vfplan", "replay", str(fixture), "SESSION"])
     if screenshot is None:
         view3d.show(planned, ticks, image)
         return CommandResult(data, verdict="seen and closed", next_step=next_step)

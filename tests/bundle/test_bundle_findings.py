@@ -127,7 +127,9 @@ def test_what_is_open_or_not_reviewed_is_signed_only_when_told(
         sign(tmp_path / "a.h5", tmp_path / "s.h5", key)
     assert raised.value.code == code
     assert raised.value.numbers.get("codes") == open_codes
-    assert f"vfplan review {tmp_path / 'a.h5'} --slice IMAGE -o APPROVED.h5" in raised.value.message
+    approved = tmp_path / "a-approved.h5"
+    page = f"vfplan review {tmp_path / 'a.h5'} --slice IMAGE -o {approved}"
+    assert page in raised.value.message
     assert not (tmp_path / "s.h5").exists()
     assert sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=True).despite_findings
     assert describe(tmp_path / "s.h5")["seal"]["despite_findings"]

@@ -54,7 +54,7 @@ def test_the_next_step_shows_the_slice_that_a_bundle_came_from(vfplan_cli, from_
     vfplan.write_fixture(fixture, tmp_path / "b.h5")
     run = vfplan_cli("info", tmp_path / "b.h5")
     assert ("--slice IMAGE" in run.stdout) == from_slice
-    assert " -o APPROVED.h5" in run.stdout
+    assert "-approved.h5" in run.stdout
 
 
 def test_the_page_is_a_summary_and_all_has_every_value(vfplan_cli, path):

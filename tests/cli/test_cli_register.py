@@ -329,7 +329,8 @@ def test_the_report_ends_with_a_verdict_and_the_next_step(vfplan_cli, tmp_path):
     curve, fixture = tmp_path / "curve.h5", tmp_path / "fixture.h5"
     run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", "0.5", "--json")
     assert run.json["verdict"] == "extracted; no finding wants an answer"
-    assert run.json["next"].startswith(f"vfplan register {curve} MARKERS -o FIXTURE.h5 --image ")
+    carried = tmp_path / "curve-fixture.h5"
+    assert run.json["next"] == f"vfplan register {curve} MARKERS --image {IMAGE} -o {carried}"
     run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", fixture, "--image", IMAGE)
     verdict, following = run.stdout.strip().splitlines()[-2:]
     assert verdict == "verdict: registered; no finding wants an answer"

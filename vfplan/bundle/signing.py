@@ -96,7 +96,8 @@ def check_is_approved(fixture: Fixture, where: str) -> None:
     slice_option = ""
     if fixture.image is not None:
         slice_option = "--slice IMAGE "
-    page = f"vfplan review {shlex.quote(where)} {slice_option}-o APPROVED.h5"
+    approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
+    page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
     how = f"{page}. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import time
 from typing import Any
 
@@ -10,7 +11,7 @@ import click
 
 from vfplan.cli.options import FIXTURE, OVERWRITE, option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, is_verbose, progress
+from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress
 from vfplan.cli.values import FILE, MM_OR_ZERO, PNG, DecimalNumber, Numbers, WholeNumber
 from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
@@ -124,12 +125,13 @@ def command(
         f"the tool goes more than {entry['beyond_mm']:g} mm beyond the true curve with "
         f"p = {entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
     )
-    next_step = "more --trials bound the margin from above; the same folder continues"
+    next_step = f"more trials bound the margin from above: {command_line()} --trials {4 * trials}"
     for margin in data.get("margin_for", ()):
         if margin["high"] is not None:
+            words = ["--margin", f"p={margin['p']:g}", "--campaign", str(folder)]
             next_step = (
-                f"vfplan plan --margin p={margin['p']:g} --campaign {folder}, which adds up to "
-                f"{margin['high']:.3f} mm"
+                f"add a margin of up to {margin['high']:.3f} mm: vfplan plan IMAGE MARKERS "
+                f"{shlex.join(words)}"
             )
     return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
 

@@ -91,7 +91,10 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
     text += f"\nwrote {mcap}"
     if writer.full:
         failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
-        return CommandResult(data, text, 2, warnings, failed)
+        return CommandResult(
+            data, text, 2, warnings, failed, verdict="shown, and recorded in part",
+            next_step="free some space, and record again into another file",
+        )  # fmt: skip
     return CommandResult(
         data, text, warnings=warnings, verdict="shown and recorded to the end",
         next_step=f"open {mcap} in Foxglove or another reader of MCAP",

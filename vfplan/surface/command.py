@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from vfplan.cli.following import register_command
 from vfplan.cli.options import (
     COLOUR,
     STIFFNESS,
@@ -70,7 +71,7 @@ def command(sources, output, picture_out, **options) -> CommandResult:
         f"{surface_text(result.report)}\nwrote {output}",
         findings=result.findings,
         verdict=verdict,
-        next_step=f"vfplan register {output} MARKERS --model rigid -o FIXTURE.h5",
+        next_step=f"{register_command(output)} --model rigid",
     )
 
 

@@ -1,0 +1,77 @@
+"""The command that follows another one, to be pasted as it stands.
+
+In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+
+def file_beside(path: Path, ending: str) -> str:
+    """The name of a bundle beside another one: elbow.h5 and "signed" give elbow-signed.h5."""
+    return str(path.with_name(f"{path.stem}-{ending}.h5"))
+
+
+def register_command(curve: Path, image: Path | None = None) -> str:
+    """The command that carries a curve over by markers; `image`: the slice it was drawn on."""
+    words = ["vfplan", "register", str(curve), "MARKERS"]
+    if image is not None:
+        words += ["--image", str(image)]
+    return shlex.join([*words, "-o", file_beside(curve, "fixture")])
+
+
+def review_command(fixture: Path, image: Path | str | None) -> str:
+    """The command that shows a fixture to a person.
+
+    image: the slice that it was drawn on, or "IMAGE" where only the person knows it; `None`: none
+    """
+    words = ["vfplan", "review", str(fixture)]
+    if image is not None:
+        words += ["--slice", str(image)]
+    return shlex.join([*words, "-o", file_beside(fixture, "approved")])
+
+
+def sign_command(fixture: Path) -> str:
+    """The command that signs a fixture which a person approved."""
+    words = ["vfplan", "sign", str(fixture), "--key", "KEY"]
+    return shlex.join([*words, "-o", file_beside(fixture, "signed")])
+
+
+def page_command(*files: Path | None, output: Path) -> str:
+    """The command that opens the review page of a slice and its markers, with the same options."""
+    words = ["vfplan", "review"]
+    for file in files:
+        if file is not None:
+            words.append(str(file))
+    return shlex.join([*words, *typed_review_options(), "-o", str(output)])
+
+
+def typed_review_options() -> list[str]:
+    """The options that were typed and that `vfplan review` has too, with their values.
+
+    --json is left out: a person at the page reads text.
+    """
+    from vfplan.cli.review import command as review
+
+    takes_value = {}
+    for parameter in review.params:
+        if parameter.name == "as_json" or parameter.name.endswith(("_out", "output")):
+            continue
+        if isinstance(parameter, click.Option):
+            for name in parameter.opts:
+                takes_value[name] = not parameter.is_flag
+    words = []
+    typed = iter(sys.argv[2:])
+    for word in typed:
+        name, has_value, _ = word.partition("=")
+        if name not in takes_value:
+            continue
+        words.append(word)
+        if takes_value[name] and not has_value:
+            words.append(next(typed, ""))
+    return words
