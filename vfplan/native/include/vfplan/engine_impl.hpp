@@ -32,10 +32,12 @@ class RuleInSpace : public EngineImpl {
   public:
     static constexpr int D = Space::dimension;
 
-    RuleInSpace(Space space, RuleOf rule, const Parameters& p)
+    /// `of_rule`: what the rule is made of. It is made in its place, for it is large.
+    template <class... OfRule>
+    RuleInSpace(Space space, const Parameters& p, OfRule&&... of_rule)
         : EngineImpl(std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]}), p.R(), p.band),
           space_(space),
-          rule_(std::move(rule)),
+          rule_(std::forward<OfRule>(of_rule)...),
           stiffness_{p.stiffness} {}
 
     void reset(const Vec3& hip) noexcept final {
@@ -97,10 +99,12 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     static constexpr int D = Space::dimension;
 
   public:
-    /// `all`: the points, where the rule has not all of them.
-    CloudEngine(Space space, RuleOf rule, const Parameters& p, const Kernels<D>& kernels,
-                std::unique_ptr<Grid<D>> all)
-        : RuleInSpace<Space, RuleOf>(space, std::move(rule), p),
+    /// `points`: those that the rule looks at, all or a thinned cloud. `all`: all of them, where
+    /// the rule has not.
+    template <class Points>
+    CloudEngine(Space space, const Parameters& p, const Points& points, const Kernels<D>& kernels,
+                std::unique_ptr<PointIndex<D>> all)
+        : RuleInSpace<Space, RuleOf>(space, p, points, p, kernels),
           kernels_(kernels),
           all_(std::move(all)) {}
 
@@ -119,11 +123,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     }
     std::size_t cells() noexcept override { return index().cells(); }
     double distance_within(const Vec3& x, double reach) noexcept override {
-        return distance_within(index(), this->space_.project(x), reach);
+        return vfplan::distance_within(index(), kernels_, this->space_.project(x), reach);
     }
     double distance(const Vec3& x) noexcept override {
-        const Vec<D> y = this->space_.project(x);
-        return all_ ? distance(*all_, y) : distance(index(), y);
+        return vfplan::distance(all_ ? *all_ : index(), kernels_, this->space_.project(x));
     }
 
   private:
@@ -131,23 +134,9 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
         requires(RuleOf& rule, const Vec<D>& p) { rule.point_changed(p, true); };
 
     PointIndex<D>& index() noexcept { return this->rule_.neighbours().index(); }
-    template <class Points>
-    double distance_within(Points& points, const Vec<D>& x, double reach) noexcept {
-        return std::sqrt(std::min(reach * reach, nearest2(points, kernels_, x, reach)));
-    }
-    /// Looks near by first, for that is where most places are asked about.
-    template <class Points>
-    double distance(Points& points, const Vec<D>& x) noexcept {
-        double reach = points.cell();
-        for (int i = 0; i < 3 && reach > 0; ++i, reach *= 2) {
-            const double d = distance_within(points, x, reach);
-            if (d < reach) return d;
-        }
-        return distance_within(points, x, std::numeric_limits<double>::infinity());
-    }
 
     Kernels<D> kernels_;
-    std::unique_ptr<Grid<D>> all_;
+    std::unique_ptr<PointIndex<D>> all_;
 };
 
 /// A rule among lines and arcs, or triangles.
@@ -166,16 +155,15 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
 
 template <class Space, int D>
 ImplPtr make_robust(Space space, const Thinned<D>& cloud, const Parameters& p,
-                    const Kernels<D>& loops, std::unique_ptr<Grid<D>> all) {
-    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(
-        space, RobustRule<D>(cloud, p, loops), p, loops, std::move(all));
+                    const Kernels<D>& loops, std::unique_ptr<PointIndex<D>> all) {
+    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, cloud, loops,
+                                                               std::move(all));
 }
 
 template <class Space, int D>
 ImplPtr make_paper(Space space, const Cloud<D>& cloud, const Parameters& p,
                    const Kernels<D>& loops) {
-    return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, PaperRule<D>(cloud, p, loops),
-                                                              p, loops, nullptr);
+    return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, loops, nullptr);
 }
 
 template <class Space>
@@ -187,9 +175,9 @@ ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Param
     const Kernels<D> loops = kernels<D>(width);
     if (p.rule == Rule::paper) return make_paper(space, cloud, p, loops);
     const Thinned<D> thinned_cloud = thinned(cloud, p);
-    std::unique_ptr<Grid<D>> all;
+    std::unique_ptr<PointIndex<D>> all;
     if (thinned_cloud.lent > 0)
-        all = std::make_unique<Grid<D>>(cloud, 2 * tuned::list_margin * p.R());
+        all = std::make_unique<PointIndex<D>>(cloud, 2 * tuned::list_margin * p.R(), Search::grid);
     return make_robust(space, thinned_cloud, p, loops, std::move(all));
 }
 
@@ -209,7 +197,7 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const Slice space(*p.ignore_axis);
     return std::make_unique<GeometryEngine<Slice, curve::CurveRule>>(
-        space, curve::CurveRule(curve::Curve(strokes, space, p.R()), p), p);
+        space, p, curve::Curve(strokes, space, p.R()), p);
 }
 
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
@@ -222,7 +210,7 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
     mesh::SmoothBody body(triangles, p.R());
     p.band += body.rise();
     return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(
-        Space{}, mesh::MeshRule(std::move(triangles), std::move(body), p), p);
+        Space{}, p, std::move(triangles), std::move(body), p);
 }
 
 /// The work of the worst tick that a search finds [s]. It tries many places of the geometry for a

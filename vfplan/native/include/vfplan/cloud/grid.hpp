@@ -435,6 +435,24 @@ double nearest2(Points& points, const Kernels<D>& kernels, const Vec<D>& x, doub
     return smallest;
 }
 
+/// Distance from x to the nearest point, or `reach` where that is less [m].
+template <int D>
+double distance_within(const PointIndex<D>& points, const Kernels<D>& kernels, const Vec<D>& x,
+                       double reach) noexcept {
+    return std::sqrt(std::min(reach * reach, nearest2(points, kernels, x, reach)));
+}
+/// Distance from x to the nearest point [m]. Looks near by first, for that is where most places are
+/// asked about.
+template <int D>
+double distance(const PointIndex<D>& points, const Kernels<D>& kernels, const Vec<D>& x) noexcept {
+    double reach = points.cell();
+    for (int i = 0; i < 3 && reach > 0; ++i, reach *= 2) {
+        const double d = distance_within(points, kernels, x, reach);
+        if (d < reach) return d;
+    }
+    return distance_within(points, kernels, x, std::numeric_limits<double>::infinity());
+}
+
 /// Calls f(proxy - point) for every point within `reach` of x, in the order of the spans.
 template <class Points, int D, class F>
 void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach,

@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The loops over points, eight at a time. Included by lanes.hpp once for each width; VFPLAN_LANES
+// The loops over points, eight at a time. Included by kernels.hpp once for each width; VFPLAN_LANES
 // says how wide the registers are, in float64.
 
 // Eight float64 and what is done with them, in registers of VFPLAN_LANES float64 each.
@@ -15,7 +15,8 @@ struct Float8 {
     Native v[parts];
 };
 
-#define VFPLAN_EACH for (int i = 0; i < parts; ++i)
+// Unrolled, or at -O2 the parts would lie in memory and not in registers.
+#define VFPLAN_EACH _Pragma("GCC unroll 4") for (int i = 0; i < parts; ++i)
 #define VFPLAN_ARITHMETIC(op)                       \
     VFPLAN_INLINE Float8 operator op(Float8 a, Float8 b) { \
         VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];      \

@@ -672,7 +672,7 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     }
 
     CurveRule(Curve curve, const Parameters& p)
-        : GuardedRule(CurveMotion(std::move(curve), p), p.R(), p.band) {}
+        : GuardedRule(p.R(), p.band, std::move(curve), p) {}
 
     std::size_t bytes() const noexcept {
         return motion().curve().bytes() + motion().query().bytes();

@@ -257,8 +257,7 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     }
 
     MeshRule(Mesh mesh, SmoothBody body, const Parameters& p)
-        : GuardedRule(MeshMotion(std::move(mesh), body, p), p.R() - body.rise(),
-                      p.band - body.rise()) {}
+        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), std::move(mesh), body, p) {}
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }

@@ -443,7 +443,7 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
 
   public:
     RobustRule(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
-        : Guarded(RobustMotion<D>(thinned, p, kernels), p.R(), p.band) {}
+        : Guarded(p.R(), p.band, thinned, p, kernels) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
     /// Time that the work of all ticks so far takes [s], on the machine of docs/engine.md.

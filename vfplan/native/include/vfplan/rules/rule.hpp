@@ -160,8 +160,13 @@ class GuardedRule {
     static constexpr int dimension = M::dimension;
     static constexpr int D = dimension;
 
-    GuardedRule(M motion, double radius, double band)
-        : motion_(std::move(motion)), stall_(band), start_inside_(radius), path_(radius) {}
+    /// `of_motion`: what the motion is made of.
+    template <class... OfMotion>
+    GuardedRule(double radius, double band, OfMotion&&... of_motion)
+        : motion_(std::forward<OfMotion>(of_motion)...),
+          stall_(band),
+          start_inside_(radius),
+          path_(radius) {}
 
     void reset() noexcept {
         motion_.reset();
