@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.ambiguity import (
     lasting_change,
@@ -19,6 +20,7 @@ from vfplan.curve.ambiguity import (
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
+from vfplan.geometry import filters
 from vfplan.geometry.polyline import normals
 
 NAMED = 3
@@ -86,19 +88,18 @@ class Leftover:
 def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
     import cv2
-    from scipy.spatial import cKDTree
 
     pixels = cv2.findNonZero(ink.mask.view(np.uint8)).reshape(-1, 2).astype(np.int64)
     edge_distance = np.full(len(pixels), np.inf)
     end_distance = np.full(len(pixels), np.inf)
     mirrored = np.zeros(len(pixels), bool)
     for curve in curves:
-        to_curve, nearest = cKDTree(curve.points).query(pixels)
+        to_curve, nearest = _core.nearest(curve.points, pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
         close = np.flatnonzero(to_curve <= tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX)
         mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[close])
         if not curve.closed:
-            to_end, _ = cKDTree(curve.points[[0, -1]]).query(pixels)
+            to_end, _ = _core.nearest(curve.points[[0, -1]], pixels)
             end_distance = np.minimum(end_distance, to_end)
     left = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance, end_distance = pixels[left], edge_distance[left], end_distance[left]
@@ -267,8 +268,6 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
 
 def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
     """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
-    from scipy.ndimage import maximum_filter1d
-
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
     at = np.arange(len(expected))
@@ -279,18 +278,16 @@ def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
         fall = distance < end.fall + curve.width
         if turn[fall].max() < tuned.MAX_TURN_DEG:  # A letter turns off, a drawn out pen goes on.
             expected |= fall
-    return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)
+    return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
 
 
 def _is_dot(curve: MeasuredStroke, change: NDArray) -> NDArray[np.bool_]:
     """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
-    from scipy.ndimage import binary_dilation
-
     dot = np.zeros(len(change), bool)
     for run in runs(relative_width(curve) > tuned.WIDE, curve.closed):
         if len(run) <= tuned.DOT_WIDTHS * curve.width:
             dot[run] = True
-    dot = binary_dilation(dot, iterations=tuned.SUDDEN_PX)
+    dot = filters.windows(dot, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
     return dot & (one_sided(curve) < tuned.ONE_SIDED * change)
 
 

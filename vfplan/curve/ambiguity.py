@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.errors import CurveError
+from vfplan.geometry import filters
 
 
 def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
@@ -17,8 +19,6 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
     The lesser of two ratios: another opacity changes the ink across the line but not its width,
     another blur its width but not the ink.
     """
-    from scipy.ndimage import uniform_filter1d
-
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
     usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
@@ -27,10 +27,10 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
     ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
-    mode = "nearest"
+    mode = "edge"
     if curve.closed:
         mode = "wrap"
-    return uniform_filter1d(ratio, round(tuned.INK_HANGS_PX), mode=mode)
+    return filters.windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
 
 def sudden_changes(curve: MeasuredStroke) -> NDArray[np.float64]:
@@ -51,14 +51,12 @@ def one_sided(curve: MeasuredStroke) -> NDArray[np.float64]:
 
     The largest over a short stretch. A dot on the line and a control point lie on both sides.
     """
-    from scipy.ndimage import maximum_filter1d
-
     profiles = curve.profiles
     ink = np.where(profiles.is_line, np.clip(profiles.coverage, 0, None), 0)
     difference = ink @ np.sign(profiles.x)
     usual = max(float(np.median(ink.sum(1))), 1e-6)
     difference = np.abs(difference - np.median(difference)) / usual
-    return maximum_filter1d(difference, 2 * tuned.SUDDEN_PX + 1)
+    return filters.windows(difference, 2 * tuned.SUDDEN_PX + 1).max(axis=1)
 
 
 def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
@@ -67,12 +65,10 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     The medians before and after are compared, so that noise counts less than at a sudden change.
     0 where the width changes as much all along, as a pressed pen's does.
     """
-    from scipy.ndimage import median_filter
-
     window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * width))
     if len(ratio) < 3 * window:
         return 0.0, 0
-    usual = median_filter(ratio, window)
+    usual = filters.median(ratio, window)
     reach = (window + tuned.SUDDEN_PX) // 2
     change = np.abs(usual[2 * reach :] - usual[: -2 * reach])
     largest = float(change.max())
@@ -83,16 +79,15 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
 
 def refuse_wide_run(curve: MeasuredStroke) -> None:
     """Raise `CurveError` where the line is wider than elsewhere: two runs side by side."""
-    from scipy.ndimage import median_filter
-
     if not sudden_changes(curve).any():
         return
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
     run = max(tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
-    mode = "constant"
+    size = min(run, len(ratio))
     if curve.closed:
-        mode = "wrap"
-    lasting = median_filter(ratio, size=min(run, len(ratio)), mode=mode, cval=1.0)
+        lasting = filters.median(ratio, size, "wrap")
+    else:
+        lasting = filters.median(ratio, size, "constant", constant_values=1.0)
     widest = float(lasting.max())
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return
@@ -142,10 +137,8 @@ def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
 
 def refuse_fit_off_ink(curve: MeasuredStroke, line: Candidate) -> None:
     """Raise `CurveError` where the measured line lies off the ink that it was measured from."""
-    from scipy.spatial import cKDTree
-
     visible = curve.points[~curve.bridged]
-    distance, nearest = cKDTree(line.path).query(visible)
+    distance, nearest = _core.nearest(line.path, visible)
     if not line.closed:  # Beyond the skeleton's ends the line runs on to the end of its ink.
         distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0
     if distance.max() <= line.width + tuned.FLANK_PX:

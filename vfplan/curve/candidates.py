@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,8 +109,6 @@ def find_candidates(pieces: list[Piece], max_gap_px: float) -> list[Candidate]:
 
 def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
-    from scipy.spatial import cKDTree
-
     ends = [(i, end) for i, line in enumerate(lines) if line.may_go_on for end in (0, -1)]
     if len(ends) < 2:
         return None
@@ -117,13 +116,26 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
     widest = max(line.width for line in lines)
     lowest_cost = np.inf
     best = None
-    for a, b in cKDTree(places).query_pairs(max_gap_px + widest + tuned.FLANK_PX):
+    for a, b in _pairs_within(places, max_gap_px + widest + tuned.FLANK_PX):
         (i, end_i), (j, end_j) = ends[a], ends[b]
         cost = _gap_cost(lines[i], end_i, lines[j], end_j, max_gap_px)
         if cost < lowest_cost:
             lowest_cost = cost
             best = (i, end_i, j, end_j)
     return best
+
+
+def _pairs_within(places: NDArray, reach: float) -> Iterator[tuple[int, int]]:
+    """The pairs of (N, 2) places that lie at most `reach` apart, the lower row first."""
+    order = np.argsort(places[:, 0], kind="stable")
+    ordered = places[order]
+    for step in range(1, len(places)):  # To the place that lies so many further along u.
+        across = ordered[step:] - ordered[:-step]
+        if across[:, 0].min() > reach:
+            return
+        for k in np.flatnonzero(np.hypot(*across.T) <= reach):
+            one, other = sorted((int(order[k]), int(order[k + step])))
+            yield one, other
 
 
 def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:

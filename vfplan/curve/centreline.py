@@ -6,12 +6,13 @@ there. A smoothing spline through all of them follows the hand and not the noise
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
@@ -19,7 +20,9 @@ from vfplan.curve.ends import End, find_ends
 from vfplan.curve.profiles import Profiles, add_brightness, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
+from vfplan.geometry import filters
 from vfplan.geometry.polyline import evenly, length_of, normals
+from vfplan.geometry.splines import Spline, smoothing_spline
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
@@ -52,14 +55,10 @@ class MeasuredStroke(Stroke):
 
 def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
-    from scipy.ndimage import gaussian_filter1d
-    from scipy.spatial import cKDTree
-
-    mode = "nearest"
+    mode = "edge"
     if line.closed:
         mode = "wrap"
-    path = gaussian_filter1d(line.path, tuned.SMOOTH_PX, axis=0, mode=mode)
-    skeleton = cKDTree(path)
+    path = skeleton = filters.gaussian(line.path, tuned.SMOOTH_PX, mode)
     noisy = is_noisy(ink, line.path, line.width)
     smooth_px = tuned.SMOOTH_PX
     if noisy:
@@ -72,7 +71,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         path = evenly(path, line.closed)
         normal = normals(path, line.closed)
         profiles = read_profiles(ink, path, normal, line.width)
-        in_gap = line.bridged[skeleton.query(path)[1]] & (profiles.mass < tuned.HALF)
+        in_gap = line.bridged[_core.nearest(skeleton, path)[1]] & (profiles.mass < tuned.HALF)
         valid = profiles.valid & ~in_gap
         if not line.closed:
             valid = without_ink_ahead(valid)
@@ -123,19 +122,15 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
-    from scipy.ndimage import gaussian_filter1d
-
-    mode = "nearest"
+    mode = "edge"
     if closed:
         mode = "wrap"
-    return length_of(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0, mode=mode), closed)
+    return length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
-    from scipy.ndimage import gaussian_filter1d
-
-    normal = normals(gaussian_filter1d(path, tuned.SMOOTH_PX, axis=0), False)
+    normal = normals(filters.gaussian(path, tuned.SMOOTH_PX), False)
     away = (width + 5.0) * normal
     places = np.rint(np.vstack([path - away, path + away])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
@@ -207,14 +202,12 @@ def onward(path: NDArray) -> NDArray[np.float64]:
 
 def fit_spline(
     points: NDArray, valid: NDArray, mass: NDArray, smooth_px: float, closed: bool
-) -> Callable[[NDArray], NDArray]:
+) -> Spline:
     """The smoothing spline of (M, 2) points over their index, through the valid ones.
 
     It is fitted twice: the second time it is smoothed less where the line bends. Where the line has
     less ink than usual it is measured less well, and counts less.
     """
-    from scipy.interpolate import make_smoothing_spline
-
     at = np.arange(len(points))
     if closed:  # Wrapped, so that the seam is as smooth as the rest.
         reach = min(len(points) // 2, int(8 * smooth_px))
@@ -222,29 +215,27 @@ def fit_spline(
     at = at[valid[at % len(points)]]
     y = points[at % len(points)]
     weight = np.clip(mass[at % len(points)], 0.1, 1.0) ** 2
-    first = make_smoothing_spline(at, y, w=weight, lam=smooth_px**4)
+    first = smoothing_spline(at, y, weight, smooth_px**4)
     scale = _smoothing_scale(first, at, smooth_px)
     if not closed:  # A smoothing spline runs out straight, which a bent line does not.
         inward = np.minimum(at - at[0], at[-1] - at)
         scale *= 1 - (1 - tuned.END_SMOOTH) * np.exp(-inward / smooth_px)
-    return make_smoothing_spline(at, y, w=weight * (smooth_px / scale) ** 4, lam=smooth_px**4)
+    return smoothing_spline(at, y, weight * (smooth_px / scale) ** 4, smooth_px**4)
 
 
-def _smoothing_scale(spline: Callable, at: NDArray, smooth_px: float) -> NDArray[np.float64]:
+def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> NDArray[np.float64]:
     """(N,) the length over which a line is smoothed [px], shorter where it bends."""
-    from scipy.ndimage import maximum_filter1d
-
-    first, second = spline.derivative(1)(at), spline.derivative(2)(at)
+    first, second = spline(at, 1), spline(at, 2)
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     curvature = np.abs(cross) / np.maximum(np.hypot(*first.T), 1e-9) ** 3
-    curvature = maximum_filter1d(curvature, tuned.BEND_REACH_PX)
+    curvature = filters.windows(curvature, tuned.BEND_REACH_PX).max(axis=1)
     return np.clip(tuned.BEND_SHARE / np.maximum(curvature, 1e-6), tuned.SMOOTH_MIN_PX, smooth_px)
 
 
 def _centre_line(
     ink: Ink,
     line: Candidate,
-    spline: Callable,
+    spline: Spline,
     profiles: Profiles,
     smooth: NDArray,
     valid: NDArray,
@@ -303,7 +294,7 @@ def _centre_line(
 
 
 def _deviation(
-    spline: Callable,
+    spline: Spline,
     profiles: Profiles,
     at: NDArray,
     nearest: NDArray,
@@ -330,6 +321,6 @@ def _deviation(
     return np.hypot(sigma, profiles.covered[nearest] / 4)
 
 
-def _usual_curvature(spline: Callable, at: NDArray) -> float:
+def _usual_curvature(spline: Spline, at: NDArray) -> float:
     """Deviation of the curvature that a line may have where it is not seen [1/px]."""
-    return tuned.SWAY * float(np.sqrt(np.mean((spline.derivative(2)(at) ** 2).sum(1))))
+    return tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.curve.profiles import Profiles, symmetric
+from vfplan.geometry import filters
 
 FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
 """Pixels: lengths of the falls that are held against the ink."""
@@ -130,8 +131,6 @@ def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, flo
 
 def _find_end(run: Run) -> End:
     """The end of a line, from the ink that it shows along itself."""
-    from scipy.ndimage import gaussian_filter1d
-
     # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
     # rested the ink is a disc, broader than the line.
     ink = _smoothed(run.mass)
@@ -154,7 +153,7 @@ def _find_end(run: Run) -> End:
     # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
     blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
     inner = run.mass[tuned.TAPER_REACH_PX : run.visible + 1]
-    rough = float(np.median(np.abs(inner - gaussian_filter1d(inner, tuned.TREND_PX / 2))))
+    rough = float(np.median(np.abs(inner - filters.gaussian(inner, tuned.TREND_PX / 2))))
     blunt += tuned.BLUNT_ROUGH_PX * rough
     tapered = _taper_share(FALLS_PX, blunt)
     if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
@@ -266,9 +265,7 @@ def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
 
 def _smoothed(ink: NDArray) -> NDArray[np.float64]:
     """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
-    from scipy.ndimage import gaussian_filter1d
-
-    return gaussian_filter1d(ink, tuned.MASK_BLUR_PX)
+    return filters.gaussian(ink, tuned.MASK_BLUR_PX)
 
 
 def _last_above(ink: NDArray, level: float, visible: int) -> int:

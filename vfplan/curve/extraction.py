@@ -176,10 +176,7 @@ def extract_curve(
 
 def load_libraries() -> None:
     """Import what extraction needs, so that a measured time holds none of it."""
-    names = ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial", "scipy.sparse.csgraph")
-    for name in (*names, "skimage.morphology"):
-        importlib.import_module(name)
-    importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
+    importlib.import_module("cv2")
 
 
 def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.curve.coverage import OTHER_UNIT, Ink, brightness, sample
+from vfplan.geometry import filters
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +87,7 @@ class Profiles:
 
     def _scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
-        from scipy.ndimage import gaussian_filter1d
-
-        trend = gaussian_filter1d(offset, tuned.TREND_PX)
+        trend = filters.gaussian(offset, tuned.TREND_PX)
         return float(np.median((offset - trend)[self.valid] ** 2))
 
 
@@ -165,8 +164,6 @@ def add_brightness(
     noise, so that coverage alone counts where it is clean, and where the ground is rough or as
     bright as the pen.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     x = profiles.x
     light = brightness(ink.rgb, *places_across(path, normal, x))
     flank = np.abs(x) > profiles.width / 2 + tuned.FLANK_PX / 2
@@ -182,7 +179,7 @@ def add_brightness(
     mean = symmetric(weight @ line / (weight @ depth))
     by_light = fit_shift(x, line / depth[:, None], profiles.is_line | ~clear[:, None], mean)
     by_light = np.clip(by_light, x[0], x[-1])
-    trend = gaussian_filter1d(offset, tuned.TREND_PX)
+    trend = filters.gaussian(offset, tuned.TREND_PX)
     colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])

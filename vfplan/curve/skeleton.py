@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.coverage import Ink
 from vfplan.errors import CurveError
@@ -62,14 +62,11 @@ class Graph:
         (E, 2) neighbours within branches, as indices of pixels.
     junction
         (N,) bool, three or more branches meet there.
-    branch
-        (N,) the number of the branch that each pixel is of.
     """
 
     pixels: NDArray[np.int64]
     edges: NDArray[np.int64]
     junction: NDArray[np.bool_]
-    branch: NDArray[np.int32]
 
     @classmethod
     def of(cls, bone: NDArray[np.bool_]) -> Graph:
@@ -78,9 +75,6 @@ class Graph:
         Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no
         fork.
         """
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
-
         v, u = np.nonzero(bone)
         place = v * bone.shape[1] + u
         pairs = []
@@ -93,29 +87,36 @@ class Graph:
         edges = np.concatenate(pairs)
         junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
         inner = edges[~junction[edges].any(1)]
-        links = coo_matrix((np.ones(len(inner)), inner.T), shape=(len(u),) * 2)
-        _, branch = connected_components(links, directed=False)
-        return cls(np.column_stack([u, v]), inner, junction, branch)
+        return cls(np.column_stack([u, v]), inner, junction)
 
-    def branches(self) -> Iterator[tuple[NDArray[np.int64], bool]]:
-        """The pixels of each branch in order, and whether it is a ring."""
-        for number in np.unique(self.branch[~self.junction]):
-            yield self._walk(np.flatnonzero(self.branch == number))
+    def branches(self) -> list[tuple[NDArray[np.int64], bool]]:
+        """The pixels of each branch in order, and whether it is a ring; by their first pixels."""
+        neighbours: list[list[int]] = [[] for _ in self.pixels]
+        for a, b in self.edges.tolist():
+            neighbours[a].append(b)
+            neighbours[b].append(a)
+        waiting = ~self.junction
+        found = []
+        for start in np.flatnonzero(waiting).tolist():
+            if waiting[start] and len(neighbours[start]) < 2:
+                found.append((_walk(start, neighbours, waiting), False))
+        # What is left are rings. Each is cut between two neighbours, and walked the other way.
+        for start in self.edges[:, 0].tolist():
+            if waiting[start]:
+                found.append((_walk(start, neighbours, waiting), True))
+        found.sort(key=lambda branch: min(branch[0]))
+        return [(self.pixels[branch], closed) for branch, closed in found]
 
-    def _walk(self, members: NDArray[np.int64]) -> tuple[NDArray[np.int64], bool]:
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import breadth_first_order
 
-        edges = self.edges[self.branch[self.edges[:, 0]] == self.branch[members[0]]]
-        edges = np.searchsorted(members, edges)
-        ends = np.flatnonzero(np.bincount(edges.ravel(), minlength=len(members)) < 2)
-        closed = len(ends) == 0
-        if closed:  # Cut open between two neighbours, and walked the other way round.
-            ends = edges[0]
-            edges = edges[1:]
-        links = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(members),) * 2)
-        order = breadth_first_order(links.tocsr(), ends[0], False, return_predecessors=False)
-        return self.pixels[members[order]], closed
+def _walk(start: int, neighbours: list[list[int]], waiting: NDArray[np.bool_]) -> list[int]:
+    """A branch from one of its pixels on; its pixels wait no longer."""
+    path = []
+    ahead = [start]
+    while ahead:
+        path.append(ahead[-1])
+        waiting[ahead[-1]] = False
+        ahead = [k for k in neighbours[ahead[-1]] if waiting[k]]
+    return path
 
 
 def find_groups(ink: Ink) -> list[NDArray[np.int64]]:
@@ -178,14 +179,12 @@ def find_pieces(ink: Ink, groups: list[NDArray[np.int64]]) -> list[Piece]:
 
 def _piece(pixels: NDArray[np.int64], ink: Ink) -> Piece | None:
     """One connected piece; `None` where its skeleton is a single pixel or junctions only."""
-    from skimage.morphology import skeletonize
-
     corner = pixels.min(0) - 2
     columns, rows = pixels.max(0) - corner + 3
     box = np.zeros((rows, columns), bool)
     box[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = True
-    graph = Graph.of(skeletonize(box, method="lee") > 0)
-    branches = list(graph.branches())
+    graph = Graph.of(_core.thinned(box).astype(bool))
+    branches = graph.branches()
     if not branches:
         return None
     path, closed = max(branches, key=lambda branch: len(branch[0]))

@@ -14,6 +14,7 @@ void bind_governor(nb::module_& m);
 void bind_guide(nb::module_& m);
 void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
+void bind_picture(nb::module_& m);
 
 namespace {
 
@@ -288,4 +289,5 @@ NB_MODULE(_core, m) {
     bind_guide(m);
     bind_moving(m);
     bind_bundle(m);
+    bind_picture(m);
 }

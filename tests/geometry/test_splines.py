@@ -1,0 +1,91 @@
+"""Splines and filters, against SciPy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.interpolate import CubicSpline, make_smoothing_spline
+
+from vfplan.geometry import filters
+from vfplan.geometry.splines import smoothing_spline, solve_banded, spline_through
+
+MODES = {"symmetric": "reflect", "edge": "nearest", "wrap": "wrap"}
+COUNTS = [2, 3, 4, 5, 31, 32, 33, 64, 65, 700]
+
+
+def walk(count, dimension=2):
+    return np.random.default_rng(count).normal(size=(count, dimension)).cumsum(axis=0)
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_spline_through_points_is_scipys(count):
+    points = walk(count, 3)
+    at = np.linspace(-1, count, 5 * count)
+    for derivative in (0, 1, 2):
+        expected = CubicSpline(np.arange(count), points)(at, derivative)
+        assert spline_through(points)(at, derivative) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", COUNTS[1:])
+def test_periodic_spline_is_scipys(count):
+    points = walk(count, 3)
+    points = np.vstack([points, points[:1]])
+    at = np.linspace(0, count, 5 * count)
+    for derivative in (0, 1, 2):
+        expected = CubicSpline(np.arange(count + 1), points, bc_type="periodic")(at, derivative)
+        assert spline_through(points, True)(at, derivative) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", COUNTS[3:])
+@pytest.mark.parametrize("smoothing", [1.0, 2.0**4, 3.5**4])
+def test_smoothing_spline_is_scipys(count, smoothing):
+    """With gaps between the points, unequal weights, and beyond both ends."""
+    rng = np.random.default_rng(count)
+    knots = np.sort(rng.choice(2 * count, count, replace=False))
+    points, weight = walk(count), rng.uniform(0.01, 2, count)
+    at = np.linspace(knots[0] - 5, knots[-1] + 5, 5 * count)
+    ours = smoothing_spline(knots, points, weight, smoothing)
+    theirs = make_smoothing_spline(knots, points, w=weight, lam=smoothing)
+    for derivative in (0, 1, 2):
+        assert ours(at, derivative) == pytest.approx(theirs(at, nu=derivative), abs=1e-8)
+
+
+def test_smoothing_spline_leaves_a_straight_line_alone():
+    points = np.outer(np.arange(50), [3.0, -2.0])
+    assert smoothing_spline(np.arange(50), points, np.ones(50), 16.0).values == pytest.approx(
+        points
+    )
+
+
+@pytest.mark.parametrize("count", [5, 32, 33, 100])
+def test_banded_system_is_solved_as_a_full_one_is(count):
+    rng = np.random.default_rng(count)
+    band = rng.normal(size=(count, 5))
+    band[:, 2] += 8
+    full = np.zeros((count, count))
+    for k in range(5):
+        for i in range(count):
+            if 0 <= i + k - 2 < count:
+                full[i, i + k - 2] = band[i, k]
+            else:
+                band[i, k] = 0
+    right = rng.normal(size=(count, 2))
+    assert solve_banded(band, right) == pytest.approx(np.linalg.solve(full, right), abs=1e-13)
+
+
+@pytest.mark.parametrize("count", [3, 9, 30, 700])
+@pytest.mark.parametrize("mode", MODES)
+def test_filters_are_scipys_to_the_bit(count, mode):
+    values = walk(count)
+    for sigma in (0.5, 0.8, 2.0, 3.5, 8.0):
+        expected = ndimage.gaussian_filter1d(values, sigma, axis=0, mode=MODES[mode])
+        assert np.array_equal(filters.gaussian(values, sigma, mode), expected)
+    row = values[:, 0]
+    for size in (3, 4, 9, 24, 25):
+        largest = ndimage.maximum_filter1d(row, size, mode=MODES[mode])
+        assert np.array_equal(filters.windows(row, size, mode).max(axis=1), largest)
+        median = ndimage.median_filter(row, size, mode=MODES[mode])
+        assert np.array_equal(filters.median(row, size, mode), median)
+        mean = ndimage.uniform_filter1d(row, size, mode=MODES[mode])
+        assert filters.windows(row, size, mode).mean(axis=1) == pytest.approx(mean, abs=1e-13)

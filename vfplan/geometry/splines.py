@@ -1,0 +1,132 @@
+"""Cubic splines through points, and smoothed between them.
+
+They stand here because importing scipy.interpolate takes a third of the time of planning a fixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BLOCK = 32
+"""Rows of a banded system that are solved at once: few enough for arithmetic to cost no more than
+NumPy's call does."""
+
+RING_REACH = 40
+"""Points of a ring that are repeated beyond its seam. A point's effect on a spline falls to a
+quarter from each point to the next, so none is left after 40."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A piecewise cubic curve in K dimensions.
+
+    Parameters
+    ----------
+    knots
+        (N,) in ascending order; beyond them the outermost pieces go on.
+    values, bends
+        (N, K) at the knots: places, and second derivatives.
+    """
+
+    knots: Array
+    values: Array
+    bends: Array
+
+    def __call__(self, at: NDArray, derivative: int = 0) -> Array:
+        """(M, K) places at parameters (M,), or their first or second derivatives."""
+        piece = np.searchsorted(self.knots, at, side="right") - 1
+        piece = np.clip(piece, 0, len(self.knots) - 2)
+        before, after = self.knots[piece, None], self.knots[piece + 1, None]
+        step = after - before
+        to_after, to_before = after - at[:, None], at[:, None] - before
+        bend, next_bend = self.bends[piece], self.bends[piece + 1]
+        if derivative == 2:
+            return (bend * to_after + next_bend * to_before) / step
+        start = self.values[piece] / step - bend * step / 6
+        stop = self.values[piece + 1] / step - next_bend * step / 6
+        if derivative == 1:
+            bent = (next_bend * to_before**2 - bend * to_after**2) / (2 * step)
+            return bent + stop - start
+        bent = (bend * to_after**3 + next_bend * to_before**3) / (6 * step)
+        return bent + start * to_after + stop * to_before
+
+
+def spline_through(points: Array, periodic: bool = False) -> Spline:
+    """The spline through (N, K) points over their index.
+
+    The third derivative is the same on both sides of the last point but one of each end; of a
+    periodic curve, whose last point is its first, everything is the same on both sides of the seam.
+    """
+    count = len(points)
+    if periodic:
+        ring = np.pad(points[:-1], [(RING_REACH, RING_REACH + 1), (0, 0)], "wrap")
+        inner = slice(RING_REACH, RING_REACH + count)
+        return Spline(np.arange(count, dtype=float), points, spline_through(ring).bends[inner])
+    bends = np.zeros_like(points)
+    second = 6 * np.diff(points, 2, axis=0)
+    if count == 3:
+        bends[:] = second / 6
+    elif count > 3:
+        band = np.zeros((count, 5))
+        band[1:-1, 1:4] = 1, 4, 1
+        band[0, 2:] = 1, -2, 1
+        band[-1, :3] = 1, -2, 1
+        bends = solve_banded(band, np.pad(second, [(1, 1), (0, 0)]))
+    return Spline(np.arange(count, dtype=float), points, bends)
+
+
+def smoothing_spline(knots: NDArray, points: Array, weight: Array, smoothing: float) -> Spline:
+    """The spline that bends least and keeps close to (N, K) points.
+
+    It makes Σ weight |spline − point|² + smoothing ∫ |spline″|² as small as can be. C. H. Reinsch,
+    "Smoothing by spline functions", Numer. Math. 10 (1967), whose names for R and Q are kept.
+    """
+    step = np.diff(knots)
+    # A second difference, Q' y, takes a point with these three factors, from the one before it.
+    before, after = 1 / step[:-1], 1 / step[1:]
+    middle = -before - after
+    variance = smoothing / weight
+    # The diagonals of R + Q' variance Q, which is symmetric.
+    band = np.zeros((len(middle), 5))
+    band[:, 2] = (step[:-1] + step[1:]) / 3 + middle**2 * variance[1:-1]
+    band[:, 2] += before**2 * variance[:-2] + after**2 * variance[2:]
+    band[:-1, 3] = step[1:-1] / 6 + middle[:-1] * variance[1:-2] * before[1:]
+    band[:-1, 3] += after[:-1] * variance[2:-1] * middle[1:]
+    band[:-2, 4] = after[:-2] * variance[2:-2] * before[2:]
+    band[1:, 1] = band[:-1, 3]
+    band[2:, 0] = band[:-2, 4]
+    bends = solve_banded(band, np.diff(np.diff(points, axis=0) / step[:, None], axis=0))
+    bends = np.pad(bends, [(1, 1), (0, 0)])
+    force = np.diff(np.diff(bends, axis=0) / step[:, None], axis=0, prepend=0, append=0)
+    return Spline(np.asarray(knots, float), points - variance[:, None] * force, bends)
+
+
+def solve_banded(band: Array, right: Array) -> Array:
+    """(N, K) x, where the sum of `band[i, k] x[i + k - reach]` over k is `right[i]`.
+
+    Blocks of rows are eliminated one after the other, without a choice of pivots between them.
+    """
+    count, width = band.shape
+    blocks = -(-count // BLOCK)
+    # Each row's entries in the block before its own, in its own and in the next.
+    rows = np.zeros((blocks * BLOCK, 3 * BLOCK))
+    number = np.arange(blocks * BLOCK)
+    rows[number[count:], BLOCK + number[count:] % BLOCK] = 1.0
+    for k in range(width):
+        rows[number[:count], BLOCK + number[:count] % BLOCK + k - width // 2] = band[:, k]
+    before, own, after = np.moveaxis(rows.reshape(blocks, BLOCK, 3, BLOCK), 2, 0)
+    right = np.pad(right, [(0, blocks * BLOCK - count), (0, 0)]).reshape(blocks, BLOCK, -1)
+    carried, solution = np.zeros_like(own), np.zeros_like(right)
+    for k in range(blocks):
+        matrix = own[k] - before[k] @ carried[k - 1]
+        known = right[k] - before[k] @ solution[k - 1]
+        solved = np.linalg.solve(matrix, np.hstack([after[k], known]))
+        carried[k], solution[k] = solved[:, :BLOCK], solved[:, BLOCK:]
+    for k in range(blocks - 2, -1, -1):
+        solution[k] -= carried[k] @ solution[k + 1]
+    return solution.reshape(blocks * BLOCK, -1)[:count]

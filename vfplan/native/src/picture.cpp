@@ -1,0 +1,161 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What the extraction of a curve asks for each pixel: a mask's skeleton, and nearest points.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "numpy.hpp"
+#include "vfplan/base/bounds_tree.hpp"
+
+namespace {
+
+using Mask = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
+
+// A pixel's neighbours are counted counter-clockwise from the right; the code of its surroundings
+// has a bit for each that is set.
+constexpr int right = 0, above = 2, left = 4, below = 6;
+
+// For each code, into how many pieces a pixel's removal parts its neighbours, where one of the four
+// closest is empty: S. Yokoi's number of connectivity.
+constexpr auto pieces_by_code = [] {
+    std::array<int, 256> pieces{};
+    for (unsigned code = 0; code < 256; ++code) {
+        const auto empty = [code](int k) { return (code >> (k % 8) & 1) == 0; };
+        for (const int k : {right, above, left, below})
+            pieces[code] += empty(k) && !(empty(k + 1) && empty(k + 2));
+    }
+    return pieces;
+}();
+
+// Thins the pixels of a picture, the outermost excepted, to their skeleton. T.-C. Lee, R. L.
+// Kashyap and C.-N. Chu, "Building skeleton models via 3-D medial surface/axis thinning
+// algorithms", CVGIP 56 (1994), in the plane.
+void thin(std::uint8_t* pixels, std::ptrdiff_t rows, std::ptrdiff_t columns) {
+    const std::array<std::ptrdiff_t, 8> step{1,  1 - columns, -columns, -columns - 1,
+                                             -1, columns - 1, columns,  columns + 1};
+    const auto code_of = [&](std::ptrdiff_t at) {
+        unsigned code = 0;
+        for (int k = 0; k < 8; ++k) code |= unsigned{pixels[at + step[k]] != 0} << k;
+        return code;
+    };
+    std::vector<std::ptrdiff_t> ink, candidates;
+    for (std::ptrdiff_t row = 1; row < rows - 1; ++row)
+        for (std::ptrdiff_t at = row * columns + 1; at < (row + 1) * columns - 1; ++at)
+            if (pixels[at]) ink.push_back(at);
+    for (bool changed = true; changed;) {
+        changed = false;
+        for (const int side : {above, below, right, left}) {
+            candidates.clear();
+            for (const auto at : ink) {
+                if (!pixels[at] || pixels[at + step[side]]) continue;
+                const unsigned code = code_of(at);
+                const bool is_end = std::popcount(code) == 1;
+                if (pieces_by_code[code] == 1 && !is_end) candidates.push_back(at);
+            }
+            // One after the other: once its neighbours are gone a pixel may hold others together.
+            for (const auto at : candidates) {
+                if (pieces_by_code[code_of(at)] > 1) continue;
+                pixels[at] = 0;
+                changed = true;
+            }
+        }
+        std::erase_if(ink, [&](std::ptrdiff_t at) { return !pixels[at]; });
+    }
+}
+
+nb::ndarray<nb::numpy, std::uint8_t> thinned(const Mask& mask) {
+    auto bone = array<std::uint8_t>(mask.shape(0), mask.shape(1));
+    std::copy_n(mask.data(), mask.size(), bone.data());
+    const nb::gil_scoped_release release;
+    thin(bone.data(), static_cast<std::ptrdiff_t>(mask.shape(0)),
+         static_cast<std::ptrdiff_t>(mask.shape(1)));
+    return bone;
+}
+
+struct Place {
+    double x, y;
+    std::int64_t row;
+};
+
+struct Rectangle {
+    double left, right, top, bottom;
+
+    double square_distance(double x, double y) const noexcept {
+        const double dx = std::max({left - x, x - right, 0.0});
+        const double dy = std::max({top - y, y - bottom, 0.0});
+        return dx * dx + dy * dy;
+    }
+};
+
+Rectangle around(const Place* first, const Place* last) {
+    Rectangle box{first->x, first->x, first->y, first->y};
+    for (const Place* p = first; p != last; ++p) {
+        box = {std::min(box.left, p->x), std::max(box.right, p->x), std::min(box.top, p->y),
+               std::max(box.bottom, p->y)};
+    }
+    return box;
+}
+
+// Each place's distance to the nearest point, and that point's row: the first of several.
+nb::tuple nearest(const Places& points, const Places& places) {
+    const std::size_t n = points.shape(0), m = places.shape(0);
+    if (n == 0) throw std::invalid_argument("vfplan: the nearest of no points");
+    auto distances = array<double>(m, 1);
+    auto rows = array<std::int64_t>(m, 1);
+    const double *from = points.data(), *to = places.data();
+    double* distance = distances.data();
+    std::int64_t* row = rows.data();
+    {
+        const nb::gil_scoped_release release;
+        std::vector<Place> all(n);
+        for (std::size_t i = 0; i < n; ++i)
+            all[i] = {from[2 * i], from[2 * i + 1], static_cast<std::int64_t>(i)};
+        vfplan::BoundsTree<Rectangle> tree;
+        const auto bounds_of = [&](std::size_t first, std::size_t last) {
+            return around(all.data() + first, all.data() + last);
+        };
+        const auto halve = [&](std::size_t first, std::size_t last) {
+            const Rectangle box = bounds_of(first, last);
+            const bool is_wide = box.right - box.left > box.bottom - box.top;
+            Place* const begin = all.data() + first;
+            std::nth_element(
+                begin, begin + (last - first) / 2, all.data() + last,
+                [&](const Place& a, const Place& b) { return is_wide ? a.x < b.x : a.y < b.y; });
+        };
+        tree.build(0, n, bounds_of, halve);
+        std::int64_t found = 0;
+        for (std::size_t k = 0; k < m; ++k) {
+            const double x = to[2 * k], y = to[2 * k + 1];
+            // The one before lies close to this one, so its nearest point is a good beginning.
+            double square = std::numeric_limits<double>::infinity();
+            const auto take_if_nearer = [&](double px, double py, std::int64_t i) {
+                const double here = (px - x) * (px - x) + (py - y) * (py - y);
+                if (here < square || (here == square && i < found)) {
+                    square = here;
+                    found = i;
+                }
+            };
+            take_if_nearer(from[2 * found], from[2 * found + 1], found);
+            tree.visit([&](const Rectangle& box) { return box.square_distance(x, y) <= square; },
+                       [&](std::size_t i) { take_if_nearer(all[i].x, all[i].y, all[i].row); });
+            distance[k] = std::sqrt(square);
+            row[k] = found;
+        }
+    }
+    return nb::make_tuple(distances, rows);
+}
+
+}  // namespace
+
+void bind_picture(nb::module_& m) {
+    m.def("thinned", &thinned, "mask"_a, "the skeleton of a mask (H, W), 1 of ink and else 0");
+    m.def("nearest", &nearest, "points"_a, "places"_a,
+          "of each place (M, 2) the distance to the nearest point (N, 2), and that one's row");
+}
