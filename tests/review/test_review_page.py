@@ -381,6 +381,27 @@ def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, run, 
     assert hand.state("review.state.edited[0].length") == 1
 
 
+def test_a_stroke_can_be_joined_with_every_other_open_one(browser, run, tmp_path):
+    path, _ = two_candidates(tmp_path / "slice.png")
+    program = run(path, "--stroke", "all", "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    browser.run("review.step({do: 'draw', points: [[20, 20], [60, 22], [100, 20]], add: true})")
+    browser.until("review.state.curve_px.length === 3")
+    ring = "[[200, 20], [230, 20], [230, 50], [200, 50]]"
+    browser.run(f"review.step({{do: 'draw', points: {ring}, closed: true, add: true}})")
+    browser.until("review.state.curve_px.length === 4")
+    first, third = hand.state("[0, 2].map((k) => review.state.curve_px[k].length)")
+    browser.key("k")
+    buttons = "[...document.querySelectorAll('#context button')]"
+    words = hand.state(f"{buttons}.map((b) => b.textContent)")
+    assert [word for word in words if word.startswith("Join")] == [
+        "Join with stroke 2", "Join with stroke 3"
+    ]  # fmt: skip
+    hand.press("Join with stroke 3")
+    browser.until("review.state.curve_px.length === 3")
+    assert hand.state("review.state.curve_px[0].length") >= first + third
+
+
 def press_while_the_page_is_renewed(browser, hand, button):
     """Press a button, let the whole state arrive three times, and release it."""
     place = hand.place_of(button)

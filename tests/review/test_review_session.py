@@ -19,7 +19,7 @@ from review_slices import clear, double, fork, hidden_end, miss, two_candidates,
 import vfplan
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers import read_markers
-from vfplan.planning import FixtureSettings
+from vfplan.planning import ExtractSettings, FixtureSettings, extract
 from vfplan.review import Session
 from vfplan.review.draft import Draft
 from vfplan.review.sheet_input import of_fixture
@@ -359,6 +359,14 @@ def test_an_answer_dies_with_what_it_answered(sample):
     assert looked_at(wrong).approvable
     worse = looked_at(wrong).apply({"do": "move_marker", "marker": "x4", "to": [90.0, 480.0]})
     assert not worse.approvable
+
+
+def test_a_bundle_is_extracted_anew_with_the_settings_that_it_records(tmp_path):
+    given = ExtractSettings(max_gap_px=7.0, accept_width=True, exclude=((5, 6, 7, 8),))
+    path = tmp_path / "c.h5"
+    vfplan.write_fixture(extract(SLICE, given).fixture, path)
+    extraction = Session.open(path, slice=SLICE).source.extraction
+    assert extraction == given
 
 
 def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):

@@ -218,7 +218,8 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
         )
     if places and (method == "mask" or stroke == "all"):
         raise SettingError(
-            "A start or an end wants one curve in order. Method 'mask' and stroke 'all' have none.",
+            "Method 'mask' and stroke 'all' have no order, and so no start or end. Leave "
+            "--start and --end out.",
             code="start-without-order",
         )
 

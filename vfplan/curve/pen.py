@@ -44,8 +44,8 @@ class Pen:
         strength = float(np.linalg.norm(chroma))
         if strength < tuned.CHROMA_FLOOR:
             raise SettingError(
-                f"The colour {colour!r} is grey, so it cannot be told from the slice. Its chroma "
-                f"is {strength:.0f} of 255; at least {tuned.CHROMA_FLOOR:.0f} is wanted.",
+                f"The colour {colour!r} has a chroma of {strength:.0f}, too little to tell it from "
+                f"a grey slice. Name one of {tuned.CHROMA_FLOOR:.0f} or more, such as red.",
                 code="colour-grey",
                 numbers={"chroma": strength, "chroma_min": tuned.CHROMA_FLOOR},
             )

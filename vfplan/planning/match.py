@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
+from vfplan.errors import CheckFailed, CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
@@ -77,6 +77,8 @@ def match(
         Markers that determine no transform, or that no slice or robot can have.
     CheckFailed
         Positions that meet no drawn marks, mistaken labels, or large residuals.
+    ImageError
+        An image of another size than the slice.
     SettingError
         Markers to be found in a slice that is not there, or a model that cannot be fitted.
     """
@@ -94,6 +96,7 @@ def match(
             "the curve is in frame 'robot_base' already. Give one of an image",
             code="curve-in-robot-frame",
         )
+    refuse_other_size(curve, image)
     # An image with another SHA-256 is not the slice that the curve was drawn on.
     slice_image = image
     known = curve.provenance.inputs.get("image")
@@ -181,6 +184,21 @@ def match(
         marks=marks,
         findings=tuple(findings),
     )
+
+
+def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
+    """Refuse an image of another size than the slice: its pixels are not those of the curve."""
+    if image is None or curve.image is None:
+        return
+    given = (image.width_px, image.height_px)
+    drawn_on = (curve.image.width_px, curve.image.height_px)
+    if given != drawn_on:
+        raise ImageError(
+            f"The image has {given[0]} x {given[1]} px, and the slice that the curve was drawn on "
+            f"had {drawn_on[0]} x {drawn_on[1]}. Give the original, not cut and not scaled.",
+            code="image-size-differs",
+            numbers={"width_px": given[0], "height_px": given[1]},
+        )
 
 
 @contextmanager

@@ -37,7 +37,7 @@ MAX_MESSAGE_BYTES = 64 * 1024
 MESSAGES_PER_S = 100.0
 """Messages a second that are taken; a screen that drags sends at most 60."""
 
-BURST = 300.0
+BURST = 3 * MESSAGES_PER_S
 """Messages that may come at once, as after a browser's pause."""
 
 MAX_TABS = 8
@@ -256,7 +256,10 @@ class ReviewServer:
         from vfplan.review.steps import move_marker
 
         if not isinstance(wish, dict):
-            raise SettingError("A preview names a marker and a place.", code="step-malformed")
+            raise SettingError(
+                'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.',
+                code="step-malformed",
+            )
         session = self._session
         state = move_marker(session, {**wish, "do": "move_marker"})
         return {"preview": to_json_types(session.marker_state(state.fit))}

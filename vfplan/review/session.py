@@ -138,7 +138,9 @@ class Session:
     def undo(self) -> Session:
         """The session before the last step; what was merely looked at since is undone with it."""
         if not self.steps:
-            raise SettingError("There is no step to undo.", code="nothing-to-undo")
+            raise SettingError(
+                "There is no step to undo. Take a step first.", code="nothing-to-undo"
+            )
         # Go back to the last step that is more than a look.
         count = len(self.steps) - 1
         while count > 0 and self.steps[count]["do"] == "viewed":
@@ -153,7 +155,9 @@ class Session:
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            raise SettingError("There is no step to do again.", code="nothing-to-redo")
+            raise SettingError(
+                "There is no step to do again. Undo one first.", code="nothing-to-redo"
+            )
         count = 1
         while count < len(self.undone) and self.undone[count]["do"] == "viewed":
             count += 1

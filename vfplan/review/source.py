@@ -11,10 +11,11 @@ import numpy as np
 
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.fixture import Fixture, Stroke
-from vfplan.images.read import MAX_MEGAPIXELS, PlannedImage, read_image
+from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings
+from vfplan.planning.extraction import PEN_SETTINGS
 from vfplan.review.account import extraction_of
 from vfplan.review.facts import labels_left_out
 from vfplan.review.geometry import Geometry, geometry_of_slice
@@ -29,9 +30,6 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 MAX_USER_BLOCK = 2048
 """Bytes before the signature of an HDF5 file that are looked through (0, 512, 1024 and so on)."""
-
-MAX_FILE_BYTES = 2**31 - 1
-"""Size of a file of a review at most, as for a slice."""
 
 BLANK_GREY = 235
 """Grey level of the ground on which a curve lies whose slice is not at hand."""
@@ -202,6 +200,27 @@ def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> N
         )
 
 
+def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) -> None:
+    """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
+    recorded = extraction_of(fixture, ExtractSettings())
+    usual = ExtractSettings()
+    without_effect = []
+    for name in (*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"):
+        value = getattr(settings, name)
+        if name == "colour" and name not in fixture.provenance.settings:
+            continue  # The page needs to know the pen.
+        if value not in (getattr(usual, name), getattr(recorded, name)):
+            without_effect.append(name)
+    if without_effect:
+        raise SettingError(
+            "The curve is extracted already, and these settings would not change it: "
+            f"{', '.join(without_effect)}. Leave them out, or extract it anew with them: vfplan "
+            "review IMAGE.",
+            code="extracted-already",
+            numbers={"settings": without_effect},
+        )
+
+
 def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
     """Settings by name, sorted into those of extraction and those of planning."""
     of_extraction: dict[str, Any] = {}
@@ -224,7 +243,7 @@ def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSe
 
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file's bytes, lower-case hex; raises `InputError`."""
-    return hashlib.sha256(read_whole(path, MAX_FILE_BYTES, InputError)).hexdigest()
+    return hashlib.sha256(read_whole(path, MAX_BYTES, InputError)).hexdigest()
 
 
 def is_bundle(path: Path) -> bool:
@@ -293,6 +312,7 @@ def _of_bundle(
     from vfplan.bundle import read_fixture
 
     fixture = read_fixture(path)
+    refuse_extraction_of_extracted(fixture, extraction)
     if fixture.curve is None or fixture.mesh is not None:
         raise InputError(
             "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "

@@ -51,11 +51,19 @@ export class Selection {
       this.stepButton("Turn round", "", { do: "reverse", stroke }),
     ];
     if (this.app.state.curve_px.length > 1) {
-      const other = stroke === 0 ? 1 : 0;
-      nodes.push(this.stepButton(`Join with stroke ${other + 1}`, "", { do: "join", stroke, other }));
+      for (const other of this.strokesToJoin(stroke)) {
+        nodes.push(this.stepButton(`Join with stroke ${other + 1}`, "", { do: "join", stroke, other }));
+      }
       nodes.push(this.stepButton("Delete stroke", "", { do: "delete_stroke", stroke }));
     }
     return nodes;
+  }
+
+  // Every other open stroke, if this one is open.
+  strokesToJoin(stroke) {
+    const closed = this.app.state.closed;
+    if (closed[stroke]) return [];
+    return [...closed.keys()].filter((other) => other !== stroke && !closed[other]);
   }
 
   inkButtons(ink) {
