@@ -25,14 +25,24 @@ def register_command(curve: Path, image: Path | None = None) -> str:
     return shlex.join([*words, "-o", file_beside(curve, "fixture")])
 
 
-def review_command(fixture: Path, image: Path | str | None) -> str:
+def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = True) -> str:
     """The command that shows a fixture to a person.
 
     image: the slice that it was drawn on, or "IMAGE" where only the person knows it; `None`: none
+    has_page: whether the page can show it, as it does drawn curves; of others the sheet is drawn
     """
     words = ["vfplan", "review", str(fixture)]
     if image is not None:
         words += ["--slice", str(image)]
+    if not has_page:
+        sheet = fixture.with_name(f"{fixture.stem}-sheet.png")
+        return shlex.join([*words, "--sheet-out", str(sheet)])
+    return shlex.join([*words, "-o", file_beside(fixture, "approved")])
+
+
+def accept_command(fixture: Path, digest: str) -> str:
+    """The command that accepts a fixture whose sheet a person has seen."""
+    words = ["vfplan", "accept", str(fixture), "--digest", digest, "--by", "NAME"]
     return shlex.join([*words, "-o", file_beside(fixture, "approved")])
 
 
@@ -42,13 +52,19 @@ def sign_command(fixture: Path) -> str:
     return shlex.join([*words, "-o", file_beside(fixture, "signed")])
 
 
-def page_command(*files: Path | None, output: Path) -> str:
-    """The command that opens the review page of a slice and its markers, with the same options."""
+def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> str:
+    """The command that opens the review page of a slice and its markers, with the same options.
+
+    overwrites: whether --overwrite, if it was typed, was meant for this output
+    """
     words = ["vfplan", "review"]
     for file in files:
         if file is not None:
             words.append(str(file))
-    return shlex.join([*words, *typed_review_options(), "-o", str(output)])
+    for word in typed_review_options():
+        if overwrites or word != "--overwrite":
+            words.append(word)
+    return shlex.join([*words, "-o", str(output)])
 
 
 def typed_review_options() -> list[str]:

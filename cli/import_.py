@@ -100,7 +100,7 @@ def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
     return CommandResult(
         data, text, warnings=import_warnings(fixture, opening_m), findings=findings,
         verdict=f"imported, {certified}",
-        next_step=review_command(output, None),
+        next_step=review_command(output, None, has_page=False),
     )  # fmt: skip
 
 

@@ -35,7 +35,8 @@ def command(fixture, everything, values) -> CommandResult:
         image = None
         if any(path.startswith("/image@") for path in data):
             image = "IMAGE"
-        next_step = review_command(fixture, image)
+        has_page = "/curve/stroke" in data and "/mesh/triangles" not in data
+        next_step = review_command(fixture, image, has_page=has_page)
         if data["reviewed"] is not None:
             next_step = sign_command(fixture)
         if data["seal"]["signed"]:

@@ -32,5 +32,5 @@ def command(old, output) -> CommandResult:
         {"output": str(output), "version": version, "history": line},
         f"{line}\nwrote {output}",
         verdict=f"migrated to version {version}; not reviewed and not signed",
-        next_step=review_command(output, image),
+        next_step=review_command(output, image, has_page="/curve/stroke" in content),
     )

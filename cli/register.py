@@ -72,7 +72,12 @@ def command(
         slice_path = image
         if image is None and planned.fixture.image is not None:
             slice_path = "IMAGE"
-        next_step = review_command(output, slice_path)
+        codes = [finding.code for finding in planned.findings]
+        if "image-other" in codes:
+            # The page shows the curve on its own slice alone.
+            slice_path = "IMAGE"
+        has_page = planned.fixture.curve is not None
+        next_step = review_command(output, slice_path, has_page=has_page)
     else:
         next_step = register_command(output)
     return CommandResult(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from vfplan.cli import options
-from vfplan.cli.following import page_command, sign_command
+from vfplan.cli.following import accept_command, page_command, sign_command
 from vfplan.cli.options import option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line
@@ -182,11 +182,20 @@ def draw_sheet(files: ReviewFiles, sheet_out: Path, arguments: dict[str, Any]) -
             write_sheet(content, path)
     data = {"digest": content.digest, "sheet": str(sheet_out)}
     approved = sheet_out.with_name(f"{files.source.stem}-approved.h5")
-    page = page_command(files.source, files.markers, files.markers2, output=approved)
+    if content.missing_slice:
+        words = ["vfplan", "review", str(files.source), "--slice", "IMAGE"]
+        following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
+    elif content.rgb is None:
+        # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
+        following = accept_command(files.source, content.digest)
+    else:
+        following = page_command(
+            files.source, files.markers, files.markers2, output=approved, overwrites=False
+        )
     return CommandResult(
         data, f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
         verdict=content.verdict,
-        next_step=f"look at {sheet_out}, then {page}",
+        next_step=f"look at {sheet_out}, then {following}",
     )  # fmt: skip
 
 
@@ -214,11 +223,12 @@ def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
     from vfplan.bundle import read_fixture
     from vfplan.images.read import read_image
-    from vfplan.planning import register
+    from vfplan.planning import ExtractSettings, register
     from vfplan.review import sheet_input
-    from vfplan.review.source import refuse_planning_of_planned
+    from vfplan.review.source import refuse_extraction_of_extracted, refuse_planning_of_planned
 
     fixture = read_fixture(files.source)
+    refuse_extraction_of_extracted(fixture, settings_from_options(ExtractSettings, arguments))
     image = None
     if files.slice_path is not None:
         image = read_image(

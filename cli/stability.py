@@ -119,7 +119,7 @@ def command(
             image = None
             if judged.image is not None:
                 image = "IMAGE"
-            next_step = review_command(fixture, image)
+            next_step = review_command(fixture, image, has_page=judged.curve is not None)
         elif judged is not None:
             next_step = sign_command(fixture)
     if not studied.rows:

@@ -38,8 +38,6 @@ PEN = "#e81920"
 MM_PER_PX = 0.5
 N_PER_FORCE_PX = 0.2
 """Length of the force's arrow on the picture [N a pixel]."""
-MIN_SHOWN_N = 0.05
-"""A smaller force would have an arrow that nobody sees [N]."""
 
 
 def main() -> None:
@@ -59,10 +57,7 @@ def main() -> None:
     frames += [planned_frame(empty, line, plan)] * FRAMES_PLANNED
     hips, proxies, forces = pushed(plan, line)
     for step in range(FRAMES_PUSHED):
-        was_pushed = bool(forces[:step].max(initial=0.0) > MIN_SHOWN_N)
-        frames.append(
-            pushed_frame(empty, line, hips[: step + 1], proxies[step], forces[step], was_pushed)
-        )
+        frames.append(pushed_frame(empty, line, hips[: step + 1], proxies[step], forces[step]))
     write(frames)
 
 
@@ -130,18 +125,11 @@ def planned_frame(picture: np.ndarray, line: np.ndarray, plan: vfplan.PlanResult
 
 
 def pushed_frame(
-    picture: np.ndarray,
-    line: np.ndarray,
-    hips: np.ndarray,
-    proxy: np.ndarray,
-    force: float,
-    was_pushed: bool,
+    picture: np.ndarray, line: np.ndarray, hips: np.ndarray, proxy: np.ndarray, force: float
 ) -> Image.Image:
     """The slice with the tool, its path, the proxy, and the force on the tool."""
     text = "3  The robot loads the file."
-    if was_pushed:
-        text = "3  Away from the line the tool is free."
-    if force > MIN_SHOWN_N:
+    if force > 0.05:
         text = f"3  The tool is pushed back with {force:.1f} N."
     figure, axis = stage(picture, text)
     axis.plot(line[:, 0], line[:, 1], color=CLOUD, linewidth=2.2)
@@ -149,7 +137,7 @@ def pushed_frame(
     circle = plt.Circle(proxy, 5 / MM_PER_PX, fill=False, color=CONTACT, linewidth=2)
     axis.add_patch(circle)
     axis.plot(*hips[-1], "o", color=HIP, markersize=8)
-    if force > MIN_SHOWN_N:
+    if force > 0.05:
         direction = (proxy - hips[-1]) / np.linalg.norm(proxy - hips[-1])
         tip = hips[-1] + direction * force / N_PER_FORCE_PX
         arrow = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.2, "shrinkA": 0, "shrinkB": 0}

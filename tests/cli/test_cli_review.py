@@ -115,6 +115,50 @@ def test_curve_bundle_with_markers_is_registered_for_the_sheet(vfplan_cli, plann
     assert fixture.code == 2
 
 
+def test_settings_of_extraction_are_refused_for_a_bundle_unless_it_has_them(
+    vfplan_cli, planned, tmp_path
+):
+    folder, _ = planned
+    command = ("review", folder / "elbow.h5", "--slice", IMAGE, "--sheet-out", tmp_path / "s.png")
+    run = vfplan_cli(*command, "--max-gap", "5", "--method", "mask", "--json")
+    assert run.code == 2
+    assert run.json["error"]["code"] == "extracted-already"
+    assert run.json["error"]["numbers"]["settings"] == ["method", "max_gap_px"]
+    assert vfplan_cli(*command, "--colour", "red", "--max-gap", "20").code == 0
+
+
+@pytest.mark.parametrize("change", ["half", "cut"])
+def test_a_picture_of_another_size_is_refused_for_registration(
+    vfplan_cli, planned, tmp_path, change
+):
+    folder, _ = planned
+    picture = cv2.imread(str(IMAGE))
+    if change == "half":
+        picture = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    else:
+        picture = picture[100:, 80:]
+    cv2.imwrite(str(tmp_path / "other.png"), picture)
+    run = vfplan_cli(
+        "register", folder / "curve.h5", *MARKERS, "--image", tmp_path / "other.png",
+        "-o", tmp_path / "f.h5", "--json",
+    )  # fmt: skip
+    assert run.code == 3
+    assert run.json["error"]["code"] == "image-size-differs"
+    assert run.json["error"]["numbers"]["width_px"] == picture.shape[1]
+    assert not (tmp_path / "f.h5").exists()
+
+
+def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, planned, tmp_path):
+    folder, _ = planned
+    sheet = tmp_path / "s.png"
+    bundle = folder / "elbow.h5"
+    run = vfplan_cli("review", bundle, "--slice", IMAGE, "--sheet-out", sheet, "--json")
+    words = run.json["next"].split(", then ")[1]
+    assert words == f"vfplan review {bundle} --slice {IMAGE} -o {tmp_path / 'elbow-approved.h5'}"
+    run = vfplan_cli("review", bundle, "--sheet-out", sheet, "--overwrite", "--json")
+    assert f"--slice IMAGE --sheet-out {sheet}" in run.json["next"]
+
+
 def test_another_slice_is_refused(vfplan_cli, planned, tmp_path):
     folder, _ = planned
     other = tmp_path / "other.png"

@@ -21,9 +21,6 @@ from slices import arc_of, normal_of, part
 RASTERISERS = ("exact", "agg", "pil", "opencv", *(["skia"] if find_spec("skia") else []))
 ROUND_CAPS_ONLY = ("pil", "opencv")
 WITHOUT_OPACITY_STEPS = 4  # samples a pixel along either axis, of the rasteriser "pil"
-OPENCV_WIDTHS = {1.2: 1, 4.0: 2, 5.8: 3, 7.9: 5, 8.2: 6}
-"""OpenCV's thickness for each width that it draws a bent line with [px], as measured: it paints up
-to 3 px more than it is asked for, and no width between 1.2 and 4 px."""
 QUALITIES = (None, None, None, None, 90, 90, 75, 60)  # one of them for each slice in turn
 SHAPE = (340, 420)
 LARGE_SHAPE = (786, 871)
@@ -62,7 +59,8 @@ class Sheet(Canvas):
         super().__init__(ground, rasteriser)
         self.rng = rng
         self.width = float(rng.choice([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 9.0]))
-        self.width = self.drawn_width(self.width)
+        if rasteriser == "opencv":
+            self.width = float(max(1, round(self.width)))
         self.red = REDS[int(rng.integers(len(REDS)))]
         self.opacity = 1.0
         if rng.random() < 0.25:
@@ -71,18 +69,12 @@ class Sheet(Canvas):
         if rng.random() < 0.25 and rasteriser not in ROUND_CAPS_ONLY:
             self.cap = "butt"
 
-    def drawn_width(self, width):
-        """The width that the rasteriser's line has, where this one is asked for [px]."""
-        if self.rasteriser == "opencv":
-            return min(OPENCV_WIDTHS, key=lambda drawn: abs(drawn - width))
-        return width
-
     def line_share(self, points, width, closed=False, cap="round"):
         points = np.asarray(points, float)
         if self.rasteriser == "pil":
             return _pil(self.shape, polyline(points, closed, 0.2), np.array([width]))
         if self.rasteriser == "opencv":
-            return _opencv(self.shape, points, self.drawn_width(width), closed)
+            return _opencv(self.shape, points, width, closed)
         return super().line_share(points, width, closed, cap)
 
     def fill(self, points, colour):
@@ -289,10 +281,8 @@ def crossed_by_colours(sheet, rng):
 def touched_along(sheet, rng):
     """A line of another colour runs along one edge of the curve."""
     sheet.width = max(sheet.width, 2.0)
-    if sheet.rasteriser == "opencv":  # It draws no width between 1.2 and 4 px.
-        sheet.width = max(sheet.width, 4.0)
     curve = hand(sheet, rng)
-    size = sheet.drawn_width(float(rng.choice([1.0, 2.0, 3.0])))
+    size = float(rng.choice([1.0, 2.0, 3.0]))
     aside = (sheet.width + size) / 2 * rng.uniform(0.85, 1.2)
     beside = curve + rng.choice([-1, 1]) * aside * normal_of(curve)
     length = arc_of(beside)[-1]
@@ -391,7 +381,7 @@ def polygon(sheet, rng):
 
 def planned(sheet, rng):
     """A whole screen: an open curve, nine markers with labels, a grey scale bar."""
-    sheet.width = sheet.drawn_width(float(rng.choice([2.0, 2.2, 3.0, 4.5])))
+    sheet.width = float(rng.choice([2.0, 2.2, 3.0, 4.5]))
     curve = hand(sheet, rng)
     sheet.draw([curve])
     for k in range(9):
@@ -405,7 +395,7 @@ def planned(sheet, rng):
 def neighbour(sheet, rng):
     """A closed curve, and another colour's closed curve close outside of it."""
     curve = hand(sheet, rng, True)
-    other = sheet.drawn_width(float(rng.choice([1.5, 2.0, 3.0])))
+    other = float(rng.choice([1.5, 2.0, 3.0]))
     aside = (sheet.width + other) / 2 + rng.uniform(-0.3, 3)
     outside = curve - aside * normal_of(np.vstack([curve, curve[:1]]))[:-1]
     order = bool(rng.integers(2))
@@ -461,7 +451,7 @@ def short_pieces(sheet, rng):
 def level_tail(sheet, rng):
     """Beyond a long lift the curve goes on straight along a row or a column."""
     if sheet.width > 5:
-        sheet.width = sheet.drawn_width(5.0)
+        sheet.width = 5.0
     t = np.linspace(0, 1, 700)
     start = np.array([rng.uniform(45, 60), rng.uniform(130, 200)])
     bow = rng.uniform(25, 45) * np.sin(np.pi * t) ** 2 * np.cos(3 * t)
@@ -634,7 +624,7 @@ def _pil(shape, dense, widths):
 def _opencv(shape, points, width, closed):
     share = np.zeros(shape, np.uint8)
     at = np.rint(points * 16).astype(np.int32)
-    cv2.polylines(share, [at], closed, 255, OPENCV_WIDTHS[width], cv2.LINE_AA, 4)
+    cv2.polylines(share, [at], closed, 255, max(1, round(width)), cv2.LINE_AA, 4)
     return share / 255.0
 
 

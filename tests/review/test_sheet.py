@@ -381,7 +381,22 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     words = " ".join(box.words for box in sheet.boxes if box.kind == "text")
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
-    assert shown.verdict == "100 findings want an answer before this is signed"
+    assert shown.unanswered == 100
+    assert "100" in shown.verdict
+
+
+def test_the_headline_counts_the_ends_to_look_at():
+    blank = np.zeros((320, 380, 3), np.uint8)
+    along = np.column_stack([np.linspace(20, 360, 341), np.full(341, 100.0)])
+    one, two = line_of(along), line_of(along + np.array([0, 90]))
+    counts = {}
+    for name, lines in {"one": (one,), "two": (one, two), "ring": ()}.items():
+        shown = replace(shown_of(blank, one), strokes=lines)
+        if name == "ring":
+            shown = shown_of(blank, line_of(ring((320, 380)), closed=True))
+        counts[name] = ("both" in shown.verdict, "4" in shown.verdict)
+        check_layout(draw_sheet(shown))
+    assert counts == {"one": (True, False), "two": (False, True), "ring": (False, False)}
 
 
 def test_text_from_files_can_do_no_harm():

@@ -147,14 +147,19 @@ def _runs(flags: NDArray[np.bool_], closed: bool) -> list[NDArray[np.int64]]:
 
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
-    """The pen and the places where a bundle's curve was looked for."""
+    """The settings with which a bundle's curve was extracted, as far as it records them."""
     known = fixture.provenance.settings
+    recorded: dict[str, Any] = {}
+    for name in ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm"):
+        if name in known:
+            recorded[name] = known[name]
+    for name in ("start", "end"):
+        if name in known:
+            recorded[name] = tuple(float(number) for number in str(known[name]).split(","))
     roi = None
     for box in boxes_of(known.get("roi")):
         roi = box
-    colour = str(known.get("colour", settings.colour))
-    exclude = boxes_of(known.get("exclude")) or None
-    return replace(settings, colour=colour, roi=roi, exclude=exclude)
+    return replace(settings, **recorded, roi=roi, exclude=boxes_of(known.get("exclude")) or None)
 
 
 def boxes_of(text: Any) -> tuple[Box, ...]:

@@ -15,31 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import tuned
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.planning import ExtractSettings, extract
 from vfplan.review.account import Entry, list_account
-from vfplan.review.ink import MIN_LINE_PX, SliceInk
+from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
 from vfplan.review.paths import nearest_point
-from vfplan.review.routes import route_along, routes_through
-from vfplan.review.strokes import MendedStroke
-
-MENDED_PX = 12.0
-"""Distance [px] from a changed stretch within which a finding counts as mended."""
+from vfplan.review.routes import MAX_ROUTES, route_along, routes_through
+from vfplan.review.strokes import JOIN_PX, MendedStroke
 
 MOVED_PX = 1.0
 """Distance [px] from the points of its old line from which a point counts as changed: half of it
 may be a step along the line."""
-
-SAME_LINE_PX = 4.0
-"""Distance [px] within which a measured line follows the candidate that was chosen."""
-
-MIN_ROUTE_PX = 4.0
-"""Length [px] of a piece of ink below which it is a dot, and no line."""
-
-MAX_CANDIDATES = 9
-"""Lines that are offered at most: one digit chooses among them."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +205,7 @@ def _follows(stroke: Stroke, route: Stroke) -> bool:
     """Whether a measured line runs along a candidate."""
     for place in route.points[::8]:
         _, distance = nearest_point(stroke.points, place)
-        if distance >= SAME_LINE_PX:
+        if distance >= CLOSE_PX:
             return False
     return True
 
@@ -243,7 +232,7 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
 def route_over(entry: Entry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
     routes, _ = routes_through(entry.mask, entry.box[:2])
-    if not routes or routes[0].length < MIN_ROUTE_PX:
+    if not routes or routes[0].length < tuned.MIN_PROFILES:
         raise SettingError(
             f"Ink {entry.number} is no line. Draw the curve by clicks instead.",
             code="ink-no-line",
@@ -293,7 +282,7 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
         if route.length >= MIN_LINE_PX and inside.all():
             long.append(route)
     long.sort(key=lambda route: -route.length)
-    return tuple(long[:MAX_CANDIDATES])
+    return tuple(long[:MAX_ROUTES])
 
 
 def _changed(before: MendedStroke, after: MendedStroke) -> NDArray[np.float64]:
@@ -313,7 +302,7 @@ def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding,
     for finding in findings:
         if finding.place_px is not None and len(changed):
             _, distance = nearest_point(changed, finding.place_px)
-            if distance <= MENDED_PX:
+            if distance <= JOIN_PX:
                 continue
         kept.append(finding)
     return tuple(kept)

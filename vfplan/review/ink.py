@@ -32,8 +32,8 @@ from vfplan.review.profiles import (
 MIN_LINE_PX = 20.0
 """Length [px] from which ink counts as a line that may be the curve."""
 
-WIDTH_REACH_PX = 8.0
-"""Distance [px] from a line within which the ink is looked for that tells its width."""
+REACH_PX = 8.0
+"""Distance [px] from a drawn line within which its ink is looked for: a click misses by less."""
 
 CLOSE_PX = 3.0
 """Distance [px] from the ink within which a path lies once it was moved there."""
@@ -270,7 +270,7 @@ class SliceInk:
 
     def width_along(self, path: NDArray, closed: bool) -> float:
         """The usual width of the ink along a path [px]; 3 where there is none."""
-        _, has_ink, width = self.nearest(evenly(path, closed), closed, WIDTH_REACH_PX)
+        _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
         if not has_ink.any():
             return 3.0
         return float(np.median(width[has_ink]))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vfplan.fixture import Stroke
 from vfplan.images.read import as_uint8
 from vfplan.review import paper
-from vfplan.review.paper import BLACK, CONTENT_WIDTH, GREY, MARGIN, SMALL, SMALL_BOLD, Box, Paper
+from vfplan.review.paper import BLACK, BODY, CONTENT_WIDTH, MARGIN, STRONG, Box, Paper
 from vfplan.review.sheet_input import SheetInput
 
 Array = NDArray[np.float64]
@@ -27,14 +27,11 @@ INSET_PX = 360
 ZOOM = 8
 """Pixels of the page to one of the slice in an inset."""
 
-WIDER_ZOOM = 4
-"""Pixels of the page to one of the slice in the wider view of an end."""
+WIDER_ZOOM = ZOOM // 2
+"""The same in the wider view of an end."""
 
-BRIDGE_PX = 33
-"""Length [px of the slice] of a bridge that fits into one inset, with ink on both sides."""
-
-COVERED_BY_INSET_PX = 15
-"""Distance [px of the slice] from an inset's middle within which a finding needs no other inset."""
+SHOWN_PX = INSET_PX // ZOOM
+"""Side [px of the slice] of what an inset shows."""
 
 AHEAD_PX = 10.0
 """Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
@@ -45,8 +42,8 @@ ONE_GREY = 2
 
 INSETS_IN_A_ROW = 4
 INSET_STEP = (CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
-CAPTION_HEIGHT = 2 * SMALL.line_height + 12
-ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 30
+CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
+ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +187,7 @@ def _bridges(stroke: Stroke, of_line: str) -> list[Inset]:
     for number, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
         points = stroke.points[run]
         along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
-        count = max(1, int(np.ceil(along[-1] / BRIDGE_PX)))
+        count = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
         for k in range(count):
             place = points[np.searchsorted(along, along[-1] * (k + 0.5) / count)]
             caption = f"Bridge {number}{of_line}, {along[-1]:.0f} px"
@@ -203,7 +200,7 @@ def _bridges(stroke: Stroke, of_line: str) -> list[Inset]:
 def _is_enlarged(place: Array | tuple[float, float], insets: list[Inset]) -> bool:
     for inset in insets:
         distance = np.abs(inset.place - place).max()
-        if inset.zoom == ZOOM and distance <= COVERED_BY_INSET_PX:
+        if inset.zoom == ZOOM and distance <= SHOWN_PX // 3:
             return True
     return False
 
@@ -221,33 +218,31 @@ def draw_insets(
         last_row = y
         for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
             x = round(MARGIN + k * INSET_STEP)
-            caption = paper.shortened(inset.caption, INSET_PX, SMALL_BOLD)
-            sheet.text(x, y, caption, SMALL_BOLD)
-            words = paper.shortened(_described(inset, content), INSET_PX, SMALL)
-            colour = GREY
-            if inset.note:
-                colour = BLACK
-            sheet.text(x, y + SMALL.line_height, words, SMALL, colour)
+            caption = paper.shortened(inset.caption, INSET_PX, STRONG)
+            sheet.text(x, y, caption, STRONG)
+            for line, words in enumerate(_described(inset, content), 1):
+                words = paper.shortened(words, INSET_PX, BODY)
+                sheet.text(x, y + line * BODY.line_height, words)
             draw_inset(sheet, inset, rgb, content, x, round(y + CAPTION_HEIGHT))
         y += ROW_HEIGHT
     return last_row, y
 
 
-def _described(inset: Inset, content: SheetInput) -> str:
-    """An inset's place and size, or what is to be known of it."""
+def _described(inset: Inset, content: SheetInput) -> tuple[str, str]:
+    """How much an inset enlarges and where it lies, and what is to be known of it."""
     u, v = inset.place
-    place = f"({u:.0f}, {v:.0f}), {inset.zoom} times"
+    where = f"enlarged {inset.zoom} times, at ({u:.0f}, {v:.0f})"
     if inset.note:
-        return inset.note
+        return where, inset.note
     if inset.has_line:
-        return f"{place}, with the line"
+        return where, "with the line drawn"
     if inset.is_raised:
-        return f"{place}, contrast raised"
+        return where, "contrast raised"
     if inset.has_band:
-        return f"{inset.zoom} times; 95 %: ±{float(content.tre95_m.max()) * 1e3:.2f} mm"
+        return where, f"95 %: ±{float(content.tre95_m.max()) * 1e3:.2f} mm"
     if content.metres_per_px is None:
-        return place
-    return f"{place}, {INSET_PX // inset.zoom * content.metres_per_px * 1e3:.1f} mm across"
+        return where, f"{INSET_PX // inset.zoom} px across"
+    return where, f"{INSET_PX // inset.zoom * content.metres_per_px * 1e3:.1f} mm across"
 
 
 def draw_inset(

@@ -13,23 +13,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-FIRST_DISTANCE = 16
-"""Distance [px of the page] of a caption's edge from its point in the first try."""
+from vfplan.review.paper import BODY
 
-LAST_DISTANCE = 370
-"""Distance [px of the page] in the last try: a longer leader is hard to follow."""
+STEP = BODY.line_height // 2
+"""Distance [px of the page] from one try to the next: half a line of text."""
 
-GROWTH = 1.37
-"""Factor from one distance that is tried to the next."""
+TRIES = 24
+"""Distances that are tried: a leader longer than twelve lines of text is hard to follow."""
+
+LEADER_GAP = 0.4 * BODY.line_height
+"""Length [px of the page] around its point that a leader does not cover."""
+
+CLEARANCE = BODY.line_height // 8
+"""Distance [px of the page] between two captions, and from a caption to the picture's edge."""
 
 DIRECTIONS = 16
 """Number of directions that are tried at each distance, the first to the upper right."""
-
-LEADER_GAP = 12
-"""Length [px of the page] around its point that a leader does not cover."""
-
-CLEARANCE = 4
-"""Distance [px of the page] between two captions, and from a caption to the picture's edge."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,8 @@ class Labeller:
 
     def place(self, point: NDArray[np.float64], width: int, height: int) -> Place | None:
         """A place for a caption of this size close to a point (x, y); `None` if there is none."""
-        distance = float(FIRST_DISTANCE)
-        while distance <= LAST_DISTANCE:
+        for attempt in range(1, TRIES + 1):
+            distance = float(attempt * STEP)
             for k in range(DIRECTIONS):
                 angle = -np.pi / 4 + k * 2 * np.pi / DIRECTIONS
                 direction = np.array([np.cos(angle), np.sin(angle)])
@@ -78,7 +77,6 @@ class Labeller:
                 else:
                     start = start + (target - start) * LEADER_GAP / length
                 return Place(x, y, np.array([start, target]))
-            distance *= GROWTH
         self.omitted += 1
         return None
 

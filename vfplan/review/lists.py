@@ -45,10 +45,8 @@ def total_height(lines: Iterable[TextLine]) -> float:
 
 
 def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: float) -> float:
-    """From where the slice is seen, what to look for, and the numbers of the plan."""
+    """What to look for at the ends, and the numbers of the plan."""
     facts = []
-    if content.side is not None:
-        facts.append(("The slice is seen from", content.side))
     if content.rgb is not None:
         facts += _facts_of_ends(content)
     facts += content.facts

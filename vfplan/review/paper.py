@@ -33,10 +33,10 @@ def colour_of(hexadecimal: str) -> Colour:
 DPI = 200
 """Dots an inch in print."""
 
-PAGE_WIDTH = 1654
+PAGE_WIDTH = round(210 / 25.4 * DPI)
 """Width of A4, 210 mm, in pixels."""
 
-PAGE_HEIGHT = 2339
+PAGE_HEIGHT = round(297 / 25.4 * DPI)
 """Height of A4, 297 mm, in pixels."""
 
 MARGIN = 60
@@ -46,7 +46,7 @@ CONTENT_WIDTH = PAGE_WIDTH - 2 * MARGIN
 
 WHITE: Colour = colour_of("#ffffff")
 BLACK: Colour = colour_of("#141414")
-GREY: Colour = colour_of("#6e6e6e")
+GREY: Colour = colour_of("#464646")
 
 # What each colour means on every sheet.
 LINE_COLOUR: Colour = colour_of(CLOUD)
@@ -114,13 +114,13 @@ class Style:
         return _font(self.points, self.bold).getlength(words)
 
 
-TITLE = Style(15, bold=True)
-HEADING = Style(9.5, bold=True)
-BODY = Style(8)
-STRONG = Style(8, bold=True)
-SMALL = Style(7)
-SMALL_BOLD = Style(7, bold=True)
-TAG = Style(7.5, bold=True)
+BASE = 8.0
+"""Height of the letters [points] of all text but the headings; smaller was called too small."""
+
+TITLE = Style(1.9 * BASE, bold=True)
+HEADING = Style(1.2 * BASE, bold=True)
+BODY = Style(BASE)
+STRONG = Style(BASE, bold=True)
 
 FOOT = PAGE_HEIGHT - MARGIN - BODY.line_height
 """Row at which the foot of a page begins; nothing else stands below it."""

@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from vfplan.display import nice_length
 from vfplan.fixture import Stroke
 from vfplan.review import paper
-from vfplan.review.insets import draw_distance, ends_of, runs_of
+from vfplan.review.insets import INSET_PX, draw_distance, ends_of, runs_of
 from vfplan.review.labels import Labeller
 from vfplan.review.paper import (
     BAND_COLOUR,
     BLACK,
     BODY,
     BRIDGE_COLOUR,
+    CONTENT_WIDTH,
     GREY,
     HEADING,
     LINE_COLOUR,
     MARGIN,
     MARGIN_COLOUR,
-    SMALL,
     WHITE,
     Box,
     Paper,
@@ -34,8 +34,11 @@ from vfplan.review.views import draw_tag
 
 Array = NDArray[np.float64]
 
-PICTURE_WIDTH = 1090
-"""Width [px of the page] of the slice at most; the column of facts stands on its right."""
+COLUMN_WIDTH = round(1.3 * INSET_PX)
+"""Width [px of the page] of the column of facts beside the slice."""
+
+PICTURE_WIDTH = CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
+"""Width [px of the page] of the slice at most."""
 
 PICTURE_HEIGHT = 980
 """Height [px of the page] of the slice at most: a row of insets fits below it."""
@@ -49,11 +52,12 @@ USUAL_HALF_WIDTH = 2.0
 FREE_RADIUS = 20
 """Radius [px of the page] around an end that no outline, arrow or caption enters."""
 
-AHEAD_RADIUS = 70
+
+AHEAD_RADIUS = 5 * FREE_RADIUS
 """Radius [px of the page] of the disc ahead of an end that no caption enters: a cover of the end
 lies there, and it has to be visible."""
 
-ARROW_LENGTH = 90
+ARROW_LENGTH = INSET_PX // 4
 """Length [px of the page] of the longest arrow of a residual, about."""
 
 
@@ -111,7 +115,7 @@ def draw_picture(
     bottom = _draw_scale_bar(sheet, content, panel)
     if labeller.omitted:
         words = f"There was no place for {labeller.omitted} captions; the lists below name all."
-        bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, SMALL, GREY)
+        bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
     column_y = _draw_legend(sheet, content, enlargement, drawn_bands, column_x, y, column_width)
     return bottom, column_y
 
@@ -259,20 +263,20 @@ def _draw_captions(
 ) -> None:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free."""
 
-    def tag(place: Any, words: str, *, is_dark: bool = False) -> None:
-        draw_tag(sheet, canvas, box, labeller, panel.place(place), words, is_dark=is_dark)
+    def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
+        draw_tag(sheet, canvas, box, labeller, panel.place(place), words, ground)
 
     for number, stroke in enumerate(content.strokes, 1):
         of_line, of_bridge = f" {number}", f" of {number}"
         if len(content.strokes) == 1:
             of_line, of_bridge = "", ""
         for end in ends_of(stroke):
-            tag(end.place, end.name + of_line)
+            tag(end.place, end.name + of_line, ground=LINE_COLOUR)
         for k, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(content.findings, 1):
         if finding.place_px is not None:
-            tag(finding.place_px, f"F{number}", is_dark=True)
+            tag(finding.place_px, f"F{number}", ground=BLACK)
     for marker in content.markers:
         words = f"{marker.label} {marker.residual_m * 1e3:.2f} mm"
         if not marker.used:
@@ -292,11 +296,11 @@ def _draw_scale_bar(sheet: Paper, content: SheetInput, panel: Panel) -> float:
         length = nice_length(0.2 * panel.width * mm_per_page_px)
         words, length_px = f"{length:g} mm", length / mm_per_page_px
     y = panel.y + panel.height + 8
-    middle = y + SMALL.line_height / 2
+    middle = y + BODY.line_height / 2
     bar = np.array([[panel.x + 2, middle], [panel.x + 2 + length_px, middle]])
     paper.draw_line(sheet.canvas, bar, BLACK, 4)
-    sheet.text(panel.x + length_px + 16, y, words, SMALL)
-    return float(y + SMALL.line_height)
+    sheet.text(panel.x + length_px + 16, y, words, BODY)
+    return float(y + BODY.line_height)
 
 
 def _draw_legend(
@@ -309,24 +313,27 @@ def _draw_legend(
     width: float,
 ) -> float:
     """What the lines on the picture mean."""
+    line = "the curve"
+    if content.pen:
+        line = f"the line of the pen ({content.pen})"
     rows: list[tuple[str, paper.Colour, bool]] = [
-        ("Outline beside the line that was taken", LINE_COLOUR, False)
+        (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
     ]
     if any(stroke.bridged.any() for stroke in content.strokes):
-        rows.append(("The same, carried over a gap", BRIDGE_COLOUR, False))
+        rows.append(("Orange outline: carried over a gap", BRIDGE_COLOUR, False))
     if "margin" in drawn_bands:
-        rows.append(("Margin, true scale", MARGIN_COLOUR, False))
+        rows.append(("Green line: margin, true scale", MARGIN_COLOUR, False))
     elif content.margin_m:
-        rows.append(("Margin: within the outline, see the last inset", MARGIN_COLOUR, False))
+        rows.append(("Green: margin, see the last enlargement", MARGIN_COLOUR, False))
     if "bound" in drawn_bands:
-        rows.append(("95 % band of the registration, true scale", BAND_COLOUR, True))
+        rows.append(("Purple dashes: 95 % band of the registration, true scale", BAND_COLOUR, True))
     elif content.tre95_m is not None:
-        rows.append(("95 % band: within the outline, see the last inset", BAND_COLOUR, True))
+        rows.append(("Purple dashes: 95 % band, see the last enlargement", BAND_COLOUR, True))
     if enlargement is not None:
         length = "true length"
         if enlargement != 1:
-            length = f"{enlargement:g} times as long"
-        rows.append((f"Marker as given; arrow: residual, {length}", BLACK, False))
+            length = f"drawn {enlargement:g} times as long"
+        rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     sheet.text(x, y, "On the picture", HEADING)
     y += HEADING.line_height + 4
     for words, colour, is_dashed in rows:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vfplan.curve import tuned
 
 NEARBY_POINTS = 41
-"""Points along a line whose median width is the usual one there; longer than a branch's mouth."""
+"""Points along a line whose median is what is usual there; longer than a branch's mouth."""
 
 MAX_BRANCH_PX = 60
 """Length [px] of a place where other ink joins the line, over which the line can be carried."""
@@ -41,7 +41,8 @@ def is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     strong = np.zeros(len(peak), bool)
     at = np.flatnonzero(has_ink)
     if len(at):
-        strong[at] = peak[at] >= tuned.HALF * median_filter(peak[at], size=61, mode="nearest")
+        usual = median_filter(peak[at], size=NEARBY_POINTS, mode="nearest")
+        strong[at] = peak[at] >= tuned.HALF * usual
     return strong
 
 
@@ -52,7 +53,7 @@ def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     at = np.flatnonzero(has_ink)
     is_jump = np.zeros(len(offset), bool)
     if len(at) >= 5:
-        trend = median_filter(offset[at], size=25, mode="nearest")
+        trend = median_filter(offset[at], size=NEARBY_POINTS, mode="nearest")
         is_jump[at] = np.abs(offset[at] - trend) > 1.5
     return is_jump
 

@@ -11,7 +11,7 @@ from vfplan.fixture import Stroke
 from vfplan.geometry.polyline import length_of
 
 MAX_ROUTES = 9
-"""Routes through a forked line that are offered at most: one digit chooses among them."""
+"""Routes that are offered at most: one digit chooses among them."""
 
 MAX_FREE_ENDS = 12
 """Free ends of a forked line beyond which it is writing, through which no route is offered."""

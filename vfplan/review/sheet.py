@@ -42,14 +42,12 @@ from vfplan.review.paper import (
     Box,
     Paper,
 )
-from vfplan.review.picture import PICTURE_WIDTH, draw_picture
+from vfplan.review.picture import COLUMN_WIDTH, draw_picture
 from vfplan.review.sheet_input import SheetInput
 from vfplan.review.views import draw_views
 
-COLUMN_X = MARGIN + PICTURE_WIDTH + 32
+COLUMN_X = PAGE_WIDTH - MARGIN - COLUMN_WIDTH
 """Where the column of facts begins, beside the picture [px of the page]."""
-
-COLUMN_WIDTH = PAGE_WIDTH - MARGIN - COLUMN_X
 
 
 @dataclass(frozen=True, eq=False)

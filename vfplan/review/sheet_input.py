@@ -97,6 +97,8 @@ class SheetInput:
         The frame of `points_m`.
     missing_slice
         The curve was drawn on a slice, and that was not given.
+    pen
+        The colour of the pen as it was named; empty where no pen drew the curve.
     """
 
     title: str
@@ -116,6 +118,7 @@ class SheetInput:
     triangles: NDArray[np.int32] | None = None
     frame: str = "robot_base"
     missing_slice: bool = False
+    pen: str = ""
 
     @property
     def unanswered(self) -> int:
@@ -124,18 +127,29 @@ class SheetInput:
 
     @property
     def verdict(self) -> str:
-        """The title of the sheet: what is to be done with this plan."""
+        """The title of the sheet: what a person has to look at, and then to do."""
         if self.missing_slice:
             return "The slice is missing: this sheet shows no end of the line"
-        if self.unanswered == 1:
-            return "1 finding wants an answer before this is signed"
-        if self.unanswered:
-            return f"{self.unanswered} findings want an answer before this is signed"
-        if self.reviewed:
+        if self.reviewed and not self.unanswered:
             return f"Approved by {self.reviewed}"
+        then = "approve"
+        if self.unanswered == 1:
+            then = "answer 1 finding"
+        elif self.unanswered:
+            then = f"answer {self.unanswered} findings"
+        return f"Look at {self._what_to_look_at}, then {then}"
+
+    @property
+    def _what_to_look_at(self) -> str:
+        """The ends of the lines; no program can tell whether something covers one."""
         if self.rgb is None:
-            return "No open finding. Look at the three views, then approve"
-        return "No open finding. Look at the ends, then approve"
+            return "the three views"
+        ends = sum(len(stroke.end_points) for stroke in self.strokes)
+        if ends > 2:
+            return f"all {ends} ends"
+        if ends == 2:
+            return "both ends of the line"
+        return "the whole line"
 
 
 def of_plan(plan: PlanResult, title: str) -> SheetInput:
@@ -188,9 +202,14 @@ def of_fixture(
     InputError
         The image is not the one that the curve was drawn on.
     """
+    from vfplan.planning import ExtractSettings
+
     if image is not None:
         check_slice(fixture, image)
     drawn = fixture.provenance.inputs.get("image") is not None
+    pen = ""
+    if drawn and "curve" not in fixture.provenance.inputs:
+        pen = str(fixture.provenance.settings.get("colour", ExtractSettings().colour))
     reviewed = ""
     if fixture.reviewed is not None:
         reviewed = f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
@@ -202,6 +221,7 @@ def of_fixture(
         margin_m=_margin_of(fixture, None),
         side=_side_of(fixture, image),
         frame=fixture.frame,
+        pen=pen,
     )
     if image is None:
         markers: tuple[SheetMarker, ...] = ()

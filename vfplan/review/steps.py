@@ -18,11 +18,11 @@ from vfplan.fixture import Stroke
 from vfplan.io.files import now_utc
 from vfplan.planning import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
-from vfplan.review.ink import SliceInk
+from vfplan.review.ink import REACH_PX, SliceInk
 from vfplan.review.markers import Marker, fit_of, pairs_of_table
 from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
-from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, REACH_PX, MendedStroke
+from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, MendedStroke
 
 Step = dict[str, Any]
 MAX_CLICKS = 500
@@ -45,7 +45,7 @@ def named(step: Any) -> str:
     """What a step does; raises `SettingError` for none that is known."""
     if not isinstance(step, dict) or not isinstance(step.get("do"), str):
         raise SettingError(
-            'A step is an object with the key "do", such as {"do": "leave", "ink": 1}.',
+            'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.',
             code="step-malformed",
         )
     name = step["do"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
 from vfplan.geometry.polyline import arc_lengths, evenly
-from vfplan.review.ink import Followed, SliceInk
+from vfplan.review.ink import REACH_PX, Followed, SliceInk
 from vfplan.review.paths import nearest_point, spline_through
 
 KNOTS = 30
@@ -26,11 +26,9 @@ MIN_KNOT_SPACING_PX = 10.0
 HAND_SIGMA_PX = 1.0
 """Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel."""
 
-REACH_PX = 8.0
-"""How far [px] from a drawn stretch ink is looked for: a click misses its line by less."""
-
 JOIN_PX = 12.0
-"""Distance [px] from the curve within which a drawn stretch begins or ends on it."""
+"""Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
+belongs to the stretch that was mended."""
 
 PER_POINT = ("points", "sigma", "bridged", "edited", "viewed")
 """The fields of a stroke that have a value a point."""

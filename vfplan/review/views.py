@@ -18,9 +18,7 @@ from vfplan.review.paper import (
     GREY,
     LINE_COLOUR,
     MARGIN,
-    SMALL,
     STRONG,
-    TAG,
     WHITE,
     Box,
     Paper,
@@ -29,17 +27,11 @@ from vfplan.review.sheet_input import SheetInput
 
 Array = NDArray[np.float64]
 
-VIEW_PX = 740
+VIEW_PX = CONTENT_WIDTH // 2 - BODY.line_height
 """Side [px of the page] of a view: two stand side by side."""
 
-BORDER_PX = 60
-"""Distance [px of the page] of the geometry from the frame of its view."""
-
-MAX_POINTS = 60_000
-"""Points of a view: it has no pixels for more."""
-
-MAX_TRIANGLES = 40_000
-"""Triangles of a view; of more, the corners are drawn as points."""
+MAX_DRAWN = 50_000
+"""Points or triangles of a view: it has no pixels for more."""
 
 MAX_OUTLINED = 2_000
 """Triangles whose edges are drawn; the edges of more would fill the view."""
@@ -94,7 +86,7 @@ def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, floa
     everything = [content.points_m, *(marker.place[None] for marker in content.markers)]
     low = np.vstack(everything).min(axis=0)
     high = np.vstack(everything).max(axis=0)
-    scale = (VIEW_PX - 2 * BORDER_PX) / max(float((high - low).max()), 1e-9)
+    scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
     for number, side in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN
@@ -116,7 +108,7 @@ def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, floa
         start = np.array([box.x + 16, box.bottom - 18])
         end = start + np.array([length / per_metre * scale, 0])
         paper.draw_line(sheet.canvas, np.array([start, end]), BLACK, 4)
-        sheet.text(start[0], start[1] - 8 - SMALL.line_height, f"{length:g} {unit}", SMALL)
+        sheet.text(start[0], start[1] - 8 - BODY.line_height, f"{length:g} {unit}", BODY)
     free_x, free_y = MARGIN + CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
@@ -125,10 +117,10 @@ def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
     """The points or the triangles, those in front over those behind."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     points = content.points_m
-    if content.triangles is not None and len(content.triangles) <= MAX_TRIANGLES:
+    if content.triangles is not None and len(content.triangles) <= MAX_DRAWN:
         _draw_triangles(canvas, view, points, content.triangles)
         return canvas
-    drawn = points[:: max(1, len(points) // MAX_POINTS)]
+    drawn = points[:: max(1, len(points) // MAX_DRAWN)]
     depth = view.depth(drawn)
     order = np.argsort(depth)
     share = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-12)
@@ -193,20 +185,22 @@ def draw_tag(
     labeller: Labeller,
     point: Array,
     words: str,
-    *,
-    is_dark: bool = False,
+    ground: paper.Colour = WHITE,
 ) -> None:
-    """Write a caption in a small plate close to its point, if there is a place for one."""
-    words = paper.shortened(words, 220, TAG)
-    width, height = round(TAG.width_of(words)) + 12, TAG.line_height + 2
+    """Write a caption in a small plate close to its point, if there is a place for one.
+
+    `ground` is the plate's colour. The letters are black on white, and white on any other.
+    """
+    words = paper.shortened(words, 220, STRONG)
+    width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
     place = labeller.place(point, width, height)
     if place is None:
         return
     paper.draw_cased(part, place.leader, BLACK, 1)
-    ground, letters = WHITE, BLACK
-    if is_dark:
-        ground, letters = BLACK, WHITE
+    letters = WHITE
+    if ground == WHITE:
+        letters = BLACK
     plate = part[place.y : place.y + height, place.x : place.x + width]
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground
-    sheet.text(box.x + place.x + 6, box.y + place.y + 1, words, TAG, letters)
+    sheet.text(box.x + place.x + 6, box.y + place.y + 1, words, STRONG, letters)

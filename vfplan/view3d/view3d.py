@@ -140,7 +140,7 @@ class Stage:
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.
         self._add_slice(image)
-        height = 0.028 * len(self._legend)
+        height = 0.035 * len(self._legend)
         self.plotter.add_legend(
             self._legend, bcolor="white", face="circle", loc="upper right", size=(0.26, height)
         )
