@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-from vfplan.cli.run import is_verbose
+from vfplan.cli.run import command_line, is_verbose
 from vfplan.cli.units import count, micrometres, millijoules, millimetres, milliseconds
 
 from vfplan.display import MAX_LISTED, length
@@ -230,9 +230,9 @@ def next_step(report: dict[str, Any], fixture: str, robot: str) -> str:
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:
-        return "give limits to hold it against: --robot NAME, or --at-most force_max_n=NUMBER"
+        return f"hold it against a robot's limits: {command_line()} --robot NAME"
     if report["verdict"] == "fail":
-        return "look at the failed limits: --report DIR draws the session tick by tick"
+        return f"draw the session tick by tick: {command_line()} --report DIR"
     return shlex.join(["vfplan", "stability", fixture, "--robot", robot])
 
 

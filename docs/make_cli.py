@@ -9,8 +9,7 @@ import inspect
 from pathlib import Path
 
 import click
-from vfplan.cli import options
-from vfplan.cli.main import COMMANDS, GROUPS, cli
+from vfplan.cli import COMMANDS, GROUPS, cli, options
 
 HEAD = """# Command reference
 

@@ -11,10 +11,9 @@ import tempfile
 from pathlib import Path
 
 from vfplan.bundle import Trust, read_bundle, read_keys
-from vfplan.conformance import runner
-from vfplan.conformance.kit import write_kit
+from vfplan.conformance import runner, write_kit
 from vfplan.errors import BundleError, InputError
-from vfplan.io.json_types import to_json_types
+from vfplan.io import to_json_types
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "howto" / "reader.md"

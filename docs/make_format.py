@@ -8,7 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from vfplan.bundle.schema import Row, document, table
+from vfplan.bundle import table
+from vfplan.bundle.schema import Row, document
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "format.md"

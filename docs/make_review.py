@@ -17,9 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vfplan.review import Session
-from vfplan.review.draft import Draft
-from vfplan.review.server import ReviewServer
+from vfplan.review import Draft, ReviewServer, Session
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "support"))

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "making")
 import bones
 import nrrd
 
-from vfplan.registration.nearest import NearestOnMesh
+from vfplan.registration import NearestOnMesh
 from vfplan.surface import SurfaceSettings, surface
 
 GAP_MM = 3.0

@@ -10,7 +10,7 @@ from conftest import ROOT
 # Lowest first. A module belongs to the longest name that fits it; modules of one row may not import
 # each other.
 LAYERS = [
-    ["errors", "display"],
+    ["errors", "display", "lazy"],
     ["io", "geometry", "palette", "findings"],
     ["records", "robot"],
     ["fixture"],

@@ -7,8 +7,7 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.arm import Arm, rehearse
-from vfplan.arm.loop import Hand
+from vfplan.arm import Arm, Hand, rehearse
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.replaying import approach_sessions
 from vfplan.session import Session
@@ -155,7 +154,7 @@ def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
 @pytest.mark.full
 @pytest.mark.parametrize("arm", ["panda", "fr3"])
 def test_the_experiments_pass_on_the_arms(arm):
-    from vfplan.samples.experiments import probing_hand, square
+    from vfplan.samples import probing_hand, square
 
     found = rehearse(square(), probing_hand(), Arm(arm))
     assert found.passed

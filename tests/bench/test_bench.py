@@ -9,27 +9,34 @@ from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
 from vfplan import ProxyParameters
-from vfplan.bench import Peer, bench, build_nanoflann, pictures, read_document, write_json
-from vfplan.bench.cases import Case, cases, chosen_points
-from vfplan.bench.extract import from_line
-from vfplan.bench.meshes import BallMesh, BoxMesh
-from vfplan.bench.peers import NearestPointPenalty
-from vfplan.bench.proxy import judge
-from vfplan.bench.record import (
+from vfplan.bench import (
+    BallMesh,
     BenchRun,
+    BoxMesh,
+    Case,
+    NearestPointPenalty,
+    Peer,
+    bench,
+    build_nanoflann,
+    chosen_points,
     errors_of,
     judge_chosen,
     mark_pareto,
     measure_runs,
     non_dominated,
+    pictures,
+    read_document,
+    write_json,
 )
+from vfplan.bench.cases import cases
+from vfplan.bench.extract import from_line
+from vfplan.bench.proxy import judge
 from vfplan.bench.register import apply, markers_px, true_map
 from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
 from vfplan.errors import CurveError, InputError, SettingError
-from vfplan.planning.tolerance import choose
+from vfplan.planning import choose
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES, travel
-from vfplan.scenes.base import corners_mm
+from vfplan.scenes import SCENES, corners_mm, travel
 
 R = 5e-3
 

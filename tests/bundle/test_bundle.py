@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import content, read_bundle
-from vfplan.bundle.content import FIELDS, to_content
-from vfplan.bundle.schema import table
-from vfplan.bundle.write import completed, to_payload
+from vfplan.bundle import completed, content, read_bundle, table, to_content, to_payload
+from vfplan.bundle.content import FIELDS
 from vfplan.errors import BundleError, InputError, OutputError
 from vfplan.fixture import Fixture, Pieces
 from vfplan.session import RESULT_FORMAT

@@ -15,9 +15,7 @@ import pytest
 from conftest import ROOT
 
 import vfplan
-from vfplan.bundle import read_bundle, validate
-from vfplan.bundle.content import to_content
-from vfplan.bundle.write import completed, to_payload
+from vfplan.bundle import completed, read_bundle, to_content, to_payload, validate
 from vfplan.errors import SettingError, UnsafeError
 from vfplan.fixture import Pieces, StabilityVerdict
 

@@ -15,8 +15,7 @@ from conftest import ROOT, need_header, need_program
 
 import vfplan
 from vfplan.bundle import read_bundle
-from vfplan.conformance import runner
-from vfplan.conformance.kit import write_kit
+from vfplan.conformance import runner, write_kit
 from vfplan.errors import BundleError
 
 pytestmark = pytest.mark.slow

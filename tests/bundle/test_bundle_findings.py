@@ -13,7 +13,7 @@ from vfplan.bundle import describe, keygen, read_bundle, seal, sign, validate
 from vfplan.errors import BundleError, CheckFailed, InputError, SettingError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
-from vfplan.io.json_types import to_json_types
+from vfplan.io import to_json_types
 
 MAKE = {
     "findings": bundles.doubtful,

@@ -18,7 +18,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.bundle import describe, migrate, migration, require_signature, seal, validate
 from vfplan.errors import BundleError, InputError, SignatureError
-from vfplan.io.json_types import to_json_types
+from vfplan.io import to_json_types
 
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("2.*.h5"))

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import import_cloud
-from vfplan.bundle.clouds import refined
-from vfplan.bundle.meshfile import STL_FACET, read_mesh
+from vfplan.bundle import import_cloud, read_mesh, refined
+from vfplan.bundle.meshfile import STL_FACET
 from vfplan.errors import InputError, SessionError
 from vfplan.session.arrays import npz_header
 

@@ -17,12 +17,11 @@ import pytest
 from conftest import ROOT, need_program
 
 from vfplan import Guide, ProxyEngine
-from vfplan.bundle import Trust, read_bundle, read_fixture, read_keys
-from vfplan.bundle.schema import table
-from vfplan.conformance import runner, vectors
-from vfplan.conformance.kit import RENDERED, write_kit
+from vfplan.bundle import Trust, read_bundle, read_fixture, read_keys, table
+from vfplan.conformance import runner, vectors, write_kit
+from vfplan.conformance.kit import RENDERED
 from vfplan.errors import BundleError, InputError
-from vfplan.io.json_types import to_json_types
+from vfplan.io import to_json_types
 
 RULE = re.compile(r"^- \*\*([LCVSKM]\d+)\*\*", re.MULTILINE)
 

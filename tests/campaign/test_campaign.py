@@ -12,8 +12,16 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from vfplan.campaign import CampaignSettings, Trials, margin_for, read_campaign, run_campaign
-from vfplan.campaign.statistics import clopper_pearson, margins, quantile
+from vfplan.campaign import (
+    CampaignSettings,
+    Trials,
+    clopper_pearson,
+    margin_for,
+    margins,
+    quantile,
+    read_campaign,
+    run_campaign,
+)
 from vfplan.campaign.store import BLOCK
 from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering

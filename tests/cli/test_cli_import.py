@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import export, import_cloud, read_bundle
-from vfplan.bundle.clouds import refined
-from vfplan.bundle.leak import covering_radius, largest_cover
-from vfplan.engine.choosing import sampled
+from vfplan.bundle import covering_radius, export, import_cloud, largest_cover, read_bundle, refined
+from vfplan.engine import sampled
 from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
@@ -128,7 +126,7 @@ def test_refining_keeps_the_surface(stl):
     x, y, z = points.T
     off = np.min(np.abs([x, y, z, (x + y + z - 0.03) / np.sqrt(3)]), axis=0)
     assert off.max() < 1e-15
-    from vfplan.bundle.leak import open_edges
+    from vfplan.bundle import open_edges
 
     assert open_edges(triangles) == 0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT
-from vfplan.cli.main import cli
+from vfplan.cli import cli
 
 import vfplan
 from vfplan.errors import CurveError

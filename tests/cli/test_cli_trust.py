@@ -12,7 +12,7 @@ import sys
 import bundles
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.run import CommandResult, command, printable, progress
+from vfplan.cli import CommandResult, command, printable, progress
 
 import vfplan
 from vfplan import view3d

@@ -11,13 +11,18 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.bundle.clouds import refined
-from vfplan.engine.choosing import MAX_TICK_TIME, best_rule, worst_tick_time
+from vfplan.bundle import refined
+from vfplan.engine import MAX_TICK_TIME, best_rule, worst_tick_time
 from vfplan.replaying import replay
 from vfplan.session import Session
-from vfplan.stability.contacts import contacts_along
-from vfplan.stability.extremes import breach, breach_by_jump, engine_at_start, random_path
-from vfplan.stability.largest import engine_for
+from vfplan.stability import (
+    breach,
+    breach_by_jump,
+    contacts_along,
+    engine_at_start,
+    engine_for,
+    random_path,
+)
 
 
 def meshed(points, triangles, axis=None):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
-from vfplan.engine.answers import check_hip, check_path
-from vfplan.engine.parameters import PAPER_BAND, check_points
+from vfplan.engine import PAPER_BAND, check_hip, check_path, check_points
 from vfplan.errors import SceneError, SettingError
 
 POINT = [[0.0, 0.0, 0.0]]

@@ -161,7 +161,7 @@ def pixels_of_the_sample():
 
     Also the points [m] as the registration carries the pixels, before a plan rounds them to 1 nm.
     """
-    from vfplan.samples.paper import planned_mask
+    from vfplan.samples import planned_mask
 
     fixture, _ = planned_mask()
     T = fixture.registration.T_robot_image

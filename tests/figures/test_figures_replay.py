@@ -9,12 +9,18 @@ from replays import fixture_of, line, probing
 
 from vfplan import PlannedImage
 from vfplan.errors import InputError
-from vfplan.figures.depth import depth_along, depth_plot, image_places, slice_depth
-from vfplan.figures.replay import plane_basis, scene, timeline
-from vfplan.figures.style import save_png
+from vfplan.figures import (
+    depth_along,
+    depth_plot,
+    image_places,
+    plane_basis,
+    save_png,
+    scene,
+    slice_depth,
+    timeline,
+)
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
-from vfplan.replaying import replay
-from vfplan.replaying.thinning import ThinnedTicks, contact_marks, thinned
+from vfplan.replaying import ThinnedTicks, contact_marks, replay, thinned
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 

@@ -31,9 +31,7 @@ import damage
 import hdf5_spans
 from vfplan._core import lookup3
 
-from vfplan.bundle import read_bundle, validate
-from vfplan.bundle.content import to_content
-from vfplan.bundle.write import completed, to_payload
+from vfplan.bundle import completed, read_bundle, to_content, to_payload, validate
 from vfplan.errors import BundleError
 
 

@@ -16,8 +16,7 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import ImageError, SettingError
-from vfplan.images.headers import MAX_PAGES, read_header
-from vfplan.images.read import LARGEST_MEGAPIXELS
+from vfplan.images import LARGEST_MEGAPIXELS, MAX_PAGES, read_header
 
 GIB = 1 << 30
 

@@ -17,7 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.io.staging import working_in, write_whole
+from vfplan.io import working_in, write_whole
 from vfplan.session import Session
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,7 @@ from vfplan.cli.outputs import outputs
 
 from vfplan import read_image
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
-from vfplan.io.files import read_whole
-from vfplan.io.staging import move_into_place, write_whole
+from vfplan.io import move_into_place, read_whole, write_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session

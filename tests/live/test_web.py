@@ -16,10 +16,8 @@ from conftest import need_program
 from refusals import refuses
 
 from vfplan.errors import OutputError
-from vfplan.live.page import live_page
-from vfplan.live.sources import PositionStream
-from vfplan.live.web import Web
-from vfplan.session.mcapfile import TICK
+from vfplan.live import PositionStream, Web, live_page
+from vfplan.session import TICK
 
 pytest.importorskip("websockets", reason="needs pip install 'vfplan[live]'")
 FIXTURE = bundles.whole()

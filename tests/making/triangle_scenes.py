@@ -14,8 +14,7 @@ import numpy as np
 
 from vfplan.bench.record import Array
 from vfplan.errors import InputError
-from vfplan.scenes import Scene
-from vfplan.scenes.primitives import Look, Pieces, from_nearest, nearest_on_segments
+from vfplan.scenes import Look, Pieces, Scene, from_nearest, nearest_on_segments
 
 R = 5e-3
 PRESS_M, SLIDE_M, OFF_M = 2e-3, 25e-3, 15e-3
@@ -92,7 +91,7 @@ class Bone(Scene):
     @cached_property
     def points(self) -> Array:
         """(N, 3) corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        from vfplan.bundle.clouds import refined
+        from vfplan.bundle import refined
 
         return refined(*self._mesh, self.spacing)[0]
 

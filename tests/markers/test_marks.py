@@ -9,8 +9,7 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import CheckFailed
-from vfplan.markers import read_markers
-from vfplan.markers.marks import compare_with_marks, drawn_marks
+from vfplan.markers import compare_with_marks, drawn_marks, read_markers
 
 SAMPLES = ROOT / "samples"
 WIDTH, HEIGHT = 700, 600

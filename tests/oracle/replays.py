@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from vfplan.samples.experiments import probing_hand, square
+from vfplan.samples import probing_hand, square
 
 import vfplan
 from vfplan.bundle import migrate

@@ -15,9 +15,7 @@ from replays import fixture_of
 import vfplan
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
-from vfplan.planning import FixtureSettings, plan
-from vfplan.planning.carry import check_arcs_error
-from vfplan.planning.guidance import add_guidance
+from vfplan.planning import FixtureSettings, add_guidance, check_arcs_error, plan
 from vfplan.robot import Robot
 
 SAMPLES = files("vfplan.samples")

@@ -9,7 +9,7 @@ from margins import CLOCKWISE, LINE, registered
 
 from vfplan import FixtureSettings
 from vfplan.errors import SettingError
-from vfplan.planning.margin import add_margin
+from vfplan.planning import add_margin
 from vfplan.registration import fit_registration
 
 

@@ -11,7 +11,7 @@ from refusals import refuses
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
-from vfplan.figures.registration import draw_registration
+from vfplan.figures import draw_registration
 from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan, register
 
 PIXEL = 0.35

@@ -18,9 +18,8 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
-from vfplan.geometry.polyline import values_at
-from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan
-from vfplan.planning.rendering import ignored_axis, render
+from vfplan.geometry import values_at
+from vfplan.planning import ExtractSettings, FixtureSettings, extract, ignored_axis, plan, render
 
 SAMPLES = ROOT / "samples"
 SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))

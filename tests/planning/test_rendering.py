@@ -13,7 +13,7 @@ from vfplan.bundle import read_fixture, write_fixture
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.planning import ExtractSettings, FixtureSettings, plan, register
-from vfplan.replaying.engines import make_engine
+from vfplan.replaying import make_engine
 
 R = 5e-3
 

@@ -7,8 +7,8 @@ import pytest
 
 from vfplan import fit_registration
 from vfplan.errors import MarkerError
+from vfplan.registration import marker_rows
 from vfplan.registration.fit import fit_model
-from vfplan.registration.models import marker_rows
 from vfplan.registration.problem import make_problem
 
 T = np.array([[5.9e-4, 2e-5, 0.25], [-1e-5, -5.8e-4, 0.31], [3e-5, 4e-5, 0.12]])

@@ -12,13 +12,13 @@ from vfplan.registration import (
     describe_checks,
     error_findings,
     fit_registration,
+    label_mistakes,
+    perspective_test,
     registration_findings,
+    scale_departures,
     side_finding,
     target_error,
 )
-from vfplan.registration.labels import label_mistakes
-from vfplan.registration.perspective import perspective_test
-from vfplan.registration.scale import scale_departures
 
 NAMES = [f"x{i}" for i in range(1, 10)]
 table = load(ROOT / "docs" / "make_registration_table.py")

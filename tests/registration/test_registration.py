@@ -10,8 +10,7 @@ from layouts import MODELS, PX, R, grid, planar, solid
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration import describe, fit_registration
-from vfplan.registration.models import rotation
+from vfplan.registration import describe, fit_registration, rotation
 
 
 def test_affine_is_ordinary_least_squares():
@@ -293,7 +292,7 @@ def test_a_rotation_is_that_of_scipy():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_report_is_json(model, robust):
-    from vfplan.io.json_types import to_json_types
+    from vfplan.io import to_json_types
 
     names = [f"x{i}" for i in range(9)]
     for source, target in ((grid(), planar(grid())), solid(6)):

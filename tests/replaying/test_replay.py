@@ -16,8 +16,7 @@ from triangle_scenes import nearest_on
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying import replay
-from vfplan.replaying.clearance import MeshClearance, PointClearance
+from vfplan.replaying import MeshClearance, PointClearance, replay
 from vfplan.session import Session, read_result, write_result
 
 PAPER = {"rule": "paper", "engine": "reference"}

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from conftest import dimple_depth
 from replays import fixture_of
-from vfplan.samples.experiments import planned_curve, probing_hand, square
+from vfplan.samples import planned_curve, probing_hand, square
 
 import vfplan
 from vfplan import ProxyParameters
 from vfplan.replaying import replay
-from vfplan.scenes import SCENES
+from vfplan.scenes import SCENES, Segments
 from vfplan.scenes.god_object import follow
-from vfplan.scenes.primitives import Segments
 from vfplan.session import Session, read_session
 
 K = 1000.0

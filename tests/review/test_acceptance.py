@@ -11,8 +11,7 @@ import pytest
 from vfplan.bundle import read_fixture, write_fixture
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.findings import doubt, note
-from vfplan.review.acceptance import accept
-from vfplan.review.digest import digest_of
+from vfplan.review import accept, digest_of
 
 FINDINGS = (
     doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0)),

@@ -11,7 +11,8 @@ import pytest
 from vfplan.bundle import read_fixture, write_fixture
 from vfplan.findings import doubt
 from vfplan.fixture import Review
-from vfplan.review.digest import LEFT_OUT, digest_of
+from vfplan.review import digest_of
+from vfplan.review.digest import LEFT_OUT
 
 FINDING = doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0))
 

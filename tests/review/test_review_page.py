@@ -18,9 +18,7 @@ from review_slices import fork, hidden_end, miss, two_candidates
 
 import vfplan
 from vfplan.findings import doubt
-from vfplan.review import Session
-from vfplan.review.draft import Draft
-from vfplan.review.server import ReviewServer
+from vfplan.review import Draft, ReviewServer, Session
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

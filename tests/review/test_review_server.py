@@ -13,9 +13,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from vfplan.errors import OutputError
-from vfplan.review import Session, server
-from vfplan.review.draft import Draft
-from vfplan.review.server import MAX_MESSAGE_BYTES, ReviewServer
+from vfplan.review import Draft, ReviewServer, Session, server
+from vfplan.review.server import MAX_MESSAGE_BYTES
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

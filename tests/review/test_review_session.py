@@ -20,9 +20,7 @@ import vfplan
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings, extract
-from vfplan.review import Session
-from vfplan.review.draft import Draft
-from vfplan.review.sheet_input import of_fixture
+from vfplan.review import Draft, Session, of_fixture
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

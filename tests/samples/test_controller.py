@@ -17,8 +17,8 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
-from vfplan.geometry.arcs import fit_arcs
-from vfplan.live.sources import decode
+from vfplan.geometry import fit_arcs
+from vfplan.live import decode
 from vfplan.scenes import Omega, Sheet
 
 pytestmark = pytest.mark.slow

@@ -17,9 +17,7 @@ import pytest
 from conftest import ROOT, missing
 
 import vfplan
-from vfplan.arm import Arm
-from vfplan.arm.loop import Hand, run_loop
-from vfplan.arm.safety_stops import safety_stops
+from vfplan.arm import Arm, Hand, run_loop, safety_stops
 from vfplan.errors import SignatureError
 from vfplan.findings import doubt
 

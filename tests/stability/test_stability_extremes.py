@@ -10,17 +10,17 @@ import pytest
 from bundles import whole
 
 from vfplan import Trace
-from vfplan.stability.contacts import patch
-from vfplan.stability.extremes import (
+from vfplan.stability import (
     CASES,
     ExtremeCase,
     breach,
     engine_at_start,
+    engine_for,
     figure_of_long_walk,
+    patch,
     run_extreme_cases,
+    skipped_extremes,
 )
-from vfplan.stability.largest import engine_for
-from vfplan.stability.study import skipped_extremes
 
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 

@@ -10,18 +10,24 @@ import pytest
 from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
-from vfplan.stability import Plant, SimulatedHand, exact_bound, run_until_still, simulate
-from vfplan.stability.closed_loop import press
-from vfplan.stability.contacts import (
+from vfplan.stability import (
     Contact,
+    Plant,
+    SimulatedHand,
     contacts_along,
+    engine_for,
+    exact_bound,
     first_touch,
+    largest_stiffness,
+    loop_matrix,
     patch,
     point,
+    press,
+    pressing_hand,
+    run_until_still,
+    simulate,
     spread_rows,
 )
-from vfplan.stability.largest import engine_for, largest_stiffness, pressing_hand
-from vfplan.stability.theory import loop_matrix
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)
 NONE = SimulatedHand(np.zeros(3))

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from vfplan.errors import SettingError
-from vfplan.stability import Plant, exact_bound, linear_bound, spectral_radius
-from vfplan.stability.theory import MAX_DECAY, MIN_DECAY, loop_matrix
+from vfplan.stability import (
+    MAX_DECAY,
+    MIN_DECAY,
+    Plant,
+    exact_bound,
+    linear_bound,
+    loop_matrix,
+    spectral_radius,
+)
 
 PLANTS = [
     Plant(1.0, 5.0, 1e-3),

@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from vfplan import ProxyEngine, Status, Trace
-from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
+from vfplan.bench import BenchRun, Record, errors_of, timed_ticks
+from vfplan.bench.record import Array
 from vfplan.scenes import Drawn, outline
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0

@@ -73,7 +73,7 @@ def write_archive() -> None:
     import vfplan
     from vfplan.bundle import describe, keygen, sign
     from vfplan.bundle.schema import VERSION
-    from vfplan.io.json_types import to_json_types
+    from vfplan.io import to_json_types
 
     for name, make in MADE.items():
         path = ARCHIVE / f"{VERSION}-{name}.h5"

@@ -117,7 +117,7 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
             next_step="rehearse with --arm and --base as the robot really stands, then sign",
         )  # fmt: skip
     verdict = f"fail: {arm.name} would stop"
-    next_step = "move more slowly or press less there; --report DIR draws what stopped it"
+    next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
     if not metrics["reachable"]:
         verdict = f"fail: {arm.name} does not reach every place"
         next_step = "move the arm with --base, or bring the fixture closer"

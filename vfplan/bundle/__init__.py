@@ -10,25 +10,7 @@ writer nor the rules of `validate`.
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
-
-_DEFINED = {
-    "clouds": ("import_cloud", "mesh_band", "sample_band"),
-    "describe": ("describe", "diff"),
-    "exporting": ("export", "left_out"),
-    "keys": ("keygen", "read_keys"),
-    "migration": ("migrate",),
-    "read": ("read_bundle", "read_fixture", "read_sealed", "require_signature"),
-    "signing": ("sign",),
-    "trust": ("Trust",),
-    "validation": ("Issue", "mesh_doubts", "validate"),
-    "write": ("write_fixture",),
-}
-"""Module -> the public names that it defines."""
-_HOME = {}
-for _module, _names in _DEFINED.items():
-    _HOME.update(dict.fromkeys(_names, _module))
+from vfplan.lazy import on_demand
 
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
@@ -36,16 +18,26 @@ __all__ = [
     "read_sealed", "require_signature", "sample_band", "sign", "validate", "write_fixture",
 ]  # fmt: skip
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = importlib.import_module(f"{__name__}.{_HOME[name]}")
-    # All names of the module at once: importing it sets its own name here, which one of its
-    # functions may bear, as `describe` does.
-    for defined in _DEFINED[_HOME[name]]:
-        globals()[defined] = getattr(module, defined)
-    return globals()[name]
+# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "clouds": "import_cloud mesh_band sample_band refined",
+        "describe": "describe diff",
+        "exporting": "export left_out",
+        "keys": "keygen read_keys",
+        "migration": "migrate",
+        "read": "read_bundle read_fixture read_sealed require_signature",
+        "signing": "sign",
+        "trust": "Trust",
+        "validation": "Issue mesh_doubts validate",
+        "write": "write_fixture completed to_payload",
+        "content": "to_content",
+        "leak": "certificate covering_radius largest_cover open_edges",
+        "meshfile": "read_mesh",
+        "schema": "table",
+    },
+)
 
 
 def __dir__() -> list[str]:

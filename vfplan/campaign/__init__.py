@@ -12,25 +12,22 @@ run         blocks on this machine's cores or on a Dask cluster
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
+from vfplan.lazy import on_demand
 
-_DEFINED = {
-    "CampaignSettings": "settings",
-    "Trials": "trial",
-    "margin_for": "margin",
-    "read_campaign": "store",
-    "require_same_plan": "margin",
-    "run_campaign": "run",
-}
 __all__ = [
     "CampaignSettings", "Trials", "margin_for", "read_campaign", "require_same_plan",
     "run_campaign",
 ]  # fmt: skip
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used: `vfplan campaign --help` needs none of them."""
-    if name not in _DEFINED:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_DEFINED[name]}"), name)
+# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "settings": "CampaignSettings",
+        "trial": "Trials",
+        "margin": "margin_for require_same_plan",
+        "store": "read_campaign",
+        "run": "run_campaign",
+        "statistics": "clopper_pearson margins quantile",
+    },
+)

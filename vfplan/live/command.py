@@ -12,7 +12,7 @@ import click
 
 from vfplan.cli.options import FIXTURE, option, options_in_order
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command
+from vfplan.cli.run import CommandResult, command, command_line
 from vfplan.cli.stopping import noted_signals
 from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
 
@@ -85,7 +85,7 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
     if writer is None:
         return CommandResult(
             data, text, warnings=warnings, verdict="shown to the end",
-            next_step="--mcap FILE keeps every tick of the next run",
+            next_step=f"keep every tick of the next run: {command_line()} --mcap FILE.mcap",
         )  # fmt: skip
     data["mcap"] = str(mcap)
     text += f"\nwrote {mcap}"

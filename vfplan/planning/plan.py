@@ -171,7 +171,9 @@ def register(
     # Markers -> transform, or a refusal that names the marker.
     matched = match(curve, markers, markers2, settings, image)
     # `drawn` is the curve as it is measured: in pixels, or in the patient's frame of its slice.
-    drawn, registration, refined = matched.curve, matched.registration, None
+    drawn = matched.curve
+    registration = matched.registration
+    refined = None
     if touched is not None:
         refined = refine(drawn, registration, touched, tip_radius)
         registration = refined.registration
@@ -180,7 +182,8 @@ def register(
     error = target_error(registration, drawn.points)
     if settings.max_tre_length_m is not None:
         refuse_large_error(error, settings.max_tre_length_m, registration, drawn.points)
-    margin, margin_m = None, 0.0
+    margin = None
+    margin_m = 0.0
     if settings.margin is not None:
         settings, margin = add_margin(drawn, registration, settings)
         margin_m = margin.largest_m
@@ -188,7 +191,8 @@ def register(
     # The curve in the target frame, sampled as finely as the tolerance asks.
     rendered = render(drawn, registration, settings, matched.slice_axes, margin_m)
     fixture = make_fixture(matched, registration, rendered, settings, refined)
-    guide_report, guide_findings = {}, ()
+    guide_report: dict[str, Any] = {}
+    guide_findings: tuple[Finding, ...] = ()
     if settings.guide_m is not None:
         fixture, guide_report, guide_findings = add_guidance(fixture, settings)
 
@@ -235,7 +239,8 @@ def make_fixture(
 
     Only in the robot's frame a bundle holds its slice and its registration (docs/format.md).
     """
-    source, carried = matched.curve, rendered.carried
+    source = matched.curve
+    carried = rendered.carried
     target_frame = matched.correspondences.target_frame
 
     # The curve's provenance, continued.
@@ -250,12 +255,14 @@ def make_fixture(
     if source.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
-    earlier, now = source.provenance, Provenance.now(inputs, settings)
+    earlier = source.provenance
+    now = Provenance.now(inputs, settings)
     provenance = replace(
         now, settings=earlier.settings | now.settings | choices, history=earlier.history
     )
 
-    image, record = None, None
+    image = None
+    record = None
     if target_frame == "robot_base":
         image = source.image
         record = registration.record(carried.source, source_frame=source.frame)

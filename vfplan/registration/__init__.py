@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vfplan.lazy import on_demand
 from vfplan.registration.checks import (
     describe_checks,
     error_findings,
@@ -27,3 +28,15 @@ __all__ = [
     "side_finding",
     "target_error",
 ]
+
+# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "labels": "label_mistakes",
+        "nearest": "NearestOnMesh on_triangles",
+        "perspective": "perspective_test",
+        "scale": "scale_departures",
+        "models": "homogeneous marker_rows rotation",
+    },
+)

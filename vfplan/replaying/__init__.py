@@ -18,6 +18,7 @@ approach    sessions that go along a drawn curve
 
 from __future__ import annotations
 
+from vfplan.lazy import on_demand
 from vfplan.replaying.approach import approach_sessions
 from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import ENGINES, RULES
@@ -28,3 +29,13 @@ __all__ = [
     "ENGINES", "RULES", "Comparison", "Link", "LossyLink", "Replay", "approach_sessions", "replay",
     "result_record",
 ]  # fmt: skip
+
+# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "thinning": "ThinnedTicks contact_marks thinned",
+        "clearance": "MeshClearance PointClearance",
+        "engines": "make_engine",
+    },
+)

@@ -146,6 +146,8 @@ def replay(
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
     started = clock.perf_counter()
+
+    # What is replayed against what: both in one frame.
     path = None
     record: dict[str, Any] = {}
     if not isinstance(fixture, Fixture):
@@ -167,22 +169,15 @@ def replay(
             where=session.name,
             code="frame-differs",
         )
-    if link is not None and not link.faulty:
-        link = None
-    if rule is None:
-        rules = [best_rule(fixture)]
-    elif rule == "both":
-        rules = ["robust", "paper"]
-    elif rule in RULES:
-        rules = [rule]
-    else:
-        raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
 
     # One run of each rule, and behind a lossy link one more over a perfect link. On a mesh, a rule
     # for points renders the mesh's samples; of two rules, both are rules for points.
+    rules = chosen_rules(rule, fixture)
+    if link is not None and not link.faulty:
+        link = None
     with naming_place(path):
         fixture = as_rendered(fixture, rules[0])
-        settings: dict[str, Any] = {"robot": robot, "governor": governor}
+        changing = None
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
                 raise SettingError(
@@ -190,9 +185,8 @@ def replay(
                     "link. Leave --compare, --engine or --link out",
                     code="changes-alone",
                 )
-            settings["changing"] = ChangingFixture(
-                fixture, rules[0], poses, events, moving or {}, trust
-            )
+            changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
+        settings = {"robot": robot, "governor": governor, "changing": changing}
         runs = []
         for name in rules:
             runs.append(EngineRun(fixture, name, engine, link=link, keep=keep, **settings))
@@ -200,6 +194,7 @@ def replay(
         if link is not None:
             perfect = EngineRun(fixture, rules[0], engine, keep=0, **settings)
 
+    # The session, block by block through each run.
     recording = SamplingReport()
     between_rules = Comparison()
     between_links = Comparison()
@@ -216,6 +211,7 @@ def replay(
         if perfect is not None:
             between_links.update(blocks[0], perfect.feed(time, hand))
 
+    # What is the same for every run.
     record["session"] = {
         "name": session.name, "frame": session.frame, **session.notes, **recording.report(),
     }  # fmt: skip
@@ -224,9 +220,10 @@ def replay(
     if perfect is not None:
         record["link"] = link_report(link, runs[0], perfect, between_links, robot)
     record["elapsed_s"] = clock.perf_counter() - started
+
+    # Each run's report: its numbers, what a person should look at, and the limits that were given.
     if robot is not None:
         limits = (*limits, *robot_limits(robot))
-
     results = []
     for run in runs:
         numbers = run.finish()
@@ -258,6 +255,17 @@ def replay(
         **robust.metrics, "rule": "both", "paper": paper_numbers, "apart": between_rules.report(),
     }  # fmt: skip
     return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
+
+
+def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
+    """The rules that run: the one asked for, both for points, or the fixture's best."""
+    if rule is None:
+        return [best_rule(fixture)]
+    if rule == "both":
+        return ["robust", "paper"]
+    if rule not in RULES:
+        raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
+    return [rule]
 
 
 def link_report(

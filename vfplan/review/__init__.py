@@ -23,15 +23,22 @@ acceptance   answers, a name and the digest, stored in a bundle
 
 from __future__ import annotations
 
-from typing import Any
+from vfplan.lazy import on_demand
 
 __all__ = ["Session"]
 
-
-def __getattr__(name: str) -> Any:
-    # The sheet is drawn without the session, whose imports cost half a second.
-    if name == "Session":
-        from vfplan.review.session import Session
-
-        return Session
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "session": "Session",
+        "acceptance": "accept",
+        "digest": "digest_of",
+        "draft": "Draft",
+        "ink": "SliceInk",
+        "routes": "routes_through",
+        "server": "ReviewServer",
+        "sheet": "draw_sheet write_sheet",
+        "sheet_input": "AccountEntry SheetInput SheetMarker check_slice of_fixture of_plan",
+    },
+)

@@ -6,6 +6,7 @@ than a few of them; `ResultWriter` writes a result as it comes.
 
 from __future__ import annotations
 
+from vfplan.lazy import on_demand
 from vfplan.session.events import Event, read_events, write_events
 from vfplan.session.poses import Poses, read_poses
 from vfplan.session.read import open_session, read_session
@@ -26,3 +27,11 @@ __all__ = [
     "read_events", "read_poses", "read_result", "read_session", "require_fixture", "resampled",
     "write_events", "write_result",
 ]  # fmt: skip
+
+# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
+__getattr__ = on_demand(
+    __name__,
+    {
+        "mcapfile": "TICK McapWriter read_ticks",
+    },
+)
