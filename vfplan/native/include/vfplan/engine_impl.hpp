@@ -1,8 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The rules in their spaces, behind the type that an engine holds, and how long a tick of theirs
-// may take. engine.hpp, which a controller includes, and tick_time.hpp declare what is defined
-// here.
+// The rules in their spaces, behind the type that an engine holds, and the time of a tick that is
+// proven of each rule. engine.hpp, which a controller includes, and tick_time.hpp declare what is
+// defined here.
 #pragma once
 
 #include <algorithm>
@@ -213,100 +213,6 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
         Space{}, p, std::move(triangles), std::move(body), p);
 }
 
-/// The work of the worst tick that a search finds [s]. It tries many places of the geometry for a
-/// few ticks each, the more laborious half of them for twice as long, and so on, to one place in
-/// the end. A HIP starts near a place or on it, perhaps inside, and is led at up to 3 m/s to random
-/// goals: most of them close, some far behind, and one in four at another place of the geometry, so
-/// that much may lie between the HIP and its proxy. The work is counted and not timed, so that the
-/// search finds the same everywhere.
-inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geometry) {
-    constexpr std::size_t places = 256;
-    constexpr int first_ticks = 16;
-    constexpr int ticks_a_goal = 30;
-    constexpr double share_of_far_goals = 0.25;
-    constexpr double share_of_starts_on_it = 0.125;  // where a sum of directions may cancel
-    constexpr double furthest_goal = 8;              // [R]; proxies that turn round a ring need it
-    constexpr double largest_step = 3e-3;            // of a HIP of 3 m/s in a tick [m]
-
-    std::uint64_t state = 42;
-    const auto random = [&state](double low, double high) {
-        state = state * 6364136223846793005ull + 1442695040888963407ull;
-        return low + (high - low) * static_cast<double>(state >> 11) * 0x1p-53;
-    };
-    const auto any_place = [&] {
-        const double number = random(0, static_cast<double>(geometry.size()));
-        return geometry[static_cast<std::size_t>(number)];
-    };
-    const auto around = [&](const Vec3& place, double reach) {
-        Vec3 x;
-        for (int k = 0; k < 3; ++k) x[k] = place[k] + random(-reach, reach);
-        return x;
-    };
-    const auto most_work = [&](const Vec3& place, int ticks) {
-        double start_reach = 0;
-        if (random(0, 1) >= share_of_starts_on_it) start_reach = random(0, 3) * engine.radius;
-        Vec3 hip = around(place, start_reach);
-        Vec3 goal = place;
-        double most = 0;
-        engine.reset(hip);
-        for (int t = 0; t < ticks; ++t) {
-            if (t % ticks_a_goal == 0) {
-                if (random(0, 1) < share_of_far_goals) {
-                    goal = around(any_place(), engine.radius);
-                } else {
-                    const double share = random(0, 1);
-                    goal = around(place, furthest_goal * share * share * share * engine.radius);
-                }
-            }
-            const Vec3 way = goal - hip;
-            hip = hip + along(way, std::min(norm(way), largest_step));
-            const double before = engine.work_time();
-            engine.step(hip);
-            most = std::max(most, engine.work_time() - before);
-        }
-        return most;
-    };
-
-    struct Place {
-        double work;
-        Vec3 at;
-    };
-    std::vector<Place> tried;
-    for (std::size_t i = 0; i < places; ++i) tried.push_back({0, any_place()});
-    double most = 0;
-    for (int ticks = first_ticks; !tried.empty(); ticks *= 2) {
-        for (Place& place : tried) {
-            place.work = most_work(place.at, ticks);
-            most = std::max(most, place.work);
-        }
-        std::stable_sort(tried.begin(), tried.end(),
-                         [](const Place& a, const Place& b) { return a.work > b.work; });
-        tried.resize(tried.size() / 2);
-    }
-    return most;
-}
-
-/// What a search misses of the worst tick, and what a count misses of its time. docs/engine.md has
-/// the bound over the worst tick measured for it.
-inline constexpr double search_margin = 2.2;
-
-/// What a tick takes besides that no count tells [s]: the first one reads memory that no cache
-/// holds yet.
-inline constexpr double uncounted_time = 3e-6;
-
-/// `search_margin` times what the search finds, and what is not counted, but no more than is
-/// proven [s].
-inline double bound_by_search(EngineImpl& engine, const std::vector<Vec3>& geometry,
-                              double proven) {
-    return std::min(proven, uncounted_time + search_margin * most_work_found(engine, geometry));
-}
-
-inline std::vector<Vec3> rows_of(const double* xyz, std::size_t n) {
-    std::vector<Vec3> rows(n);
-    for (std::size_t i = 0; i < n; ++i) rows[i] = {{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
-    return rows;
-}
-
 /// The robust rule's: in each iteration it looks at the points in its list, and at those that touch
 /// one by one.
 template <int D>
@@ -333,45 +239,43 @@ double proven_paper_time(const Cloud<D>& cloud, const Parameters& p) {
     return a_tick + a_point * most_within(cloud, 1.05 * reach);
 }
 
+/// The proven time of a tick among n points, and the engine that it is proven of, unless only the
+/// time is wanted.
 template <class Space>
-double tick_time_in_space(Space space, const double* xyz, std::size_t n, const Parameters& p,
-                          bool searches) {
+SearchableEngine make_searchable_in(Space space, const double* xyz, std::size_t n,
+                                    const Parameters& p, bool with_engine) {
     constexpr int D = Space::dimension;
     Cloud<D> cloud = make_cloud(space, xyz, n);
     const Kernels<D> loops = kernels<D>(Width::automatic);
-    ImplPtr engine;
-    double proven;
+    SearchableEngine made;
     if (p.rule == Rule::paper) {
-        proven = proven_paper_time(cloud, p);
-        if (searches) engine = make_paper(space, cloud, p, loops);
+        made.proven_time = proven_paper_time(cloud, p);
+        if (with_engine) made.engine = make_paper(space, cloud, p, loops);
     } else {
         const Thinned<D> all = thinned(std::move(cloud), p);
-        proven = proven_robust_time(all.cloud, p);
-        if (searches) engine = make_robust<Space, D>(space, all, p, loops, nullptr);
+        made.proven_time = proven_robust_time(all.cloud, p);
+        if (with_engine) made.engine = make_robust<Space, D>(space, all, p, loops, nullptr);
     }
-    // A search seldom meets the tick that uses hundreds of iterations.
-    constexpr int max_searched_iterations = 32;
-    const bool has_long_ticks =
-        p.rule == Rule::robust && p.max_iterations > max_searched_iterations;
-    if (!searches || has_long_ticks) return proven;
-    return bound_by_search(*engine, rows_of(xyz, n), proven);
+    return made;
 }
 
-inline double tick_time_of(const double* xyz, std::size_t n, const Parameters& p, bool searches) {
+VFPLAN_COMPILED_ONCE SearchableEngine make_searchable(const double* xyz, std::size_t n,
+                                                      const Parameters& p, bool with_engine) {
     check(p);
-    if (p.ignore_axis) return tick_time_in_space(Slice(*p.ignore_axis), xyz, n, p, searches);
-    return tick_time_in_space(Space{}, xyz, n, p, searches);
+    if (p.ignore_axis)
+        return make_searchable_in(Slice(*p.ignore_axis), xyz, n, p, with_engine);
+    return make_searchable_in(Space{}, xyz, n, p, with_engine);
 }
 
 VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p) {
-    return !(tick_time_of(xyz, n, p, false) <= max_tick_time);
+    return !(make_searchable(xyz, n, p, false).proven_time <= max_tick_time);
 }
 
 }  // namespace detail
 
 VFPLAN_COMPILED_ONCE double proven_tick_time(const double* xyz, std::size_t n,
                                              const Parameters& p) {
-    return detail::tick_time_of(xyz, n, p, false);
+    return detail::make_searchable(xyz, n, p, false).proven_time;
 }
 
 VFPLAN_COMPILED_ONCE double proven_tick_time(const std::vector<Stroke>& strokes,
@@ -401,27 +305,6 @@ VFPLAN_COMPILED_ONCE double proven_tick_time(const mesh::Surface& surface, const
     }
     const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
     return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
-}
-
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
-    return detail::tick_time_of(xyz, n, p, true);
-}
-
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p) {
-    const double proven = proven_tick_time(strokes, p);
-    std::vector<Vec3> corners;
-    for (const Stroke& stroke : strokes) {
-        const auto more = detail::rows_of(stroke.vertices.data(), stroke.vertices.size() / 3);
-        corners.insert(corners.end(), more.begin(), more.end());
-    }
-    return detail::bound_by_search(*detail::make_impl(strokes, p), corners, proven);
-}
-
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
-    const double proven = proven_tick_time(surface, p);
-    return detail::bound_by_search(*detail::make_impl(surface, p),
-                                   detail::rows_of(surface.points, surface.n), proven);
 }
 
 }  // namespace vfplan

@@ -1,11 +1,14 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Another engine, or other points, under the hand: what the editor's thread hands to the loop, how
-// the loop takes it up, and how the force gets from the one to the other.
+// Another engine, or other points, under the hand: what the editor's thread hands to the loop
+// (SpscQueue, PendingChanges), the numbers that points keep (PointNumbers), and how the force gets
+// from the one engine to the other (ForceRamp). After a start inside, the force is ramped by WayOut
+// and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -14,21 +17,66 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/base/spsc_queue.hpp"
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-/// Before a function that engine_impl.hpp defines: in each source file, or in engine.cpp alone.
+/// Stands before a function that engine_impl.hpp defines. With VFPLAN_COMPILED it is compiled in
+/// engine.cpp alone, without it in each source file.
 #ifdef VFPLAN_COMPILED
 #define VFPLAN_COMPILED_ONCE
 #else
 #define VFPLAN_COMPILED_ONCE inline
 #endif
 
-namespace vfplan::detail {
+namespace vfplan {
+
+/// A queue from one thread to one other. Neither of them locks, waits or allocates.
+template <class T>
+class SpscQueue {
+  public:
+    /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
+    explicit SpscQueue(std::size_t capacity)
+        : items_(std::bit_ceil(capacity)), mask_(items_.size() - 1) {}
+    SpscQueue(const SpscQueue&) = delete;
+    SpscQueue& operator=(const SpscQueue&) = delete;
+
+    /// How many more items fit; for the thread that gives.
+    std::size_t free_slots() const noexcept {
+        return items_.size() - std::size_t(head_.load(std::memory_order_relaxed) -
+                                           tail_.load(std::memory_order_acquire));
+    }
+    /// Gives n items, which the other thread sees all at once; false where they do not all fit.
+    bool push(const T* items, std::size_t n) noexcept {
+        if (free_slots() < n) return false;
+        const std::uint64_t at = head_.load(std::memory_order_relaxed);
+        for (std::size_t i = 0; i < n; ++i) items_[(at + i) & mask_] = items[i];
+        head_.store(at + n, std::memory_order_release);
+        return true;
+    }
+    bool push(const T& item) noexcept { return push(&item, 1); }
+    /// How many items the other thread has not taken yet; for the thread that gives.
+    std::size_t size() const noexcept { return items_.size() - free_slots(); }
+    /// The oldest item, or null; for the thread that takes.
+    const T* front() const noexcept {
+        const std::uint64_t at = tail_.load(std::memory_order_relaxed);
+        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
+    }
+    /// Drops the item that `front` gave; for the thread that takes.
+    void pop() noexcept {
+        tail_.store(tail_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+    }
+
+  private:
+    std::vector<T> items_;
+    std::uint64_t mask_;
+    alignas(64) std::atomic<std::uint64_t> head_{0};
+    alignas(64) std::atomic<std::uint64_t> tail_{0};
+};
+
+namespace detail {
 
 /// An engine behind its type.
 struct EngineImpl {
@@ -59,6 +107,12 @@ struct EngineImpl {
 
 using ImplPtr = std::unique_ptr<EngineImpl>;
 
+/// An engine, and the time of its ticks that follows from counts.
+struct SearchableEngine {
+    ImplPtr engine;
+    double proven_time = 0;  ///< [s]
+};
+
 /// What the editor hands to the loop.
 struct PendingChange {
     enum Kind { exchange, remove, add } kind = exchange;
@@ -67,8 +121,8 @@ struct PendingChange {
     Vec3 point;
 };
 
-/// Lets the force follow that of the engine by K (R/256 + |motion of the HIP|) a tick, until it is
-/// there.
+/// The ramp of the force after an exchange or an edit. The force follows that of the engine by
+/// K (R/256 + |motion of the HIP|) a tick, until it is there.
 class ForceRamp {
   public:
     void begin() noexcept {
@@ -114,12 +168,12 @@ struct PendingChanges {
         for (; const PendingChange* c = queue.front(); queue.pop()) delete c->engine;
         delete_retired();
     }
-    /// The loop's: it alone puts in, so it never has to try again.
+    /// Gives an engine back, in the loop. The loop alone does, so it never has to try again.
     void retire(EngineImpl* old) noexcept {
         old->next = retired.exchange(nullptr, std::memory_order_acquire);
         retired.store(old, std::memory_order_release);
     }
-    /// The editor's.
+    /// Deletes what was given back, in the editor's thread.
     void delete_retired() noexcept {
         EngineImpl* old = retired.exchange(nullptr, std::memory_order_acquire);
         while (old) delete std::exchange(old, old->next);
@@ -253,4 +307,6 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
     }
 };
 
-}  // namespace vfplan::detail
+}  // namespace detail
+
+}  // namespace vfplan

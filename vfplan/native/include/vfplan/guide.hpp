@@ -1,14 +1,16 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The drawn curve as a ruler: the tip is kept within a tube around it, or led along it.
+// The drawn curve as a ruler. A guide keeps the tip within a tube around the curve, or leads it
+// along.
 //
 //     vfplan::GuideParameters p;
 //     p.radius = 1e-3;                                    // of the tube [m]
 //     vfplan::Guide guide(xyz, n, false, p);              // throws std::invalid_argument
 //     for (;;) force = guide.step(hip).force;             // never allocates, throws, locks, waits
 //
-// The guide keeps its place on the curve and moves it by descent of the distance, never by a search
-// among all of it: where strands run close by or cross, it stays on its own.
+// The guide keeps the place of the curve that is nearest to the tip, and moves it by descent of the
+// distance. It does not search the whole curve for a nearer place, so it stays on its own strand
+// where strands run close by or cross.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +31,7 @@ enum class Ends {
 /// When the guide takes hold of the tip.
 enum class Hold {
     at_once,  ///< at the first tick, with whatever force that takes
-    on_entry  ///< once the tip is within the tube: no force before
+    on_entry  ///< once the tip is within the tube; there is no force before
 };
 
 struct GuideParameters {
@@ -51,8 +53,8 @@ struct GuideStep {
     double lateral = 0;    ///< HIP to place [m]
     double remaining = 0;  ///< from the place to the strand's end [m]
     std::uint32_t strand = 0;
-    bool held = false;         ///< the guide has hold of the tip
-    std::uint8_t status = ok;  ///< bad_hip; limit: the place goes on next tick
+    bool held = false;         ///< whether the guide has hold of the tip
+    std::uint8_t status = ok;  ///< `bad_hip`, or `limit` where the place goes on next tick
 };
 
 /// Throws std::invalid_argument on a value outside its range.
@@ -68,8 +70,8 @@ inline void check(const GuideParameters& p) {
 
 class Guide {
   public:
-    /// What the proxy may lag behind the HIP's own motion in a tick [m]: the force changes by
-    /// K (|dx| + 2e-5 m) at most, the pull's part included.
+    /// What the proxy may move in a tick besides following the HIP [m]. With it the force changes
+    /// by K (|dx| + 2e-5 m) at most, the part of the pull included.
     static constexpr double give = 0.95e-5;
 
     /// One curve through `n` points [m], x y z of each in turn.
@@ -95,33 +97,39 @@ class Guide {
         check_tube();
     }
 
-    /// The tip is at `hip` [m]: take the nearest place, and hold it as `hold` says.
+    /// The tip is at `hip` [m]. Takes the place nearest to it, and holds the tip as `hold` says.
     void reset(const Vec3& hip) noexcept {
         last_ = {};
         pull_ = {};
         speed_ = 0;
-        placed_ = good(hip);
-        if (!placed_) return;
+        is_placed_ = is_good(hip);
+        if (!is_placed_) return;
         x_ = across(hip);
         search(p_.hold == Hold::at_once);
-        if (held_) stretch_ = stretch_at(at_);
+        if (is_held_) stretch_ = stretch_at(at_);
         last_.proxy = hip;
     }
 
     /// One servo loop.
     GuideStep step(const Vec3& hip) noexcept {
-        if (!good(hip)) {
+        if (!is_good(hip)) {
             GuideStep s = last_;
             s.status = bad_hip;
             return s;
         }
-        if (!placed_) reset(hip);
+        if (!is_placed_) reset(hip);
         const Vec3 before = x_;
         x_ = across(hip);
         const double moved = norm(x_ - before);
         last_.status = ok;
-        if (held_ && beyond_end()) held_ = false, distance_to_tube_ = 0;
-        held_ ? follow(moved + step_allowance()) : decay_force(moved);
+        if (is_held_ && is_beyond_end()) {
+            is_held_ = false;
+            distance_to_tube_ = 0;
+        }
+        if (is_held_)
+            follow_hip(moved + step_allowance());
+        else
+            decay_force(moved);
         lead(before);
         last_.force = p_.stiffness * stretch_ + pull_;
         last_.proxy = hip + stretch_;
@@ -140,7 +148,7 @@ class Guide {
         std::vector<Vec3> points(n);
         for (std::size_t i = 0; i < n; ++i) {
             const Vec3 x{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
-            if (!good(x)) reject("points must be finite, coordinates up to 1e6 m");
+            if (!is_good(x)) reject("points must be finite, coordinates up to 1e6 m");
             points[i] = across(x);
         }
         path_.add(points, closed);
@@ -153,35 +161,47 @@ class Guide {
             return std::string(digits);
         };
         const std::string asked = "radius " + text(p_.radius) + " mm: at most ";
-        const auto place = [&](const TubeObstacle& n) {
-            return " at arc " + text(n.arc) + " mm, [" + text(n.at[0]) + ", " + text(n.at[1]) +
-                   ", " + text(n.at[2]) + "] mm";
+        const auto place = [&](const TubeObstacle& obstacle) {
+            return " at arc " + text(obstacle.arc) + " mm, [" + text(obstacle.at[0]) + ", " +
+                   text(obstacle.at[1]) + ", " + text(obstacle.at[2]) + "] mm";
         };
-        if (const double most = path_.extent(); p_.radius > most)
-            reject(asked + text(most) + " mm, the extent of the curve itself");
-        if (const TubeObstacle n = narrowest(path_, p_.radius); n.found)
-            reject(asked + text(widest(path_, p_.radius, narrowest)) + " mm fit, as " +
-                   (n.turn ? "the curve turns round" : "strands run beside each other") +
-                   " within " + text(n.width) + " mm" + place(n));
+        const double extent = path_.extent();
+        if (p_.radius > extent)
+            reject(asked + text(extent) + " mm, the extent of the curve itself");
+        const TubeObstacle obstacle = narrowest(path_, p_.radius);
+        if (obstacle.found) {
+            std::string why = "strands run beside each other";
+            if (obstacle.turn) why = "the curve turns round";
+            reject(asked + text(widest(path_, p_.radius, narrowest)) + " mm fit, as " + why +
+                   " within " + text(obstacle.width) + " mm" + place(obstacle));
+        }
         if (p_.cut_bends) return;
-        if (const TubeObstacle n = tight_bend(path_, p_.radius); n.found)
+        const TubeObstacle bend = tight_bend(path_, p_.radius);
+        if (bend.found)
             reject(asked + text(widest(path_, p_.radius, tight_bend)) +
                    " mm fit the bends, unless the tip may cut them (cut_bends); the tightest is" +
-                   place(n));
+                   place(bend));
     }
 
-    static bool good(const Vec3& x) noexcept {
+    static bool is_good(const Vec3& x) noexcept {
         for (int k = 0; k < 3; ++k)
             if (!(std::abs(x[k]) <= largest_coordinate)) return false;
         return true;
     }
     Vec3 across(const Vec3& x) const noexcept {
-        return p_.ignore_axis ? x - dot(*p_.ignore_axis, x) * *p_.ignore_axis : x;
+        if (!p_.ignore_axis) return x;
+        return x - dot(*p_.ignore_axis, x) * *p_.ignore_axis;
     }
     const Strand& strand() const noexcept { return path_.strands()[strand_]; }
-    double step_allowance() const noexcept { return p_.lead_force == 0 ? 2 * give : give; }
+    /// What the stretch may change in a tick besides following the HIP [m]. A pull takes the other
+    /// half of it.
+    double step_allowance() const noexcept {
+        if (p_.lead_force == 0) return 2 * give;
+        return give;
+    }
 
-    /// Proxy less HIP when the place is c: to the ball of the tube's radius around it.
+    /// Proxy less HIP when the place is c: the shortest way into the ball of the radius of the tube
+    /// around c.
     Vec3 stretch_at(const Vec3& c) const noexcept {
         const Vec3 v = x_ - c;
         const double d = norm(v);
@@ -190,8 +210,8 @@ class Guide {
 
     /// Moves the place along the curve while that brings it nearer to the HIP, as far as the
     /// stretch may change. Where the place stays, it changes by no more than the HIP moves.
-    void follow(double allowed) noexcept {
-        int side = 0;
+    void follow_hip(double allowed) noexcept {
+        int side = 0;  // of the last piece, on which the place left it
         for (std::size_t n = 0; n <= path_.size(); ++n) {
             const Piece& piece = path_[piece_];
             const Piece::PieceDescent foot = piece.descend(x_, at_);
@@ -199,72 +219,99 @@ class Guide {
             if (norm(next - stretch_) > allowed) return move_partly(piece, foot.at, allowed);
             at_ = foot.at;
             if (foot.side == 0 || foot.side == -side) break;
-            const std::size_t on = path_.next_piece(strand(), piece_, foot.side);
-            if (on == Path::none) break;
-            const Vec3& ahead = foot.side > 0 ? path_[on].entering : path_[on].leaving;
+            const std::size_t next_piece = path_.next_piece(strand(), piece_, foot.side);
+            if (next_piece == Path::none) break;
+            Vec3 ahead = path_[next_piece].leaving;
+            if (foot.side > 0) ahead = path_[next_piece].entering;
             if (!(foot.side * dot(x_ - at_, ahead) > 0)) break;
-            piece_ = on;
+            piece_ = next_piece;
             side = foot.side;
         }
         stretch_ = stretch_at(at_);
     }
-    /// As far towards `goal` on the piece as the stretch may change.
+    /// Moves the place as far towards `goal` on the piece as the stretch may change.
     void move_partly(const Piece& piece, const Vec3& goal, double allowed) noexcept {
-        double least = 0, most = 1;
-        for (int n = 0; n < 30; ++n) {
-            const double middle = 0.5 * (least + most);
+        constexpr int halvings = 30;  // to 1e-9 of the way
+        double allowed_share = 0;
+        double refused_share = 1;
+        for (int n = 0; n < halvings; ++n) {
+            const double middle = 0.5 * (allowed_share + refused_share);
             const Vec3 next = stretch_at(piece.between(at_, goal, middle));
-            (norm(next - stretch_) <= allowed ? least : most) = middle;
+            if (norm(next - stretch_) <= allowed)
+                allowed_share = middle;
+            else
+                refused_share = middle;
         }
-        at_ = piece.between(at_, goal, least);
+        at_ = piece.between(at_, goal, allowed_share);
         stretch_ = stretch_at(at_);
         last_.status = limit;
     }
 
-    /// Not held: what is left of the stretch dies down, the proxy always coming nearer to the HIP,
-    /// until the tip is within the tube again.
+    /// While the tip is not held, what is left of the stretch dies down, and the proxy comes nearer
+    /// to the HIP in every tick. The tip is held again once it is within the tube.
     void decay_force(double moved) noexcept {
-        const double left = norm(stretch_), less = moved + step_allowance();
-        stretch_ = left > less ? (1 - less / left) * stretch_ : Vec3{};
+        const double left = norm(stretch_);
+        const double decay = moved + step_allowance();
+        if (left > decay)
+            stretch_ = (1 - decay / left) * stretch_;
+        else
+            stretch_ = {};
         distance_to_tube_ -= moved;
         if (distance_to_tube_ <= 0) search(false);
-        if (held_) stretch_ = {};
+        if (is_held_) stretch_ = {};
     }
-    /// The nearest place of all; held when `at_once` or within the tube.
+    /// Takes the nearest place of the whole curve. The tip is held there if it is within the tube,
+    /// or in any case if `at_once`.
     void search(bool at_once) noexcept {
-        const Path::Place near = path_.nearest(x_);
-        strand_ = near.strand;
-        piece_ = near.piece;
-        at_ = near.at;
-        held_ = at_once || (near.distance <= p_.radius && norm(stretch_) == 0 && !beyond_end());
-        distance_to_tube_ =
-            near.distance - p_.radius;  // the HIP has to go that far to get into the tube
+        const Path::Place nearest = path_.nearest(x_);
+        strand_ = nearest.strand;
+        piece_ = nearest.piece;
+        at_ = nearest.at;
+        const bool is_in_tube = nearest.distance <= p_.radius;
+        is_held_ = at_once || (is_in_tube && norm(stretch_) == 0 && !is_beyond_end());
+        distance_to_tube_ = nearest.distance - p_.radius;
     }
-    /// The place is at an end that lets the tip go, and the HIP is past it.
-    bool beyond_end() const noexcept {
+    /// Whether the place is at an end that lets the tip go, and the HIP is past it.
+    bool is_beyond_end() const noexcept {
         if (p_.ends == Ends::stop || strand().closed) return false;
-        const Piece &first = path_[strand().first],
-                    &last = path_[strand().first + strand().count - 1];
+        const Piece& first = path_[strand().first];
+        const Piece& last = path_[strand().first + strand().count - 1];
         return (at_ == first.from && dot(x_ - at_, first.entering) < 0) ||
                (at_ == last.to && dot(x_ - at_, last.leaving) > 0);
     }
 
-    /// A pull along the curve that falls to 0 at the speed limit and at the curve's end.
+    /// Pulls along the curve, with a force that falls to 0 at the speed limit and at the end of the
+    /// curve.
     void lead(const Vec3& before) noexcept {
         if (p_.lead_force == 0) return;
-        constexpr double settling = 0.01;  // [s] over which the speed is averaged
-        const Vec3 t = path_[piece_].tangent(at_);
-        const double speed = dot(x_ - before, t) / p_.period;
+        // How fast the tip goes along the curve, averaged over this time [s].
+        constexpr double settling = 0.01;
+        const Vec3 tangent = path_[piece_].tangent(at_);
+        const double speed = dot(x_ - before, tangent) / p_.period;
         speed_ += (speed - speed_) * std::min(1.0, p_.period / settling);
-        const double towards = p_.lead_force > 0 ? speed_ : -speed_;
-        const double rest = p_.lead_force > 0 ? last_.remaining : last_.arc;
-        const bool pulls = held_ && (strand().closed || rest > p_.radius);
-        const double part = std::clamp(1 - towards / p_.lead_speed, 0.0, 1.0);
-        const Vec3 wanted = (pulls ? p_.lead_force * part : 0.0) * t, change = wanted - pull_;
-        // It grows more slowly than it falls, so that a light arm does not overshoot the limit.
-        const double most = p_.stiffness * give * (norm(wanted) > norm(pull_) ? 0.25 : 1.0);
+
+        // How fast it goes where it is led to, and how far the end is.
+        double speed_ahead = -speed_;
+        double way_left = last_.arc;
+        if (p_.lead_force > 0) {
+            speed_ahead = speed_;
+            way_left = last_.remaining;
+        }
+        double force = 0;
+        if (is_held_ && (strand().closed || way_left > p_.radius))
+            force = p_.lead_force * std::clamp(1 - speed_ahead / p_.lead_speed, 0.0, 1.0);
+        const Vec3 wanted = force * tangent;
+
+        // The pull grows at a quarter of the rate at which it falls, so that a light arm does not
+        // overshoot the speed limit.
+        double max_change = p_.stiffness * give;
+        if (norm(wanted) > norm(pull_)) max_change *= 0.25;
+        const Vec3 change = wanted - pull_;
         const double size = norm(change);
-        pull_ = pull_ + (size > most ? most / size : 1.0) * change;
+        if (size > max_change)
+            pull_ = pull_ + (max_change / size) * change;
+        else
+            pull_ = pull_ + change;
     }
 
     void report() noexcept {
@@ -272,19 +319,21 @@ class Guide {
         last_.lateral = norm(x_ - at_);
         last_.remaining = std::max(0.0, strand().length - last_.arc);
         last_.strand = static_cast<std::uint32_t>(strand_);
-        last_.held = held_;
+        last_.held = is_held_;
     }
 
     GuideParameters p_;
     Path path_;
     GuideStep last_;
-    Vec3 x_, at_;          // HIP and place, across an ignored axis
-    Vec3 stretch_, pull_;  // proxy less HIP [m], pull along the curve [N]
+    Vec3 x_;        // the HIP, across an ignored axis
+    Vec3 at_;       // the place of the curve
+    Vec3 stretch_;  // proxy less HIP [m]
+    Vec3 pull_;     // along the curve [N]
     std::size_t strand_ = 0, piece_ = 0;
-    double distance_to_tube_ =
-        0;              // while not held: how far the HIP has to go at least to get into the tube
-    double speed_ = 0;  // of the HIP along the curve [m/s]
-    bool placed_ = false, held_ = false;
+    double distance_to_tube_ = 0;  // while not held: the HIP has to go as far at least [m]
+    double speed_ = 0;             // of the HIP along the curve [m/s]
+    bool is_placed_ = false;
+    bool is_held_ = false;
 };
 
 }  // namespace vfplan

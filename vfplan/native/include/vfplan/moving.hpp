@@ -16,8 +16,8 @@
 #include <cmath>
 #include <cstdint>
 
-#include "vfplan/base/spsc_queue.hpp"
 #include "vfplan/cloud/points.hpp"
+#include "vfplan/exchange.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan {

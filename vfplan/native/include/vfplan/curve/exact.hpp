@@ -20,6 +20,7 @@
 #include "vfplan/curve/offset.hpp"
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/rule.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
@@ -215,7 +216,9 @@ class FeatureQuery {
 
     FeatureQuery(Curve curve, double radius, double band)
         : curve_(std::move(curve)),
-          limits_{.start_slack = 1e-3 * band, .max_sink = 0.75 * band, .full_hollow = 0.1 * band},
+          limits_{.start_slack = tuned::start_slack * band,
+                  .max_sink = tuned::max_sink * band,
+                  .full_hollow = tuned::full_hollow * band},
           R_(radius),
           band_(band) {
         list_.reserve(curve_.size());
@@ -367,7 +370,7 @@ struct HoldingFeatures {
             const Vec2 tangent = tangent_towards(contact[i].normal, to_hip);
             bool is_open = dot(tangent, to_hip) > 0;
             for (int j = 0; j < count && is_open; ++j)
-                is_open = j == i || dot(tangent, contact[j].normal) > -1e-9;
+                is_open = j == i || dot(tangent, contact[j].normal) > -tuned::along_sine;
             if (is_open) return i;
         }
         return none;
@@ -380,7 +383,7 @@ class InsideCurve {
     InsideCurve(const Curve& curve, double radius) noexcept : curve_(curve), R_(radius) {}
 
     Vec2 from_nearest(const Vec2& x) const noexcept {
-        const double reach = R_ * (1 + 1e-6);
+        const double reach = R_ * (1 + tuned::reach_margin);
         double nearest = reach;
         Vec2 away;
         curve_.around(x, reach, [&](int i) noexcept {
@@ -395,7 +398,7 @@ class InsideCurve {
         const ArcPath path(y, direction, 0);
         double distance = -infinity;
         curve_.around(y, R_, [&](int i) noexcept {
-            if (curve_[i].distance(y) < R_ * (1 - 1e-9))
+            if (curve_[i].distance(y) < R_ * (1 - tuned::inside_margin))
                 distance = std::max(distance, curve_[i].exit_parameter(path));
         });
         return distance;
@@ -504,7 +507,8 @@ class CurveMotion {
         if (current_ == none || !curve()[current_].faces(proxy, start_slack())) return false;
         const FeatureContact contact = curve()[current_].contact(proxy);
         const bool touches = contact.distance < R_ + start_slack();
-        return touches && dot(contact.normal, to_hip) < -1e-12 * (R_ + norm(to_hip));
+        const double rounding = tuned::pressing_share * (R_ + norm(to_hip));
+        return touches && dot(contact.normal, to_hip) < -rounding;
     }
 
     /// Straight to the HIP, up to what lies in the way. (E5)

@@ -27,6 +27,7 @@
 #include <limits>
 
 #include "vfplan/base/vec.hpp"
+#include "vfplan/rules/constants.hpp"
 
 namespace vfplan::curve {
 
@@ -175,7 +176,8 @@ struct Feature {
     bool leads_into_full_hollow(const Vec2& step) const noexcept {
         const Vec2 start_tangent = -1.0 * ends[0].outwards;
         const double side = dot(n, left(start_tangent));
-        return dot(step, n) < -1e-9 || side * dot(step, left(ends[1].outwards)) < -1e-9;
+        return dot(step, n) < -tuned::along_sine ||
+               side * dot(step, left(ends[1].outwards)) < -tuned::along_sine;
     }
 
     /// Where a path that starts in what the feature forbids comes out of it.

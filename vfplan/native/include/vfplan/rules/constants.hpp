@@ -1,8 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The numbers of the robust rule that no formula gives, one a statement, with unit and reason.
-// docs/make_tuned.py halves and doubles each of them and prints what that changes; docs/robust.md
-// has the table.
+// The numbers of the rules that no formula gives, one a statement, with unit and reason.
+// docs/make_tuned.py halves and doubles those of the robust rule and prints what that changes;
+// docs/robust.md has the table.
 //
 // g = sqrt(band / R) ties them to the cloud. The band is as deep as the dimples of a sheet of
 // spacing 2 g R, or of a curve of spacing 2 sqrt(2) g R, and the nearest sample then lies at most
@@ -82,5 +82,42 @@ inline constexpr double narrowest_hollow = 0.2;
 /// How much the force may change a tick after a start inside, an exchange or an edit, besides
 /// following the HIP: K times this share of R.
 inline constexpr double force_ramp = 0.00390625;  // 1/256
+
+// The five margins that follow are far above what float64 rounds and far below what is felt. Ten
+// times as much, or a tenth, changes no bit of the scenes of tests/native/engine_bits.cpp; of
+// hop_margin, the last digits of a way out of triangles.
+
+/// Sine of the angle under which a direction may lead into a line or an arc and still counts as
+/// along it. A unit vector is rounded to 2e-16.
+inline constexpr double along_sine = 1e-9;
+
+/// What a HIP has to lie behind the tangent at a proxy so that it presses: as a share of R and the
+/// distance from the proxy to the HIP.
+inline constexpr double pressing_share = 1e-12;
+
+/// How much nearer than R a start has to be so that it is inside, in R. What comes out at R is not
+/// led out once more.
+inline constexpr double inside_margin = 1e-9;
+
+/// How much further than R the nearest geometry is looked for, in R, so that a rounding does not
+/// hide what lies at R.
+inline constexpr double reach_margin = 1e-6;
+
+/// How far a way out goes beyond the place where it comes out, in R, so that the next look there
+/// does not find the same place again.
+inline constexpr double hop_margin = 1e-12;
+
+/// What a path of rule exact may sink by rounding at its start, in bands, before it counts as
+/// meeting something. Halved or doubled it changes bits among crossing lines alone, and nothing
+/// else in those scenes.
+inline constexpr double start_slack = 1e-3;
+
+/// How far rule exact may sink in all, in bands. The rest of the band is for the roundings of the
+/// check that follows. Halved it changes no bit.
+inline constexpr double max_sink = 0.75;
+
+/// Room that the proxy has in a hollow arc which counts as full, in bands: its places are too near
+/// to each other to be told apart. Halved or doubled it changes no bit.
+inline constexpr double full_hollow = 0.1;
 
 }  // namespace vfplan::tuned

@@ -58,7 +58,7 @@ class InsideCloud {
     Vec<D> from_nearest(const Vec<D>& x) const noexcept {
         double best2 = std::numeric_limits<double>::infinity();
         Vec<D> best;
-        points_.visit(x, R_ * (1 + 1e-6), [&](const PointSpan<D>& span) noexcept {
+        points_.visit(x, R_ * (1 + tuned::reach_margin), [&](const PointSpan<D>& span) noexcept {
             if (!(kernels_.nearest2(span, x) < best2)) return;
             for (std::size_t i = 0; i < span.n; ++i) {
                 const Vec<D> away = x - span[i];
@@ -74,7 +74,7 @@ class InsideCloud {
     /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
     /// where it is in none. (W1)
     double exit_distance(const Vec<D>& y, const Vec<D>& direction) const noexcept {
-        const double inside2 = R_ * R_ * (1 - 1e-9);
+        const double inside2 = R_ * R_ * (1 - tuned::inside_margin);
         double distance = -std::numeric_limits<double>::infinity();
         points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
             distance =
@@ -268,7 +268,7 @@ class WayOut {
     template <class Geometry>
     double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
         const double s = geometry.exit_distance(y, d);
-        return s == free ? s : s + 1e-12 * R_;
+        return s == free ? s : s + tuned::hop_margin * R_;
     }
 
     double R_;
