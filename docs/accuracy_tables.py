@@ -155,7 +155,8 @@ def registration(document: Document) -> str:
             if result["method"] == method:
                 by_column[result["scene"], result["settings"]["markers"]] = result
         row = [method]
-        row += [f"{1e3 * by_column[column]['error_rms']:.3f} mm" for column in columns]
+        for column in columns:
+            row.append(f"{1e3 * by_column[column]['error_rms']:.3f} mm")
         row.append(f"{by_column[columns[0]]['time_us_median']:.0f} µs")
         rows.append(row)
     return table([*head, "a fit, 9 markers"], rows)

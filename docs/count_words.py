@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 NOT_COUNTED = ("cli.md", "findings.md", "references.md")
-MOST_WORDS_A_SENTENCE = 20
+MAX_WORDS_A_SENTENCE = 20
 """On average over a page."""
-LEFT_OUT = (
+NOT_PROSE = (
     r"(?ms)^```.*?^```[^\n]*$",  # fenced code
     r"(?m)^    (?! *[-*] ).*$",  # indented code
     r"(?s)<!--.*?-->",
@@ -46,16 +46,16 @@ class Count(NamedTuple):
 
 def count(text: str) -> Count:
     """The words and sentences of a page's prose."""
-    for pattern in LEFT_OUT:
+    for pattern in NOT_PROSE:
         text = re.sub(pattern, "\n", text)
     text = LINK.sub(r"\1", text)
     text = re.sub(r"`[^`]*`", "`", text)
     words = sentences = 0
     for paragraph in PARAGRAPH.split(text):
         for sentence in END_OF_SENTENCE.split(" ".join(paragraph.split())):
-            found = re.findall(r"\S*[^\W_]\S*|`", sentence)
-            words += len(found)
-            sentences += bool(found)
+            parts = re.findall(r"\S*[^\W_]\S*|`", sentence)
+            words += len(parts)
+            sentences += bool(parts)
     return Count(words, sentences)
 
 

@@ -54,14 +54,14 @@ def direct_arrows(uses: dict[str, set[str]]) -> list[tuple[str, str]]:
 
 def reached(owner: str, uses: dict[str, set[str]]) -> set[str]:
     """All packages that a package uses, itself or through others."""
-    found: set[str] = set()
+    names: set[str] = set()
     waiting = list(uses[owner])
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
+        if name not in names:
+            names.add(name)
             waiting += uses[name]
-    return found
+    return names
 
 
 def main() -> None:

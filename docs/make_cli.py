@@ -65,7 +65,9 @@ def option_row(param: click.Option, context: click.Context) -> str:
 
 def option_table(params: list[click.Option], context: click.Context) -> list[str]:
     """A table of options."""
-    rows = [option_row(param, context) for param in params]
+    rows = []
+    for param in params:
+        rows.append(option_row(param, context))
     return ["| option | |", "|---|---|", *rows, ""]
 
 

@@ -24,8 +24,8 @@ END = "<!-- end -->"
 def main() -> None:
     """Write the matrix."""
     text = PAGE.read_text(encoding="utf-8")
-    before, _, rest = text.partition(BEGIN)
-    after = rest.partition(END)[2]
+    before, _, remainder = text.partition(BEGIN)
+    after = remainder.partition(END)[2]
     PAGE.write_text(before + BEGIN + matrix() + "\n" + END + after, encoding="utf-8")
 
 
@@ -39,10 +39,10 @@ def matrix() -> str:
         source = ROOT / "samples" / "bundle_info" / "main.cpp"
         include = ROOT / "vfplan" / "native" / "include"
         subprocess.run(["g++", "-std=c++20", f"-I{include}", source, "-o", program], check=True)
-        plain = runner.command_reader([str(program), "--values"], refused=(3, 4))
+        by_header = runner.command_reader([str(program), "--values"], refused=(3, 4))
         results = {
             "package": runner.judge(kit, by_the_package, verified_by_the_package),
-            "bundle_info": runner.judge(kit, plain),
+            "bundle_info": runner.judge(kit, by_header),
             "vfplan_reader.py": runner.judge(kit, runner.command_reader(second)),
         }
     return runner.matrix(results) + "\n" + sums(results)
@@ -54,8 +54,8 @@ def sums(results: dict[str, list[runner.Result]]) -> str:
     for judged in results.values():
         right = [result for result in judged if not result.problem]
         cells.append(f"{len(right)} of {len(judged)}")
-    most = max(len(judged) for judged in results.values())
-    return f"| all files | {most} | " + " | ".join(cells) + " |"
+    count = max(len(judged) for judged in results.values())
+    return f"| all files | {count} | " + " | ".join(cells) + " |"
 
 
 def by_the_package(path: Path) -> dict[str, object] | None:

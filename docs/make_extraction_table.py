@@ -101,15 +101,15 @@ def main() -> None:
     if options.answer:
         answer_all(*options.answer, options.package)
         return
-    kinds = [*extraction_kinds.CLEAR, *extraction_kinds.AMBIGUOUS]
-    quiet_kinds = QUIET
+    names = [*extraction_kinds.CLEAR, *extraction_kinds.AMBIGUOUS]
+    quiet_names = QUIET
     if options.kinds:
-        kinds = options.kinds
-        quiet_kinds = ()
+        names = options.kinds
+        quiet_names = ()
     with tempfile.TemporaryDirectory() as folder:
         cache = options.cache or folder
-        drawings = draw_kinds(kinds, options.seed, options.slices, cache)
-        drawings += draw_quiet_kinds(quiet_kinds, options.seed, 2 * options.slices, cache)
+        drawings = draw_slices(names, options.seed, options.slices, cache)
+        drawings += draw_quiet_slices(quiet_names, options.seed, 2 * options.slices, cache)
         pictures = Path(folder) / "pictures"
         with pictures.open("wb") as file:
             pickle.dump([drawing.image for drawing in drawings], file)
@@ -126,13 +126,13 @@ def main() -> None:
                 print_not_right(name, results[name])
             print_summary(name, results[name], answers)
     for clear in (True, False):
-        print_kinds(results, clear)
+        print_table(results, clear)
 
 
-def draw_kinds(kinds, seed, count, folder):
+def draw_slices(names, seed, count, folder):
     """The slices of some kinds, drawn or read from the folder."""
     drawings = []
-    for kind in kinds:
+    for kind in names:
         for k in range(seed, seed + count):
             path = Path(folder) / f"{kind.replace(' ', '_')}_{k}.pickle"
             if not path.exists():
@@ -141,10 +141,10 @@ def draw_kinds(kinds, seed, count, folder):
     return drawings
 
 
-def draw_quiet_kinds(kinds, seed, count, folder):
+def draw_quiet_slices(names, seed, count, folder):
     """Quiet slices of the table of kinds, drawn or read from the folder."""
     drawings = []
-    for kind in kinds:
+    for kind in names:
         for k in range(seed, seed + count):
             path = Path(folder) / f"quiet_{kind.replace(' ', '_')}_{k}.pickle"
             if not path.exists():
@@ -266,7 +266,8 @@ def judge(drawn, answer):
     """Hold an answer against what was drawn."""
     how = f"{drawn.rasteriser} {drawn.quality or 'PNG'}"
     result = Result(drawn.kind, drawn.seed, how, drawn.clear, "right", seconds=answer.seconds)
-    result.findings = [code for code, _ in answer.findings]
+    for code, _ in answer.findings:
+        result.findings.append(code)
     if answer.refusal:
         result.outcome = "refused"
         result.why = answer.refusal
@@ -352,11 +353,32 @@ def is_told(answer, places):
 # --- The tables ----------------------------------------------------------------------------------
 
 
-def root_mean_square(arrays):
-    """Of all numbers of several arrays."""
-    if not arrays:
+def with_outcome(results, outcome):
+    """The results with this outcome."""
+    return [r for r in results if r.outcome == outcome]
+
+
+def with_findings(results):
+    """The results with at least one finding."""
+    return [r for r in results if r.findings]
+
+
+def of_format(results, is_png):
+    """The results of pictures in PNG, or of those in JPEG."""
+    return [r for r in results if r.how.endswith("PNG") == is_png]
+
+
+def pooled_rms(results, name):
+    """The root mean square of all numbers of an array that each result has."""
+    if not results:
         return np.nan
-    return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2)))
+    numbers = np.concatenate([getattr(r, name) for r in results])
+    return float(np.sqrt(np.mean(numbers**2)))
+
+
+def rms_of_each(results, name):
+    """The root mean square of each result's own numbers."""
+    return [np.sqrt(np.mean(getattr(r, name) ** 2)) for r in results]
 
 
 def end_distances_of(results):
@@ -394,38 +416,35 @@ def share(part, whole):
 def clear_figures(results):
     """Rows on the slices with one right answer."""
     clear = [r for r in results if r.clear and not r.kind.startswith("quiet")]
-    right = [r for r in clear if r.outcome == "right"]
+    right = with_outcome(clear, "right")
     if not right:
         return []
     rows = [("clear slices right", share(right, clear))]
     for outcome in ("refused", "told", "silent"):
-        part = [r for r in clear if r.outcome == outcome]
-        rows.append((f"clear slices {outcome}", share(part, clear)))
+        rows.append((f"clear slices {outcome}", share(with_outcome(clear, outcome), clear)))
     for label, is_png in (("PNG", True), ("JPEG", False)):
-        part = [r for r in right if r.how.endswith("PNG") == is_png]
-        mean = np.mean([np.sqrt(np.mean(r.errors**2)) for r in part])
-        pooled = root_mean_square([r.errors for r in part])
+        part = of_format(right, is_png)
+        mean = np.mean(rms_of_each(part, "errors"))
+        pooled = pooled_rms(part, "errors")
         name = f"RMS across, {label}: mean of slices, pooled"
         rows.append((name, f"{mean:.3f}, {pooled:.3f} px"))
     ends = end_distances_of(right)
     rows.append(("ends: median, 95 %", f"{np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px"))
-    ratio = np.median([np.sqrt(np.mean(r.z**2)) for r in right])
-    pooled = root_mean_square([r.z for r in right])
+    ratio = np.median(rms_of_each(right, "z"))
+    pooled = pooled_rms(right, "z")
     rows.append(("true error over stated: median of slices, pooled", f"{ratio:.2f}, {pooled:.2f}"))
-    with_findings = [r for r in right if r.findings]
-    rows.append(("right clear slices with a finding", share(with_findings, right)))
+    rows.append(("right clear slices with a finding", share(with_findings(right), right)))
     return rows
 
 
 def ambiguous_figures(results):
     """Rows on the slices that a person has to look at."""
     rows = []
-    grey_boxes = [r for r in results if r.kind == "grey box over an end"]
-    others = [r for r in results if not r.clear and r not in grey_boxes]
-    for name, part in (("ambiguous slices", others), ("grey boxes over an end", grey_boxes)):
+    covered = [r for r in results if r.kind == "grey box over an end"]
+    others = [r for r in results if not r.clear and r not in covered]
+    for name, part in (("ambiguous slices", others), ("grey boxes over an end", covered)):
         if part:
-            silent = [r for r in part if r.outcome == "silent"]
-            rows.append((f"{name} silent", share(silent, part)))
+            rows.append((f"{name} silent", share(with_outcome(part, "silent"), part)))
     return rows
 
 
@@ -435,23 +454,23 @@ def quiet_figures(results):
     for kind in QUIET:
         part = [r for r in results if r.kind == f"quiet: {kind}" and r.errors is not None]
         if part:
-            pooled = root_mean_square([r.errors for r in part])
+            pooled = pooled_rms(part, "errors")
             rows.append((f"RMS across, quiet, {kind}", f"{pooled:.3f} px"))
     return rows
 
 
-def print_kinds(results, clear):
+def print_table(results, clear):
     """One row a kind, both builds beside each other."""
-    kinds = []
+    groups = []
     for r in next(iter(results.values())):
-        if r.clear == clear and r.kind not in kinds:
-            kinds.append(r.kind)
-    if not kinds:
+        if r.clear == clear and r.kind not in groups:
+            groups.append(r.kind)
+    if not groups:
         return
     heads = ["right", "refused", "told", "silent", "with a finding", "RMS px", "ends median px"]
     print(f"\n| kind ({' / '.join(results)}) | {' | '.join(heads)} |")
     print("|---" * (len(heads) + 1) + "|")
-    for kind in kinds:
+    for kind in groups:
         cells = []
         for rows in results.values():
             cells.append(kind_cells([r for r in rows if r.kind == kind]))
@@ -462,12 +481,11 @@ def print_kinds(results, clear):
 def kind_cells(rows):
     """The cells of one kind and one build."""
     outcomes = Counter(r.outcome for r in rows)
-    right = [r for r in rows if r.outcome == "right"]
-    with_findings = [r for r in right if r.findings]
+    right = with_outcome(rows, "right")
     error_cell = "-"
     ends_cell = "-"
     if right:
-        error_cell = f"{root_mean_square([r.errors for r in right]):.3f}"
+        error_cell = f"{pooled_rms(right, 'errors'):.3f}"
     ends = end_distances_of(right)
     if ends:
         ends_cell = f"{np.median(ends):.2f}"
@@ -476,7 +494,7 @@ def kind_cells(rows):
         str(outcomes["refused"]),
         str(outcomes["told"]),
         str(outcomes["silent"]),
-        str(len(with_findings)),
+        str(len(with_findings(right))),
         error_cell,
         ends_cell,
     ]

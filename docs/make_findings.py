@@ -188,6 +188,11 @@ def assigned_values(name: str, function: ast.FunctionDef, before: int) -> list[a
     return [value for _, value in sorted(values, key=lambda pair: pair[0])]
 
 
+def of_kinds(entries: list[Entry], *kinds: str) -> list[Entry]:
+    """The entries of these kinds."""
+    return [entry for entry in entries if entry.kind in kinds]
+
+
 def page() -> str:
     """The page as it should stand."""
     advice = tomllib.loads(ADVICE.read_text())
@@ -200,26 +205,26 @@ def page() -> str:
         ("What a surface asks", "surface"),
         ("What an imported cloud or mesh asks", "import"),
     ):
-        rows = [e for e in entries if e.kind in ("doubt", "note") and e.stage == stage]
+        rows = [e for e in of_kinds(entries, "doubt", "note") if e.stage == stage]
         text += f"\n## {heading}\n\n" + advised_table(rows, advice, with_kind=True)
-    refused = [e for e in entries if e.kind in ("CurveError", "ImageError")]
+    refused = of_kinds(entries, "CurveError", "ImageError")
     text += "\n## Why a slice is refused\n\n"
     text += "Exit code 3. [A slice was refused](howto/refused.md) goes through the usual ones.\n\n"
     text += advised_table(refused, advice, with_kind=False)
-    replayed = [e for e in entries if e.kind == "replay"]
+    replayed = of_kinds(entries, "replay")
     text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n"
-    text += plain_table(replayed, advice)
-    validated = [e for e in entries if e.kind == "validate"]
+    text += advice_table(replayed, advice)
+    validated = of_kinds(entries, "validate")
     text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n"
-    text += plain_table(validated, advice)
+    text += advice_table(validated, advice)
     text += "\n## Other errors\n"
     for error in error_classes():
-        rows = [e for e in entries if e.kind == error.__name__]
+        rows = of_kinds(entries, error.__name__)
         if rows and error not in (errors.CurveError, errors.ImageError):
             text += (
                 f"\n### {error.__name__}\n\n{summary_of(error)} Exit code {error.exit_code}.\n\n"
             )
-            text += plain_table(rows, advice)
+            text += advice_table(rows, advice)
     text += "\n## Errors without a code of their own\n\n"
     text += "These carry the code of their class. The sentence says what to do.\n\n"
     text += "| code | class | exit code | meaning |\n|---|---|---|---|\n"
@@ -275,7 +280,7 @@ def advised_table(entries: list[Entry], advice: dict, with_kind: bool) -> str:
     return text
 
 
-def plain_table(entries: list[Entry], advice: dict) -> str:
+def advice_table(entries: list[Entry], advice: dict) -> str:
     """A table of codes and their sentences."""
     text = "| code | what you see |\n|---|---|\n"
     for entry in one_of_each_code(entries):

@@ -75,12 +75,10 @@ def judge(markers: MarkerSet, target: NDArray[np.float64], model: str) -> tuple[
     except VfplanError as refusal:
         return "refused", refusal.code
     findings = [*registration_findings(r), *error_findings(error)]
-    doubts = [finding.code for finding in findings if finding.severity == "doubt"]
-    if doubts:
-        return "doubt", " ".join(doubts)
-    if findings:
-        notes = [finding.code for finding in findings]
-        return "note", " ".join(notes)
+    for severity in ("doubt", "note"):
+        codes = [finding.code for finding in findings if finding.severity == severity]
+        if codes:
+            return severity, " ".join(codes)
     return "silent", ""
 
 
@@ -372,14 +370,20 @@ def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
         label_rows(sets),
     )
     yield "| `plan` says | the sample's markers, given |", reading_rows()
-    coverage = [coverage_row(model, 5 * sets) for model in MODELS]
+    coverage = []
+    for model in MODELS:
+        coverage.append(coverage_row(model, 5 * sets))
     yield "| model | sets | holds at a point | holds over the whole curve |", coverage
-    photographs = [photograph_row(tilt, sets) for tilt in (0, 1, 2, 5, 10, 20)]
+    photographs = []
+    for tilt in (0, 1, 2, 5, 10, 20):
+        photographs.append(photograph_row(tilt, sets))
     yield (
         "| tilt | sets | refused | doubt | note | no finding | bound holds | bound or finding |",
         photographs,
     )
-    tilts = [tilt_row(markers) for markers in (6, 8, 10, 12)]
+    tilts = []
+    for markers in (6, 8, 10, 12):
+        tilts.append(tilt_row(markers))
     yield "| markers | FLE 0.1 mm | 0.3 mm | 0.5 mm | 1 mm |", tilts
     rectified = []
     for view in (0, 3):

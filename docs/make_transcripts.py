@@ -54,7 +54,7 @@ MIN_LIKENESS = 0.6
 """How alike, of 1, a line beside `...` must at least be to the line that it takes the place of."""
 
 
-class LeftAloneError(Exception):
+class UnchangedError(Exception):
     """Why a transcript keeps what it says."""
 
 
@@ -110,11 +110,11 @@ def renewed_block(name: str, match: re.Match, folder: str) -> str:
     for command in commands:
         rows += command.rows
         try:
-            rows += merged(command.shown, run(command.shell, folder))
-        except LeftAloneError as why:
+            rows += merged(command.output, run(command.shell, folder))
+        except UnchangedError as why:
             print(f"{name}:{line}: left alone: {command.rows[0]}: {why}", file=sys.stderr)
-            rows += command.shown
-        line += len(command.rows) + len(command.shown)
+            rows += command.output
+        line += len(command.rows) + len(command.output)
     new_text = ""
     for row in rows:
         new_text += f"{margin}{row}".rstrip() + "\n"
@@ -125,7 +125,7 @@ class Command(NamedTuple):
     """A command of a block: its own lines, and those shown below it."""
 
     rows: list[str]
-    shown: list[str]
+    output: list[str]
 
     @property
     def shell(self) -> str:
@@ -172,21 +172,26 @@ def run(shell: str, folder: str, check: bool = False) -> list[str]:
     return done.stdout.rstrip().splitlines()
 
 
-def merged(shown: list[str], printed: list[str]) -> list[str]:
+def merged(old: list[str], printed: list[str]) -> list[str]:
     """What is printed now, in the form of what was shown.
 
     Raises
     ------
-    LeftAloneError
+    UnchangedError
         A file was missing, or nothing printed is like a line beside a `...`.
     """
-    missing = [row for row in printed if MISSING.search(row)]
-    if missing and not any(MISSING.search(row) for row in shown):
-        raise LeftAloneError(missing[-1])
-    if not shown:
+    for row in printed:
+        if MISSING.search(row) and not MISSING.search("\n".join(old)):
+            raise UnchangedError(row)
+    if not old:
         return []
-    old_rows = {lasting_part(row): row for row in shown}
-    return [old_rows.get(lasting_part(row), row) for row in abridged(shown, printed)]
+    old_rows = {}
+    for row in old:
+        old_rows[lasting_part(row)] = row
+    rows = []
+    for row in abridged(old, printed):
+        rows.append(old_rows.get(lasting_part(row), row))
+    return rows
 
 
 def lasting_part(row: str) -> str:
@@ -201,26 +206,26 @@ def without_figures(row: str) -> str:
     return re.sub(r" *-?\d+(\.\d+)?", "#", row)
 
 
-def abridged(shown: list[str], printed: list[str]) -> list[str]:
+def abridged(old: list[str], printed: list[str]) -> list[str]:
     """The printed lines without those that `...` stands for."""
-    gaps = [k for k, row in enumerate(shown) if row.strip() == "..."]
+    gaps = [k for k, row in enumerate(old) if row.strip() == "..."]
     starts = [0]
     for gap in gaps:
         starts.append(gap + 1)
     rows = []
     position = 0
-    for start, end in zip(starts, [*gaps, len(shown)], strict=True):
-        part = shown[start:end]
+    for start, end in zip(starts, [*gaps, len(old)], strict=True):
+        part = old[start:end]
         if part:
             first = 0
             if start > 0:
-                first = most_alike(part[0], printed, position)
+                first = closest_line(part[0], printed, position)
             position = len(printed)
-            if end < len(shown):
+            if end < len(old):
                 position = end_of_part(part, printed, first)
             rows += printed[first:position]
         # The line `...` itself stays.
-        rows += shown[end : end + 1]
+        rows += old[end : end + 1]
     return rows
 
 
@@ -231,10 +236,10 @@ def end_of_part(part: list[str], printed: list[str], first: int) -> int:
         for strip in (without_figures, lasting_part):
             if strip(printed[place]) == strip(part[-1]):
                 return place + 1
-    return most_alike(part[-1], printed, first) + 1
+    return closest_line(part[-1], printed, first) + 1
 
 
-def most_alike(row: str, printed: list[str], begin: int) -> int:
+def closest_line(row: str, printed: list[str], begin: int) -> int:
     """The place, from `begin` on, of the printed line most like a line shown before."""
     best_place = begin
     best_likeness = 0.0
@@ -244,7 +249,7 @@ def most_alike(row: str, printed: list[str], begin: int) -> int:
             best_place = place
             best_likeness = likeness
     if best_likeness < MIN_LIKENESS:
-        raise LeftAloneError(f"prints nothing like {row!r} any more; its last line: {printed[-1:]}")
+        raise UnchangedError(f"prints nothing like {row!r} any more; its last line: {printed[-1:]}")
     return best_place
 
 

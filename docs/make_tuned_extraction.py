@@ -31,7 +31,7 @@ def main() -> None:
     options = parser.parse_args()
     kinds = table.extraction_kinds
     with tempfile.TemporaryDirectory() as folder:
-        drawings = table.draw_kinds(
+        drawings = table.draw_slices(
             [*kinds.CLEAR, *kinds.AMBIGUOUS], FIRST_SEED, options.slices, options.cache or folder
         )
     before = judgements(drawings)
@@ -87,17 +87,16 @@ def rms(values) -> float:
 def row(name: str, value: str, results: list, moved: int) -> str:
     """One line of the table."""
     clear = [r for r in results if r.clear]
-    right = [r for r in clear if r.outcome == "right"]
-    with_findings = [r for r in right if r.findings]
-    silent = [r for r in results if r.outcome == "silent" and not r.clear]
-    png_px = mean_error([r for r in right if r.how.endswith("PNG")])
-    jpeg_px = mean_error([r for r in right if not r.how.endswith("PNG")])
+    right = table.with_outcome(clear, "right")
+    silent = [r for r in table.with_outcome(results, "silent") if not r.clear]
+    png_px = mean_error(table.of_format(right, True))
+    jpeg_px = mean_error(table.of_format(right, False))
     ends_px = np.nan
     distances = table.end_distances_of(right)
     if distances:
         ends_px = np.quantile(distances, 0.95)
     return (
-        f"| {name} | {value} | {len(right)} of {len(clear)} | {len(with_findings)} | "
+        f"| {name} | {value} | {len(right)} of {len(clear)} | {len(table.with_findings(right))} | "
         f"{len(silent)} | {png_px} | {jpeg_px} | {ends_px:.2f} | {moved} |"
     )
 
@@ -106,7 +105,7 @@ def mean_error(results: list) -> str:
     """The mean RMS error across the line [px], or a dash where there is no slice."""
     if not results:
         return "-"
-    return f"{np.mean([rms(r.errors) for r in results]):.3f}"
+    return f"{np.mean(table.rms_of_each(results, 'errors')):.3f}"
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ MOST_WORDS = 20_000
 @pytest.mark.parametrize("page", words.pages(), ids=lambda page: page.stem)
 def test_sentences_are_short(page):
     counted = words.count(page.read_text())
-    assert counted.words_a_sentence <= words.MOST_WORDS_A_SENTENCE
+    assert counted.words_a_sentence <= words.MAX_WORDS_A_SENTENCE
 
 
 def test_all_pages_together_are_no_more_than_a_book():

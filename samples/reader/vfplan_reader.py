@@ -304,8 +304,8 @@ class Payload:
         require(end % 8 == 0, "L9", "the payload's length is no multiple of 8")
         head = struct.unpack_from("<8sBBBBQQQQI", data, 0)
         _, version, offsets, lengths, flags, base, extension, stated, root, checksum = head
-        plain = (version, offsets, lengths, flags, base, extension) == (2, 8, 8, 0, 0, UNDEFINED)
-        require(plain, "L1", "a superblock of another kind")
+        is_known = (version, offsets, lengths, flags, base, extension) == (2, 8, 8, 0, 0, UNDEFINED)
+        require(is_known, "L1", "a superblock of another kind")
         require(stated == len(data), "L2", f"its end of file is {stated}")
         require(checksum == lookup3(data[:44]), "L2", "the superblock's checksum differs")
         self.root = root
@@ -348,9 +348,9 @@ class Payload:
                     self.enter(result, kind, body)
         require(len(result.links) <= MAX_LINKS, "L5", "too many links")
         require(len(result.attributes) <= MAX_ATTRIBUTES, "L5", "too many attributes")
-        kinds = result.messages.keys()
-        is_group = {0x02} <= kinds and not kinds & {0x01, 0x03, 0x05, 0x08}
-        is_dataset = {0x01, 0x03, 0x08} <= kinds and not kinds & {0x02, 0x0A}
+        types = result.messages.keys()
+        is_group = {0x02} <= types and not types & {0x01, 0x03, 0x05, 0x08}
+        is_dataset = {0x01, 0x03, 0x08} <= types and not types & {0x02, 0x0A}
         is_dataset = is_dataset and not result.links
         require(is_group or is_dataset, "L3", "neither a group nor a dataset")
         return result
@@ -368,8 +368,8 @@ class Payload:
             require(name not in owner.attributes, "C1", f"two attributes {name!r}")
             owner.attributes[name] = value
         elif kind in (0x02, 0x15):
-            plain = body == b"\0\0" + b"\xff" * 16
-            require(plain, "L5", "links or attributes in a heap, or with a creation order")
+            is_compact = body == b"\0\0" + b"\xff" * 16
+            require(is_compact, "L5", "links or attributes in a heap, or with a creation order")
             require(kind not in owner.messages, "L3", "a message twice")
             owner.messages[kind] = body
         elif kind == 0x0A:
@@ -494,16 +494,16 @@ def attribute_value(parts):
 
 def type_and_shape(datatype, dataspace):
     """(type, bytes of an item, shape)."""
-    plain = bytes(datatype)
-    if plain[:1] == b"\x13" and len(plain) >= 8:
-        bits, item = plain[1], struct.unpack_from("<I", plain, 4)[0]
-        utf8 = bits in (0x00, 0x01, 0x10, 0x11) and plain[2:4] == b"\0\0" and len(plain) == 8
+    code = bytes(datatype)
+    if code[:1] == b"\x13" and len(code) >= 8:
+        bits, item = code[1], struct.unpack_from("<I", code, 4)[0]
+        utf8 = bits in (0x00, 0x01, 0x10, 0x11) and code[2:4] == b"\0\0" and len(code) == 8
         require(utf8, "L7", "a text padded with blanks, or in an unknown encoding")
         require(1 <= item <= MAX_TEXT, "L6", f"a text of {item} bytes")
         type_ = "text"
     else:
-        require(plain in NUMBERS, "L7", "a type that is none of f8, i4, u1 and text")
-        type_, _, item = NUMBERS[plain]
+        require(code in NUMBERS, "L7", "a type that is none of f8, i4, u1 and text")
+        type_, _, item = NUMBERS[code]
     require(len(dataspace) >= 4 and dataspace[0] == 2, "L3", "a dataspace of another kind")
     rank, flags, kind = dataspace[1:4]
     is_array = int(rank > 0)
@@ -756,8 +756,9 @@ def check_id(content, frame, raw_bytes):
 
 def check_strokes(rule, stroke, count):
     """The numbers start at 0, grow by 0 or 1, and end at the last stroke."""
-    steps = [b - a for a, b in pairwise(stroke)]
-    counts = stroke[0] == 0 and all(step in (0, 1) for step in steps) and stroke[-1] == count - 1
+    counts = stroke[0] == 0 and stroke[-1] == count - 1
+    for before, after in pairwise(stroke):
+        counts = counts and after - before in (0, 1)
     require(counts, rule, "strokes do not count 0, 1, ...")
 
 
@@ -782,10 +783,13 @@ def largest_eigenvalue(diagonal, axis):
     """Of P K P, with P the projection across the axis."""
     if axis is None:
         return max(diagonal)
-    P = [[(i == j) - axis[i] * axis[j] for j in range(3)] for i in range(3)]
-    A = [
-        [sum(P[i][k] * diagonal[k] * P[k][j] for k in range(3)) for j in range(3)] for i in range(3)
-    ]
+    A = [[0.0] * 3, [0.0] * 3, [0.0] * 3]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                A[i][j] += (
+                    ((i == k) - axis[i] * axis[k]) * diagonal[k] * ((k == j) - axis[k] * axis[j])
+                )
     # One eigenvalue is 0; the other two have this sum and this product.
     trace = A[0][0] + A[1][1] + A[2][2]
     minors = 0.0
@@ -817,8 +821,8 @@ def check_registration(content, points):
     if "/registration/covariance" in content:
         covariance = content["/registration/covariance"].rows()
         require(len(covariance) == 3 * len(T), "V12", "a covariance of other parameters")
-        variances = [covariance[i][i] for i in range(len(covariance))]
-        require(min(variances) >= 0, "V12", "a negative variance")
+        for i, row in enumerate(covariance):
+            require(row[i] >= 0, "V12", "a negative variance")
     residuals = content["/registration/residuals"].items
     for place, wanted, stated in zip(source, target, residuals, strict=True):
         vector = [*place, 1.0]
@@ -841,8 +845,8 @@ def check_findings(content):
         flag, place = f"/findings/has_place_{unit}", f"/findings/place_{unit}"
         require((flag in content) == (place in content), "V14", f"{flag} without its places")
         if flag in content:
-            for is_there, row in zip(content[flag].items, content[place].rows(), strict=True):
-                require(is_there or not any(row), "V14", "a place of a finding without one")
+            for has_place, row in zip(content[flag].items, content[place].rows(), strict=True):
+                require(has_place or not any(row), "V14", "a place of a finding without one")
     by, utc = "/findings/answered_by", "/findings/answered_utc"
     require((by in content) == (utc in content), "V14", "an answer without a time")
     if by in content:
@@ -863,7 +867,10 @@ def has_open_doubt(content):
     answered = [""] * len(severities)
     if "/findings/answered_by" in content:
         answered = content["/findings/answered_by"].items
-    return any(s == "doubt" and not who for s, who in zip(severities, answered, strict=True))
+    for severity, who in zip(severities, answered, strict=True):
+        if severity == "doubt" and not who:
+            return True
+    return False
 
 
 def check_time(text):
@@ -999,13 +1006,18 @@ def check_pieces(content, points, axis):
         pairs = list(pairwise(corners))
         if closed:
             pairs.append((corners[-1], corners[0]))
-        pieces = [Piece(vertices[a], vertices[b], bulges[a]) for a, b in pairs]
+        pieces = []
+        for a, b in pairs:
+            pieces.append(Piece(vertices[a], vertices[b], bulges[a]))
         if len(corners) == 1 and not closed:
             pieces = [Piece(vertices[corners[0]], vertices[corners[0]], 0.0)]
         places = [flat(points[row]) for row in rows]
         if closed:
-            feet = [(k, *piece.foot(places[0])) for k, piece in enumerate(pieces)]
-            starts = [(k, way) for k, distance, way in feet if distance <= t][:8]
+            starts = []
+            for k, piece in enumerate(pieces):
+                distance, arc = piece.foot(places[0])
+                if distance <= t and len(starts) < 8:
+                    starts.append((k, arc))
         else:
             starts = [(0, 0.0)]
         leads = any(walks(pieces, closed, start, places, t, w) for start in starts)
@@ -1014,25 +1026,25 @@ def check_pieces(content, points, axis):
 
 def walks(pieces, closed, start, places, t, w):
     """Whether the walk of V7 reaches the end of a stroke."""
-    current, way = start
+    current, arc = start
     remaining = sum(piece.length for piece in pieces)
     entries = len(pieces)
     for place in places:
-        distance, next_way = pieces[current].foot(place)
-        step = next_way - way
+        distance, next_arc = pieces[current].foot(place)
+        step = next_arc - arc
         if distance > t or not -2 * t <= step <= w:
-            passed = pieces[current].length - way
+            passed = pieces[current].length - arc
             while True:
                 if passed > w or entries == 0 or (current + 1 == len(pieces) and not closed):
                     return False
                 current = (current + 1) % len(pieces)
                 entries -= 1
-                distance, next_way = pieces[current].foot(place)
-                step = passed + next_way
+                distance, next_arc = pieces[current].foot(place)
+                step = passed + next_arc
                 if distance <= t and step <= w:
                     break
                 passed += pieces[current].length
-        way = next_way
+        arc = next_arc
         remaining -= step
     return remaining <= w
 
@@ -1055,7 +1067,7 @@ class Piece:
             self.centre = (middle[0] - dy * offset, middle[1] + dx * offset)
 
     def foot(self, point):
-        """(distance, way along the piece) of the nearest place on it."""
+        """(distance, length along the piece) of the nearest place on it."""
         if self.radius > 0:
             return self.foot_on_arc(point)
         dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
