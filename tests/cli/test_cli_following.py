@@ -1,0 +1,56 @@
+"""The commands that `next:` names: complete, and understood by the program as they stand."""
+
+from __future__ import annotations
+
+import ast
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+from conftest import ROOT
+from vfplan.cli import cli
+from vfplan.cli.following import page_command, register_command, review_command, sign_command
+
+ODD = Path("a folder/it's mine.h5")
+COMMANDS = {
+    "register": register_command(ODD),
+    "register with a slice": register_command(ODD, Path("my slice.png")),
+    "review": review_command(ODD, None),
+    "review on its slice": review_command(ODD, Path("my slice.png")),
+    "review of a slice": page_command(ODD, None, Path("markers 2.csv"), output=ODD),
+    "sign": sign_command(ODD),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_follows_is_understood(name):
+    program, command_name, *words = shlex.split(COMMANDS[name])
+    assert program == "vfplan"
+    command = cli.get_command(click.Context(cli), command_name)
+    parsed, rest, _ = command.make_parser(click.Context(command)).parse_args(words)
+    assert not rest
+    assert str(ODD) in parsed.values()
+    assert parsed["output"].endswith(".h5")
+
+
+@pytest.mark.parametrize("make", [register_command, sign_command])
+def test_what_follows_writes_another_file_beside_the_first(make):
+    words = shlex.split(make(Path("folder/elbow.h5")))
+    output = Path(words[words.index("-o") + 1])
+    assert output.parent == Path("folder")
+    assert output.stem.startswith("elbow-")
+
+
+def result_calls():
+    """Each call of `CommandResult` in a command: where, and its keywords."""
+    for path in sorted([*(ROOT / "cli").glob("*.py"), *(ROOT / "vfplan").glob("*/command.py")]):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "CommandResult":
+                keywords = {keyword.arg for keyword in node.keywords}
+                yield pytest.param(keywords, id=f"{path.relative_to(ROOT)}:{node.lineno}")
+
+
+@pytest.mark.parametrize("keywords", list(result_calls()))
+def test_every_command_ends_in_a_verdict_and_a_next_step(keywords):
+    assert {"verdict", "next_step"} <= keywords
