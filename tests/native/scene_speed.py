@@ -64,14 +64,17 @@ def main() -> None:
                 command = [program, str(asked.rounds), *files]
                 text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
                 figures[i] = np.minimum(figures[i], np.fromstring(text, sep=" ").reshape(-1, 4))
+    print(" " * 36, end="")
     for include in includes:
-        print(include)
-    print("us a tick; for each build: nanoflann, paper, their ratio; robust: median and worst tick")
+        print(f" | {include.parents[2].name:^37s}", end="")
+    print()
+    columns = " | nanoflann  paper        robust  worst"
+    print(f"{'us a tick':28s} {'points':>7s}{columns * len(includes)}")
     for j, scene in enumerate(names):
         print(f"{scene:28s} {counts[j]:7d}", end="")
         for peer, paper, median, worst in figures[:, j]:
-            print(f"  | {peer:7.2f} {paper:6.2f} {peer / paper:5.1f}", end="")
-            print(f"  {median:6.2f} {worst:7.2f}", end="")
+            print(f" | {peer:9.2f} {paper:6.2f} {peer / paper:5.1f}x", end="")
+            print(f" {median:7.2f} {worst:6.2f}", end="")
         print()
 
 
