@@ -150,7 +150,7 @@ def test_a_seal_that_hides_findings_or_invents_them_is_refused(make, key, tmp_pa
     sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=True)
     data = bytearray((tmp_path / "s.h5").read_bytes())
     read_bundle(bytes(data))
-    data[len(data) - damage.SEAL + 10] ^= seal.DESPITE_FINDINGS
+    data[len(data) - damage.SEAL + 10] ^= seal.SealFlag.DESPITE_FINDINGS
     with pytest.raises(BundleError) as raised:
         read_bundle(damage.resealed(bytes(data), damaged_seal=True))
     assert raised.value.code == "unsafe.findings"
@@ -167,6 +167,6 @@ def test_a_time_that_no_seal_can_hold_is_refused(time, key, tmp_path):
 def test_an_unsigned_seal_is_not_signed_in_spite_of_anything(tmp_path):
     vfplan.write_fixture(bundles.doubtful(), tmp_path / "a.h5")
     data = bytearray((tmp_path / "a.h5").read_bytes())
-    data[len(data) - damage.SEAL + 10] |= seal.DESPITE_FINDINGS
+    data[len(data) - damage.SEAL + 10] |= seal.SealFlag.DESPITE_FINDINGS
     with pytest.raises(BundleError):
         read_bundle(damage.resealed(bytes(data), damaged_seal=True))

@@ -44,7 +44,7 @@ TYPES = {
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 USED_PROPERTIES = {"vertex": ("x", "y", "z"), "face": ("vertex_indices", "vertex_index")}
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-STL_HEAD = 84
+STL_HEAD = struct.calcsize("<80sI")
 """Length of a binary STL file's header and count of facets [bytes]."""
 TEXT_SOLID = re.compile(rb"\s*solid\b[^\n]*\n", re.IGNORECASE)
 TEXT_END = re.compile(rb"\s*endsolid\b[^\n]*", re.IGNORECASE)

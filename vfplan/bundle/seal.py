@@ -26,6 +26,7 @@ import hashlib
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from enum import IntFlag
 
 from vfplan._core import Sealed, lookup3
 from vfplan.errors import SettingError
@@ -34,8 +35,6 @@ MAGIC = b"VFPLSEAL"
 TAIL_MAGIC = b"VFPLTAIL"
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SEAL_VERSION = 2
-SIGNED = 1
-DESPITE_FINDINGS = 2
 LENGTHS = tuple(512 << doublings for doublings in range(4))
 """Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes."""
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
@@ -43,6 +42,13 @@ TAIL = struct.Struct("<32sII8s")
 SIGNATURE = slice(72, 136)
 DOMAIN = b"vfplan bundle seal 2\0"
 """In front of what is signed, so that a signature can be taken for no other one."""
+
+
+class SealFlag(IntFlag):
+    """The bits of a seal's flags."""
+
+    SIGNED = 1
+    DESPITE_FINDINGS = 2
 
 
 @dataclass(frozen=True)
@@ -160,11 +166,11 @@ def to_body(seal: Seal, length: int) -> bytes:
     """The seal without its tail, filled up with zeros."""
     case = seal.case.encode()
     serial = seal.robot_serial.encode()
-    flags = 0
+    flags = SealFlag(0)
     if seal.signed:
-        flags |= SIGNED
+        flags |= SealFlag.SIGNED
     if seal.despite_findings:
-        flags |= DESPITE_FINDINGS
+        flags |= SealFlag.DESPITE_FINDINGS
     head = HEAD.pack(
         MAGIC,
         SEAL_VERSION,

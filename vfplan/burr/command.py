@@ -7,7 +7,7 @@ from typing import Any
 from vfplan.cli import options
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, progress
+from vfplan.cli.run import CommandResult, command, command_line, progress
 from vfplan.cli.units import micrometres, millimetres
 from vfplan.cli.values import CSV, PNG, DecimalNumber
 
@@ -85,7 +85,8 @@ def command(
         metrics, "\n".join(lines), warnings=warnings,
         verdict=f"burred {figures['places_lowered']} places, up to "
         f"{millimetres(figures['deepest_m'], 2)} deep",
-        next_step="--picture-out PNG draws it; --events-out CSV keeps the edits for vfplan replay",
+        next_step=f"draw it, and keep the edits for vfplan replay: {command_line()} "
+        "--picture-out burr.png --events-out edits.csv",
     )  # fmt: skip
 
 
