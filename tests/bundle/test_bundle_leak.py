@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import vfplan
+from vfplan import _core
 from vfplan.bundle import leak, validate
 
 CLOUDS = {
@@ -58,6 +59,75 @@ def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
         apart = distances(points)[ends]
         apart[stroke[ends][:, None] == stroke[None]] = np.inf
         assert found == pytest.approx(apart.min(axis=1), rel=1e-14)
+
+
+def seen_across(points, axis):
+    if axis is None:
+        return points
+    return points - np.outer(points @ axis, axis)
+
+
+def gap_of_a_plain_loop(points, stroke, closed):
+    """The widest gap, as a loop over neighbours in Python finds it."""
+    gaps = [0.0]
+    for number, is_closed in enumerate(closed):
+        row = points[stroke == number]
+        gaps += np.linalg.norm(np.diff(row, axis=0), axis=1).tolist()
+        if is_closed:
+            gaps.append(np.linalg.norm(row[-1] - row[0]))
+    return max(gaps)
+
+
+def cover_of_a_fine_search(triangle):
+    """Largest distance to the nearest corner among 20,000 places of one triangle."""
+    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 141), np.linspace(0, 1, 141)))
+    inside = np.column_stack([1 - u, u * (1 - v), u * v]) @ triangle
+    return np.linalg.norm(inside[:, None] - triangle, axis=2).min(axis=1).max()
+
+
+@pytest.mark.parametrize("axis", [None, (0.0, 0.0, 1.0), (0.6, 0.0, 0.8), (2 / 3, -2 / 3, 1 / 3)])
+def test_the_certificate_is_that_of_plain_loops(axis):
+    draw = np.random.default_rng(14)
+    if axis is not None:
+        axis = np.array(axis)
+    for _ in range(20):
+        points = draw.uniform(size=(int(draw.integers(6, 60)), 3))
+        seen = seen_across(points, axis)
+        more = draw.integers(0, 5, len(points) - 5)
+        stroke = np.sort(np.append(np.arange(5), more)).astype(np.int32)
+        closed = draw.integers(0, 2, 5).astype(np.uint8)
+        widest = gap_of_a_plain_loop(seen, stroke, closed)
+        kind, gap, limit, holds, rows = _core.certificate(
+            points, axis, 0.3, stroke=stroke, closed=closed
+        )
+        assert (kind, limit, holds) == ("curve", 0.6, gap <= 0.6)
+        assert gap == pytest.approx(widest, rel=1e-12)
+        assert np.linalg.norm(seen[rows[0]] - seen[rows[1]]) == pytest.approx(gap, rel=1e-12)
+
+        triangles = draw.integers(0, len(points), (3, 3)).astype(np.int32)
+        covers = [cover_of_a_fine_search(seen[triangle]) for triangle in triangles]
+        kind, cover, limit, holds, rows = _core.certificate(points, axis, 0.3, triangles=triangles)
+        assert (kind, limit, holds) == ("mesh", 0.3, cover <= 0.3)
+        assert max(covers) <= cover * (1 + 1e-9)
+        assert cover == pytest.approx(max(covers), rel=0.03)
+        assert cover_of_a_fine_search(seen[rows]) == pytest.approx(max(covers), rel=0.03)
+        few = _core.certificate(points, axis, 0.3, triangles=triangles, sample_radius=0.1)
+        assert few[1] == min(cover, 0.1)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"triangles": np.array([[0, 1, 3]], np.int32)},
+        {"triangles": np.array([[0, -1, 2]], np.int32)},
+        {"stroke": np.array([0, 0, 1], np.int32), "closed": np.array([0], np.uint8)},
+        {"stroke": np.array([0, 0], np.int32), "closed": np.array([0], np.uint8)},
+        {"stroke": np.array([0, 0, 0], np.int32)},
+    ],
+)
+def test_a_shape_that_names_what_is_not_there_has_no_certificate(shape):
+    with pytest.raises(ValueError, match="vfplan"):
+        _core.certificate(np.zeros((3, 3)), None, 0.3, **shape)
 
 
 def test_open_edges_are_those_counted_one_by_one():

@@ -225,7 +225,7 @@ def test_samples_of_a_mesh_leave_no_place_farther_away(cover):
         triangles = np.ascontiguousarray(triangles, np.int32)
         samples, pieces = _core.sampled(points, triangles, cover)
         assert np.array_equal(samples[: len(points)], points), "corners keep their numbers"
-        assert largest_cover(pieces, samples)[0] <= cover * (1 + 1e-9)
+        assert largest_cover(pieces, samples) <= cover * (1 + 1e-9)
         weights = rng.dirichlet(np.ones(3), size=(400, 1))
         places = (points[triangles] * weights[..., None]).sum(axis=2).reshape(-1, 3)
         assert cKDTree(samples).query(places)[0].max() <= cover * (1 + 1e-9)

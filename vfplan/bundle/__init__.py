@@ -33,7 +33,7 @@ __getattr__ = on_demand(
         "validation": "Issue mesh_doubts validate",
         "write": "write_fixture completed to_payload",
         "content": "to_content",
-        "leak": "certificate covering_radius largest_cover open_edges",
+        "leak": "certificate largest_cover open_edges",
         "meshfile": "read_mesh",
         "schema": "table",
     },

@@ -164,7 +164,7 @@ def short_text(text: str) -> str:
 
 def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> float:
     """The paper's band, or how deep a proxy of `radius` dips between a mesh's corners [m]."""
-    cover, _ = largest_cover(triangles, points)
+    cover = largest_cover(triangles, points)
     return sample_band(cover, radius)
 
 

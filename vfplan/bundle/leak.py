@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.bundle.schema import Content
 
 BLOCK = 1 << 18
@@ -23,41 +24,47 @@ STEPS = 16
 
 
 def certificate(content: Content) -> Content:
-    """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`."""
+    """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`.
+
+    What every reader computes again comes from the reader in C++ (vfplan/bundle/checks.hpp).
+    """
     points = Across(content)
     corners = content["/points"]
     radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
-    reach = radius - content["/rendering@band_m"]
-    leak: Content = {}
-    limit = None
-    if "/mesh/triangles" in content:
-        triangles = content["/mesh/triangles"]
-        leak["/leak@kind"] = "mesh"
-        limit = reach
-        largest, row = largest_cover(triangles, points)
-        # Where that asks for samples, a reader takes them before it renders points.
-        largest = min(largest, content.get("/mesh@sample_radius_m", largest))
-        place = corners[triangles[row]].mean(axis=0)
-        rim_edges = open_edges(triangles)
+    kind, largest, limit, holds, rows = _core.certificate(
+        corners,
+        points.axis,
+        float(radius - content["/rendering@band_m"]),
+        stroke=content.get("/curve/stroke"),
+        closed=content.get("/curve/closed"),
+        triangles=content.get("/mesh/triangles"),
+        sample_radius=content.get("/mesh@sample_radius_m"),
+    )
+    leak: Content = {"/leak@kind": kind}
+    if kind == "cloud":
+        # How the points of a bare cloud connect is not known, so there is no limit.
+        largest, row = loneliest(points)
+        place = corners[row]
+    else:
+        place = corners[rows].mean(axis=0)
+    if kind == "mesh":
+        rim_edges = open_edges(content["/mesh/triangles"])
         if rim_edges > 0:
             leak["/leak@open_edges"] = rim_edges
-    elif "/curve/stroke" in content:
-        leak["/leak@kind"] = "curve"
-        limit = 2 * reach
-        largest, index, following = largest_gap(content, points)
-        place = (corners[index] + corners[following]) / 2
+    if kind == "curve":
         leak |= open_ends(content, points)
-    else:
-        # How the points of a bare cloud connect is not known, so there is no limit.
-        leak["/leak@kind"] = "cloud"
-        largest, index = loneliest(points)
-        place = corners[index]
     leak["/leak@largest_m"] = float(largest)
     leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
-    leak["/leak@certified"] = int(limit is not None and largest <= limit)
-    if limit is not None:
-        leak["/leak@limit_m"] = float(limit)
+    leak["/leak@certified"] = int(holds)
+    if kind != "cloud":
+        leak["/leak@limit_m"] = limit
     return leak
+
+
+def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> float:
+    """How far a place of a triangle is from the triangle's nearest corner, at most [m]."""
+    rows = np.ascontiguousarray(triangles, np.int32)
+    return _core.certificate(points, None, 0.0, triangles=rows)[1]
 
 
 class Across:
@@ -78,66 +85,11 @@ class Across:
         return chosen - (chosen @ self.axis)[..., None] * self.axis
 
 
-def largest_gap(content: Content, points: Across) -> tuple[float, int, int]:
-    """(gap [m], index, index) of the widest pair of neighbours along the strokes, closed ones too.
-
-    The first such pair in the order of the points, closing pairs after all others.
-    """
-    stroke = content["/curve/stroke"]
-    is_closed = content["/curve/closed"].astype(bool)
-    best = (0.0, 0, 0)
-    for start in range(0, len(points) - 1, BLOCK):
-        stop = min(start + BLOCK, len(points) - 1)
-        steps = np.linalg.norm(np.diff(points[start : stop + 1], axis=0), axis=1)
-        steps[stroke[start + 1 : stop + 1] != stroke[start:stop]] = 0.0
-        widest = int(np.argmax(steps))
-        if steps[widest] > best[0]:
-            best = (float(steps[widest]), start + widest, start + widest + 1)
-    first, last = stroke_ends(stroke)
-    gaps = np.where(is_closed, np.linalg.norm(points[last] - points[first], axis=1), 0.0)
-    widest = int(np.argmax(gaps))
-    if gaps[widest] > best[0]:
-        best = (float(gaps[widest]), int(last[widest]), int(first[widest]))
-    return best
-
-
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Index of the first and of the last point of each stroke."""
     first = np.flatnonzero(stroke[1:] != stroke[:-1]) + 1
     first = np.append(0, first)
     return first, np.append(first[1:], len(stroke)) - 1
-
-
-def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> tuple[float, int]:
-    """(covering radius [m], row) of the triangle whose inside is farthest from its corners."""
-    best = (0.0, 0)
-    for start in range(0, len(triangles), BLOCK):
-        radii = covering_radius(points[triangles[start : start + BLOCK]])
-        widest = int(np.argmax(radii))
-        if radii[widest] > best[0]:
-            best = (float(radii[widest]), start + widest)
-    return best
-
-
-def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(K,) largest distance of any point of each (3, 3) triangle to its nearest corner.
-
-    With sides a <= b <= c: the circumradius abc / 4A of an acute triangle. In an obtuse one the
-    farthest point lies on the longest side, where the perpendicular bisector of b meets it, at
-    (b / 2) / cos A = b^2 c / (b^2 + c^2 - a^2) from the corner A.
-    """
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    a, b, c = np.sort(sides.T, axis=0)
-    # Kahan's area, exact for needles.
-    product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
-    four_areas = np.sqrt(np.maximum(product, 0.0))
-    is_obtuse = a * a + b * b <= c * c
-    with np.errstate(divide="ignore", invalid="ignore"):
-        on_longest_side = b * b * c / (b * b + c * c - a * a)
-        circumradius = a * b * c / four_areas
-    radius = np.where(is_obtuse, on_longest_side, circumradius)
-    radius[c == 0] = 0.0
-    return radius
 
 
 def open_edges(triangles: NDArray[np.int32]) -> int:

@@ -76,7 +76,10 @@ def completed(content: Content) -> Content:
     whole["/@id"] = digest.hexdigest()[:32]
     if "/rendering@contact_radius_m" in whole:
         # Of arrays that do not fit together there is none: the reader says what is wrong.
-        with suppress(IndexError, ValueError), np.errstate(invalid="ignore", over="ignore"):
+        with (
+            suppress(IndexError, TypeError, ValueError),
+            np.errstate(invalid="ignore", over="ignore"),
+        ):
             whole |= leak.certificate(whole)
     return whole
 

@@ -190,7 +190,7 @@ def report_of(
         structures.append({"number": structure.number, "name": structure.name, "chosen": is_chosen})
     points = fixture.points
     edges = open_edges(fixture.mesh)
-    largest_opening, _ = largest_cover(fixture.mesh, points)
+    largest_opening = largest_cover(fixture.mesh, points)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = None
     if not edges:

@@ -3,10 +3,15 @@
 // The Python face of the bundle's reader. No logic here.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <cstdint>
 #include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
 #include <utility>
 
 #include "vfplan/bundle/fixture.hpp"
@@ -72,6 +77,53 @@ struct Sealed {
     vb::Seal seal;
 };
 
+using Coordinates = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Axis = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Corners = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+
+template <class Array>
+auto values(const std::optional<Array>& array) {
+    using T = typename Array::Scalar;
+    return array ? std::span<const T>(array->data(), array->size()) : std::span<const T>();
+}
+
+/// Throws std::invalid_argument unless all numbers name one of `count` things.
+void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
+    for (const std::int32_t number : numbers) {
+        if (number < 0 || static_cast<std::size_t>(number) >= count) {
+            throw std::invalid_argument("vfplan: a number of a point or a stroke is not there");
+        }
+    }
+}
+
+/// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
+/// back, and the points around the largest opening.
+nb::tuple certificate(const Coordinates& points, const std::optional<Axis>& axis, double reach,
+                      const std::optional<Numbers>& stroke, const std::optional<Flags>& closed,
+                      const std::optional<Corners>& triangles,
+                      std::optional<double> sample_radius) {
+    vb::detail::CertifiedShape shape;
+    shape.points = {points.data(), points.size()};
+    shape.axis = values(axis);
+    shape.stroke = values(stroke);
+    shape.closed = values(closed);
+    shape.triangles = values(triangles);
+    if (sample_radius) shape.sample_radius = *sample_radius;
+    vb::detail::Certificate made;
+    {
+        nb::gil_scoped_release release;
+        check_numbers(shape.triangles, points.shape(0));
+        check_numbers(shape.stroke, shape.closed.size());
+        if (!shape.stroke.empty() && shape.stroke.size() != points.shape(0)) {
+            throw std::invalid_argument("vfplan: each point needs the number of its stroke");
+        }
+        made = vb::detail::certify(shape, reach);
+    }
+    return nb::make_tuple(made.kind, made.largest, made.limit, made.holds, made.rows);
+}
+
 /// BundleError -> the Python exception of the same kind, with `where` and `code`.
 void translate(const std::exception_ptr& thrown, void*) {
     try {
@@ -104,6 +156,9 @@ void bind_bundle(nb::module_& m) {
     m.def(
         "lookup3", [](const nb::bytes& data) { return vb::detail::lookup3(view(data)); }, "data"_a,
         "The checksum of HDF5's metadata");
+    m.def("certificate", &certificate, "points"_a, "axis"_a.none(), "reach"_a,
+          "stroke"_a = nb::none(), "closed"_a = nb::none(), "triangles"_a = nb::none(),
+          "sample_radius"_a = nb::none(), "what the leak certificate of a fixture must say");
     nb::class_<Sealed>(m, "Sealed", "A bundle's bytes, whose seal holds")
         .def(nb::init<nb::bytes>(), "data"_a)
         .def(
