@@ -165,7 +165,7 @@ def test_a_force_held_longer_than_its_spring_lasts_is_said():
         ({"torque_step_nm": 0}, {"torque_step_nm": 0.0}),
         ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
         ({"torque_step_nm": np.ones(17)}, {}),
-        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {}),
+        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9}),
         ({"torque_step_nm": "much"}, {}),
     ],
 )

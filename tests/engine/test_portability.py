@@ -50,7 +50,9 @@ def test_without_exceptions_a_bad_setting_ends_the_program_with_its_reason(tmp_p
     assert program, says
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert done.stderr == "vfplan: band -1 m: allowed is above 0 and at most 0.005 m\n"
+    assert done.stderr == (
+        "vfplan: band is -1 m. Give a value above 0 and at most 0.005 m (at most contact_radius).\n"
+    )
 
 
 def test_the_rules_compiled_once_give_the_same_engine(tmp_path):

@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
 from vfplan.engine.answers import check_hip, check_path
-from vfplan.engine.parameters import Vector, core_errors, number, real_array, setting_array
+from vfplan.engine.parameters import (
+    Vector,
+    core_settings,
+    number,
+    real_array,
+    real_number,
+    setting_array,
+)
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 
@@ -22,12 +29,6 @@ HEADROOM = 0.95
 
 The arm's own control (friction, Coriolis, an impedance law) changes the torque in the same tick.
 """
-
-MAX_FORCE_N = 1e6
-"""Largest force that a governor can be told to allow [N], the core's own limit of an input."""
-
-MIN_STEP_SHARE = 1e-6
-"""Smallest step of the force as a share of its largest value: a thousand seconds at 1 kHz."""
 
 
 class GovernorStatus(IntFlag):
@@ -105,22 +106,15 @@ class Governor:
         rate_hz: float = 1000.0,
     ) -> None:
         limits = _core.GovernorLimits()
-        limits.force_max = number("force_max_n", force_max_n, "N", above=0.0, most=MAX_FORCE_N)
-        limits.stiffness = number("stiffness_n_per_m", stiffness_n_per_m, "N/m", above=0.0)
-        limits.mass = number("mass_kg", mass_kg, "kg", above=0.0)
+        limits.force_max = real_number("force_max_n", force_max_n)
+        limits.stiffness = real_number("stiffness_n_per_m", stiffness_n_per_m)
+        limits.mass = real_number("mass_kg", mass_kg)
         limits.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
         self.least_passive_step_n = limits.least_passive_step
         """The smallest `force_step_n` that is passive with the other settings [N]."""
         self.least_reversing_step_n = limits.least_reversing_step
         """The smallest that is also passive when the force turns round at its largest [N]."""
-        limits.force_step = number(
-            "force_step_n",
-            force_step_n,
-            "N a tick",
-            least=max(self.least_passive_step_n, MIN_STEP_SHARE * limits.force_max),
-            why="force_max_n / rate_hz * sqrt(stiffness / mass) / 2: slower, a released force "
-            "gives more energy than the spring had stored",
-        )
+        limits.force_step = real_number("force_step_n", force_step_n)
 
         steps = torque_limits("torque_step_nm", torque_step_nm)
         maxima = torque_limits("torque_max_nm", torque_max_nm)
@@ -128,7 +122,15 @@ class Governor:
         self._joints = joint_count(steps, maxima)
         for joint in range(_core.most_joints):
             limits.set_torque(joint, limit_of_joint(steps, joint), limit_of_joint(maxima, joint))
-        with core_errors(SettingError):
+        names = {
+            "force_step": "force_step_n",
+            "force_max": "force_max_n",
+            "stiffness": "stiffness_n_per_m",
+            "mass": "mass_kg",
+            "torque_step": "torque_step_nm",
+            "torque_max": "torque_max_nm",
+        }
+        with core_settings(**names):
             self._governor = _core.Governor(limits)
         self.reset()
 

@@ -18,12 +18,12 @@ from vfplan import _core
 from vfplan.engine.answers import Status, check_hip, check_path
 from vfplan.engine.choosing import check_pieces
 from vfplan.engine.parameters import (
-    MAX_RADIUS,
-    MIN_RADIUS,
     Vector,
     check_axis,
     check_points,
+    core_settings,
     number,
+    real_number,
 )
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
@@ -159,8 +159,8 @@ class Guide:
         rate_hz: float = 1000.0,
     ) -> None:
         native = _core.GuideParameters()
-        native.radius = number("radius", radius, "m", least=MIN_RADIUS, most=MAX_RADIUS)
-        native.stiffness = number("stiffness", stiffness, "N/m", above=0.0)
+        native.radius = real_number("radius", radius)
+        native.stiffness = real_number("stiffness", stiffness)
         if ends not in ENDS:
             raise SettingError(f"ends is {ends!r}. Choose one of {', '.join(ENDS)}.")
         native.ends = getattr(_core.Ends, ends)
@@ -168,8 +168,8 @@ class Guide:
             raise SettingError(f"hold is {hold!r}. Choose one of {', '.join(HOLDS)}.")
         native.hold = getattr(_core.Hold, hold)
         native.cut_bends = bool(cut_bends)
-        native.lead_force = number("lead_force", lead_force, "N")
-        native.lead_speed = number("lead_speed", lead_speed, "m/s", above=0.0)
+        native.lead_force = real_number("lead_force", lead_force)
+        native.lead_speed = real_number("lead_speed", lead_speed)
         native.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
         self.ignore_axis = check_axis(ignore_axis)
         if self.ignore_axis is not None:
@@ -192,14 +192,17 @@ class Guide:
             self.closed = tuple(closings)
             lengths = [len(stroke) for stroke in strokes]
             curves = (np.vstack(strokes), lengths, closings)
-        try:
-            self._guide = _core.Guide(*curves, native)
-        except ValueError as error:
-            # The core names the radius where the tube does not fit the curve.
-            kind = SceneError
-            if "radius" in str(error):
-                kind = SettingError
-            raise kind(str(error).removeprefix("vfplan: ")) from None
+        with core_settings():
+            try:
+                self._guide = _core.Guide(*curves, native)
+            except _core.OutOfRange:
+                raise
+            except ValueError as error:
+                # The core names the radius where the tube does not fit the curve.
+                kind = SceneError
+                if "radius" in str(error):
+                    kind = SettingError
+                raise kind(str(error).removeprefix("vfplan: ")) from None
         tight_bend = self.tight_bend
         if tight_bend is not None:
             warnings.warn(tight_bend, stacklevel=2)

@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike
 from vfplan import _core
 from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
 from vfplan.engine.guide import Guide, GuideTrace
-from vfplan.engine.parameters import MAX_COORDINATE, Vector, number, real_array
+from vfplan.engine.parameters import (
+    MAX_COORDINATE,
+    Vector,
+    core_settings,
+    real_array,
+    real_number,
+)
 from vfplan.errors import SceneError
 
 RIGID_TOLERANCE = 1e-6
@@ -57,12 +63,18 @@ class MovingFrame:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self._frame = _core.MovingFrame(
-            number("max_age_s", max_age_s, "s", above=0.0, most=10.0),
-            number("max_speed_m_s", max_speed_m_s, "m/s", above=0.0, most=10.0),
-            number("max_turn_rad_s", max_turn_rad_s, "rad/s", above=0.0, most=100.0),
-            check_hip(pivot, "pivot", finite=True),
-        )
+        names = {
+            "max_age": "max_age_s",
+            "max_speed": "max_speed_m_s",
+            "max_turn": "max_turn_rad_s",
+        }
+        with core_settings(**names):
+            self._frame = _core.MovingFrame(
+                real_number("max_age_s", max_age_s),
+                real_number("max_speed_m_s", max_speed_m_s),
+                real_number("max_turn_rad_s", max_turn_rad_s),
+                check_hip(pivot, "pivot", finite=True),
+            )
 
     def pose(self, t: float, base_from_fixture: ArrayLike) -> bool:
         """Take the fixture's pose (4, 4) [m] at time `t` [s] of the loop's clock.

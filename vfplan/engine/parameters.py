@@ -34,12 +34,6 @@ MAX_ITERATIONS = 16
 MAX_COORDINATE = _core.largest_coordinate
 """Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre."""
 
-MIN_RADIUS = _core.smallest_radius
-"""Smallest contact radius [m]. The squares of smaller ones underflow in single precision."""
-
-MAX_RADIUS = _core.largest_radius
-"""Largest contact and point radius [m]. The squares of larger ones overflow in single precision."""
-
 PAPER_BAND = 10e-6
 """The band of Algorithm 1, r2 - r_c = r_c - r1 [m]."""
 
@@ -173,8 +167,8 @@ class ProxyParameters:
         points = check_points(points)
         if rule not in get_args(Rule):
             raise SettingError(f"rule is {rule!r}. Choose one of {', '.join(get_args(Rule))}.")
-        rc = number("contact_radius", contact_radius, "m", least=MIN_RADIUS, most=MAX_RADIUS)
-        rv = number("point_radius", point_radius, "m", least=0.0, most=MAX_RADIUS)
+        rc = real_number("contact_radius", contact_radius)
+        rv = real_number("point_radius", point_radius)
         axis = check_axis(ignore_axis)
 
         largest = float(np.abs(points).max())
@@ -187,18 +181,15 @@ class ProxyParameters:
             band = PAPER_BAND
         elif band is None:
             band = default_band(points, rc, rv, axis)
-        band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
-        band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
-        why = f"1e4 roundings of the largest coordinate, {largest:g} m"
-        band = number("band", band, "m", least=rounding_band, why=why)
-
+        band = real_number("band", band)
         if outer_radius is None:
             outer_radius = 2 * rc
-        r3 = number(
-            "outer_radius", outer_radius, "m", above=rc + band, most=2 * MAX_RADIUS, why="r3 > r2"
-        )
-        xi = number("gain", gain, "", above=0.0, most=1.0)
-        return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
+        r3 = real_number("outer_radius", outer_radius)
+        xi = real_number("gain", gain)
+        parameters = cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
+        with core_settings():
+            _core.check(parameters.native(), points)
+        return parameters
 
     def native(self, iterations: int | None = None, search: str = "auto") -> _core.Parameters:
         """The parameters as the native engine takes them.
@@ -237,7 +228,8 @@ def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> f
     parameters.point_radius = rv
     if axis is not None:
         parameters.set_ignore_axis(axis)
-    return _core.band_for(points, parameters)
+    with core_settings():
+        return _core.band_for(points, parameters)
 
 
 def check_iterations(value: int | None) -> int:
@@ -366,11 +358,7 @@ def number(
     SettingError
         Anything else. The message has the value and the range, `numbers` the value by its name.
     """
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise SettingError(f"{name} is {value!r}. Give one number.")
-    checked = float(value)
+    checked = real_number(name, value)
     is_allowed = math.isfinite(checked)
     bounds = []
     if above is not None:
@@ -397,13 +385,36 @@ def number(
     raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
 
 
+def real_number(name: str, value: Any) -> float:
+    """One number as a float; raises `SettingError` for anything else. The core checks its range."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise SettingError(f"{name} is {value!r}. Give one number.")
+    return float(value)
+
+
+@contextmanager
+def core_settings(**names: str) -> Iterator[None]:
+    """Raise what the core finds out of its range as `SettingError`, with the core's own sentences.
+
+    `names` says how a caller calls a parameter of the core, where it is not by the same name.
+    """
+    try:
+        yield
+    except _core.OutOfRange as error:
+        message, name, value = error.args
+        given = names.get(name, name)
+        raise SettingError(message.replace(name, given, 1), numbers={given: value}) from None
+
+
 @contextmanager
 def core_errors(kind: type[VfplanError]) -> Iterator[None]:
     """Raise what the core refuses as an error of `kind`, with the core's own sentence."""
     try:
         yield
     except ValueError as error:
-        raise kind(str(error).removeprefix("vfplan: ")) from None
+        raise kind(str(error.args[0]).removeprefix("vfplan: ")) from None
 
 
 def read_only(array: Vector) -> Vector:

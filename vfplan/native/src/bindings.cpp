@@ -124,10 +124,26 @@ nb::object distance(Engine& engine, const Rows& points) {
     return nb::cast(out);
 }
 
+// OutOfRange -> the exception of Python of the same name, with (message, name, value) as arguments.
+void translate(const std::exception_ptr& thrown, void* type) {
+    try {
+        std::rethrow_exception(thrown);
+    } catch (const vfplan::OutOfRange& error) {
+        const std::string message = std::string(error.what()).substr(sizeof "vfplan: " - 1);
+        const nb::tuple arguments =
+            nb::make_tuple(message.c_str(), error.name.c_str(), error.value);
+        PyErr_SetObject(static_cast<PyObject*>(type), arguments.ptr());
+    }
+}
+
 }  // namespace
 
 NB_MODULE(_core, m) {
     m.doc() = "vfplan's native proxy engine and bundle reader";
+    const nb::object out_of_range =
+        nb::steal(PyErr_NewException("vfplan._core.OutOfRange", PyExc_ValueError, nullptr));
+    m.attr("OutOfRange") = out_of_range;
+    nb::register_exception_translator(translate, out_of_range.ptr());
     m.attr("__version__") = VFPLAN_VERSION;
     m.def(
         "simd_width", [] { return static_cast<int>(vfplan::widest()); },
@@ -157,6 +173,13 @@ NB_MODULE(_core, m) {
         .def("set_ignore_axis",
              [](vfplan::Parameters& p, const Row& a) { p.ignore_axis = vec(a); });
 
+    m.def(
+        "check",
+        [](const vfplan::Parameters& p, const Rows& points) {
+            vfplan::check(p);
+            vfplan::check_resolved(p, points.data(), points.shape(0));
+        },
+        "parameters"_a, "points"_a, "OutOfRange where an engine takes no such parameters");
     m.def(
         "band_for",
         [](const Rows& points, const vfplan::Parameters& p) {

@@ -68,8 +68,7 @@ struct Governed {
     std::uint8_t status = 0;
 };
 
-/// Throws std::invalid_argument on a value outside its range, and on a force_step that is not
-/// passive.
+/// Throws OutOfRange on a value outside its range, and on a force_step that is not passive.
 inline void check(const GovernorLimits& limits) {
     // A change that is a millionth of the force is still a million roundings of it.
     constexpr double smallest_share = 1e-6;
@@ -77,21 +76,20 @@ inline void check(const GovernorLimits& limits) {
     check_above("stiffness", limits.stiffness, 0, unbounded, " N/m");
     check_above("mass", limits.mass, 0, unbounded, " kg");
     check_above("period", limits.period, 0, unbounded, " s");
-    check_above("force_step", limits.force_step, 0, unbounded, " N");
-    check_from("force_step", limits.force_step, smallest_share * limits.force_max, unbounded, " N");
-    if (!(limits.force_step >= limits.least_passive_step()))
-        reject("force_step " + std::to_string(limits.force_step) +
-               " N a tick gives more energy than the spring had stored; at least force_max * "
-               "period * sqrt(stiffness / mass) / 2 = " +
-               std::to_string(limits.least_passive_step()) + " N is passive");
+    const double least_step =
+        std::max(limits.least_passive_step(), smallest_share * limits.force_max);
+    check_above("force_step", limits.force_step, 0, unbounded, " N a tick");
+    check_from("force_step", limits.force_step, least_step, unbounded, " N a tick",
+               "force_max * period * sqrt(stiffness / mass) / 2: slower, a released force gives "
+               "more energy than the spring had stored");
     for (int j = 0; j < GovernorLimits::max_joints; ++j) {
         const double most = limits.torque_max[j];
-        if (!(most > 0)) reject("torque_max " + shown(most) + " N m: allowed is above 0");
+        if (!(most > 0)) reject_setting("torque_max", most, " N m", "a value above 0 N m");
         const double least = most == GovernorLimits::none ? 0 : smallest_share * most;
         const double step = limits.torque_step[j];
         if (!(step > 0 && step >= least))
-            reject("torque_step " + shown(step) + " N m: allowed is above 0 and at least " +
-                   shown(least) + " N m");
+            reject_setting("torque_step", step, " N m",
+                           "a value above 0 and of at least " + shown(least) + " N m");
     }
 }
 

@@ -57,12 +57,12 @@ struct GuideStep {
     std::uint8_t status = ok;  ///< `bad_hip`, or `limit` where the place goes on next tick
 };
 
-/// Throws std::invalid_argument on a value outside its range.
+/// Throws OutOfRange on a value outside its range.
 inline void check(const GuideParameters& p) {
     check_from("radius", p.radius, smallest_radius, largest_radius, " m");
     check_above("stiffness", p.stiffness, 0, unbounded, " N/m");
     if (!std::isfinite(p.lead_force))
-        reject("lead_force " + shown(p.lead_force) + " N: allowed is a finite force");
+        reject_setting("lead_force", p.lead_force, " N", "a finite force");
     check_above("lead_speed", p.lead_speed, 0, unbounded, " m/s");
     check_above("period", p.period, 0, unbounded, " s");
     if (p.ignore_axis) check_axis(*p.ignore_axis);

@@ -55,31 +55,36 @@ struct Parameters {
 inline void check_axis(const Vec3& axis) {
     const double length = norm(axis);
     if (!(std::abs(length - 1) < 1e-9))
-        reject("ignore_axis of length " + shown(length) + ": allowed is a unit vector");
+        reject("ignore_axis has length " + shown(length) + ". Give a unit vector.");
 }
 
-/// Throws std::invalid_argument, with the value found, on one outside its range.
-inline void check(const Parameters& p) {
+/// Throws OutOfRange on a radius outside its range.
+inline void check_radii(const Parameters& p) {
     check_from("contact_radius", p.contact_radius, smallest_radius, largest_radius, " m");
     check_from("point_radius", p.point_radius, 0, largest_radius, " m");
-    check_above("band", p.band, 0, p.contact_radius, " m");
-    check_from("band", p.band, finest_band * p.R(), p.contact_radius, " m");
-    check_above("outer_radius", p.outer_radius, p.r2(), 2 * largest_radius, " m");
+}
+
+/// Throws OutOfRange, with name and value, on a parameter outside its range, and
+/// std::invalid_argument on an axis that is no unit vector.
+inline void check(const Parameters& p) {
+    check_radii(p);
+    check_above("band", p.band, 0, p.contact_radius, " m", "at most contact_radius");
+    check_from("band", p.band, finest_band * p.R(), p.contact_radius, " m",
+               "1e-8 (r_c + r_v) to contact_radius");
+    check_above("outer_radius", p.outer_radius, p.r2(), 2 * largest_radius, " m", "r3 > r2");
     check_above("gain", p.gain, 0, 1, "");
     for (int k = 0; k < 3; ++k) check_above("stiffness", p.stiffness[k], 0, unbounded, " N/m");
     if (p.ignore_axis) check_axis(*p.ignore_axis);
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
-/// Throws std::invalid_argument where the coordinates of the n points `xyz` are too large to
-/// resolve the band.
+/// Throws OutOfRange where the coordinates of the n points `xyz` are too large to resolve the band.
 inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n) {
     double largest = 0;
     for (std::size_t i = 0; i < 3 * n; ++i) largest = std::max(largest, std::abs(xyz[i]));
     const double least = roundings_a_band * std::numeric_limits<double>::epsilon() * largest;
-    if (!(p.band >= least))
-        reject("band " + shown(p.band) + " m: allowed is at least " + shown(least) +
-               " m, 1e4 roundings of the largest coordinate, " + shown(largest) + " m");
+    const std::string why = "1e4 roundings of the largest coordinate, " + shown(largest) + " m";
+    check_from("band", p.band, least, unbounded, " m", why.c_str());
 }
 
 /// The paper's state of the proxy.

@@ -39,20 +39,44 @@ inline std::string shown(double x) {
     std::snprintf(digits, sizeof digits, "%g", x);
     return digits;
 }
-/// Throws std::invalid_argument, with the value, unless it lies from `least` to `most`.
-inline void check_from(const char* name, double value, double least, double most,
-                       const char* unit) {
-    if (value >= least && value <= most) return;
-    reject(std::string(name) + " " + shown(value) + unit + ": allowed is at least " + shown(least) +
-           " and at most " + shown(most) + unit);
+/// A setting outside its range, by its name and the value found.
+class OutOfRange : public std::invalid_argument {
+  public:
+    OutOfRange(const char* name, double value, const std::string& why)
+        : std::invalid_argument("vfplan: " + why), name(name), value(value) {}
+
+    std::string name;
+    double value;
+};
+
+/// Throws OutOfRange. `allowed` goes on after "Give", and `why` is the reason for the range.
+[[noreturn]] inline void reject_setting(const char* name, double value, const char* unit,
+                                        const std::string& allowed, const char* why = "") {
+    std::string message = std::string(name) + " is " + shown(value) + unit + ". Give " + allowed;
+    if (*why != '\0') message += std::string(" (") + why + ")";
+    message += ".";
+#ifdef __cpp_exceptions
+    throw OutOfRange(name, value, message);
+#else
+    reject(message);
+#endif
 }
-/// The same unless it lies above `bound` and is at most `most`; infinity is never allowed.
-inline void check_above(const char* name, double value, double bound, double most,
-                        const char* unit) {
-    if (std::isfinite(value) && value > bound && value <= most) return;
-    std::string allowed = "above " + shown(bound);
+/// Throws OutOfRange unless the value lies from `least` to `most`.
+inline void check_from(const char* name, double value, double least, double most, const char* unit,
+                       const char* why = "") {
+    if (value >= least && value <= most) return;
+    std::string allowed = "a value of at least " + shown(least);
     if (std::isfinite(most)) allowed += " and at most " + shown(most);
-    reject(std::string(name) + " " + shown(value) + unit + ": allowed is " + allowed + unit);
+    reject_setting(name, value, unit, allowed + unit, why);
+}
+/// Throws OutOfRange unless the value lies above `bound` and is at most `most`. Infinity is never
+/// allowed.
+inline void check_above(const char* name, double value, double bound, double most, const char* unit,
+                        const char* why = "") {
+    if (std::isfinite(value) && value > bound && value <= most) return;
+    std::string allowed = "a value above " + shown(bound);
+    if (std::isfinite(most)) allowed += " and at most " + shown(most);
+    reject_setting(name, value, unit, allowed + unit, why);
 }
 inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 

@@ -191,8 +191,9 @@ class RollingBall {
 /// The band that the cloud of n points of three coordinates each asks for [m]: the paper's 10 µm,
 /// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
 /// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
-/// of r_c. Throws as `make_cloud`.
+/// of r_c. Throws as `check_radii` and `make_cloud`.
 inline double band_for(const double* points, std::size_t n, const Parameters& p) {
+    check_radii(p);
     const auto of = [&](const auto& rolling) {
         const double typical = rolling.depth(0.5), rough = rolling.depth(0.9) - typical;
         return std::max({1e-5, finest_band * p.R(), typical + 2 * rough});
