@@ -148,7 +148,7 @@ std::string shortest_text(double x, Form... form) {
 inline std::string six_digits(double x) { return shortest_text(x, std::chars_format::general, 6); }
 
 /// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
-inline std::string in_quotes(std::string_view text) {
+inline std::string quoted(std::string_view text) {
     constexpr std::string_view digits = "0123456789abcdef";
     std::string out = "'";
     for (const char c : text.substr(0, 64)) {
@@ -219,7 +219,7 @@ class Part {
                 out += text_;
                 break;
             case Kind::quoted:
-                out += in_quotes(text_);
+                out += quoted(text_);
                 break;
             case Kind::number:
                 out += shortest_text(number_);

@@ -26,7 +26,8 @@
 
 namespace vfplan::bundle {
 
-/// One value of a bundle: an attribute (no shape) or a table; only the member of its type is used.
+/// One value of a bundle: an attribute, which has no shape, or a table. Only the member that
+/// belongs to its type holds something.
 struct Value {
     Type type = Type::none;
     std::vector<std::size_t> shape;
@@ -36,7 +37,7 @@ struct Value {
     std::vector<std::string> text;
 
     bool operator==(const Value&) const = default;
-    /// What `f` gives of the member of its type.
+    /// Calls f with the member that belongs to its type.
     template <class F>
     auto visit(const F& f) {
         return type == Type::f8   ? f(f8)
@@ -48,7 +49,7 @@ struct Value {
     [[nodiscard]] double number() const { return f8.front(); }
 };
 
-/// A value that is asked for and not there.
+/// Thrown where a value is asked for that is not there.
 class Absent : public std::out_of_range {
   public:
     using std::out_of_range::out_of_range;
@@ -69,7 +70,7 @@ class Content {
         const auto found = values_.find(path);
         return found == values_.end() ? nullptr : &found->second;
     }
-    /// A number that must be there, or one that need not, as it is otherwise.
+    /// A number. Without `otherwise` it must be there, or Absent is thrown.
     [[nodiscard]] double number(std::string_view path) const { return at(path).number(); }
     [[nodiscard]] double number(std::string_view path, double otherwise) const {
         return has(path) ? number(path) : otherwise;
@@ -77,7 +78,7 @@ class Content {
     [[nodiscard]] std::optional<int> integer(std::string_view path) const {
         return has(path) ? std::optional<int>(at(path).i4.front()) : std::nullopt;
     }
-    /// Whether anything of a group is there.
+    /// Whether any value of a group is there.
     [[nodiscard]] bool has_group(std::string_view group) const {
         return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
             const std::string& path = value.first;
@@ -116,8 +117,9 @@ inline void require(bool good, std::string_view code, const Row& row, Sentence w
     require(good, code, row.path, wrong, todo);
 }
 
-/// The datatype messages of float64, int32 and uint8, little-endian, behind the byte that holds
-/// the message's version and the datatype's class; no other encoding of a number is allowed.
+/// The datatype messages of float64, int32 and uint8, little-endian. The first byte, which holds
+/// the message's version and the datatype's class, is left out. No other encoding of a number is
+/// allowed.
 inline std::string_view encoding_of(Type type) {
     using namespace std::string_view_literals;
     return type == Type::f8   ? "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv
@@ -125,7 +127,7 @@ inline std::string_view encoding_of(Type type) {
                               : "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
 }
 
-/// The size in bytes of one element, whose datatype must be the row's, byte for byte.
+/// The size in bytes of one element. Its datatype must be that of the row, byte for byte.
 inline std::size_t element_size(View message, const Row& row) {
     constexpr std::uint64_t integer = 0, floating = 1, string = 3;
     require(message.size() >= 8, "corrupt.hdf5", row, {"has a datatype that is cut short"});
@@ -153,7 +155,7 @@ inline std::size_t element_size(View message, const Row& row) {
     return static_cast<std::size_t>(size);
 }
 
-/// An array's sides, or none of a scalar.
+/// The sides of an array; a scalar has none.
 inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     constexpr std::uint64_t scalar = 0, simple = 1;
     ByteReader body(message, std::string(row.path));
@@ -171,7 +173,7 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     return sides;
 }
 
-/// Text without its padding of NUL.
+/// The text of a field without the NUL bytes that fill it up.
 inline std::string text_of(View raw, const Row& row) {
     std::size_t size = raw.size();
     while (size > 0 && raw[size - 1] == 0) --size;
@@ -189,7 +191,7 @@ inline Value empty_value(const Row& row, std::size_t count) {
     return value;
 }
 
-/// Fills a value from bytes of elements of `size` bytes.
+/// Fills a value from bytes, `size` of them for each element.
 inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
     value.visit([&]<class T>(std::vector<T>& all) {
         if constexpr (std::is_arithmetic_v<T>) {
@@ -202,7 +204,7 @@ inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
     });
 }
 
-/// Refuses a fill value other than zeros.
+/// Refuses an object whose fill value is not zero.
 inline void check_fill(const Object& object, std::size_t element) {
     if (!object.fill) return;
     ByteReader body(*object.fill, object.path);
@@ -216,7 +218,7 @@ inline void check_fill(const Object& object, std::size_t element) {
     body.expect_end();
 }
 
-/// The bytes of a table, which stand in one piece; known to be so many, whatever the file says.
+/// The bytes of a table, which must stand in one piece and be as many as its shape and type need.
 inline View data_of(File& file, const Object& object, std::uint64_t bytes, const Row& row) {
     constexpr std::uint64_t contiguous = 1;
     ByteReader layout(*object.layout, object.path);
@@ -234,7 +236,7 @@ inline View data_of(File& file, const Object& object, std::uint64_t bytes, const
 inline Value table_of(File& file, const Object& object, const std::vector<std::uint64_t>& sides,
                       std::size_t element, const Row& row) {
     check_fill(object, element);
-    std::uint64_t count = 1;  // the caps on sides and texts keep these products small
+    std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
     for (const auto side : sides) count *= side;
     const View data = data_of(file, object, count * element, row);
     Value value = empty_value(row, static_cast<std::size_t>(count));
@@ -255,6 +257,7 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     return value;
 }
 
+/// Whether a text is one of those that `allowed` lists, with | between them.
 inline bool is_allowed(std::string_view text, std::string_view allowed) {
     for (std::size_t start = 0; start <= allowed.size();) {
         const std::size_t end = std::min(allowed.find('|', start), allowed.size());
@@ -264,7 +267,7 @@ inline bool is_allowed(std::string_view text, std::string_view allowed) {
     return false;
 }
 
-/// The lowest and the highest of a value's numbers; NaN and NaN if one of them is NaN.
+/// The lowest and the highest of a value's numbers. Both are NaN if one of the numbers is.
 template <class T>
 std::pair<double, double> extent(const std::vector<T>& numbers) {
     T low = numbers.front(), high = low;
@@ -278,7 +281,7 @@ std::pair<double, double> extent(const std::vector<T>& numbers) {
     return {static_cast<double>(low), static_cast<double>(high)};
 }
 
-/// Refuses a value outside of its row's range; `unit` is "m", "px" or another.
+/// Refuses a value outside of its row's range, which may depend on its unit.
 inline void check_range(const Value& value, const Row& row, std::string_view unit) {
     if (row.type == Type::text) {
         if (row.allowed.empty()) return;
@@ -309,11 +312,11 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
 
 namespace vfplan::bundle {
 
-// Bytes -> content: reads an HDF5 file from memory, trusting nothing in it. Deny by default: only
-// what the format's table names is read, and nothing is allocated on the word of the file alone.
+// Reads an HDF5 file from memory and trusts nothing in it. Only what the format's table names is
+// read, and no memory is taken because the file alone says so.
 
-/// The group a row's thing lies in, and its name there.
-inline std::pair<std::string_view, std::string_view> split(const Row& row) {
+/// The group in which a row's value or group lies, and its name there.
+inline std::pair<std::string_view, std::string_view> parent_and_name(const Row& row) {
     const auto cut = row.path.find_last_of(row.kind == Kind::attribute ? '@' : '/');
     const std::string_view parent = row.path.substr(0, cut), name = row.path.substr(cut + 1);
     return {parent.empty() ? std::string_view("/") : parent, name};
@@ -321,7 +324,8 @@ inline std::pair<std::string_view, std::string_view> split(const Row& row) {
 
 namespace detail {
 
-/// A unit or frame of a row with "@frame" and "@source_frame" filled in.
+/// The unit or the frame of a row, with the file's own frames in place of "@frame" and
+/// "@source_frame".
 inline std::string with_frame_names(std::string_view text, const Content& content, bool as_unit) {
     std::string out(text);
     for (const auto& [name, path] : {std::pair{"@frame", "/@frame"},
@@ -341,11 +345,11 @@ inline const Row& row_at(std::string_view path) {
                          [&](const Row& row) { return row.path == path; });
 }
 
-/// The version of an open payload.
+/// The version of the format that a file says it follows.
 inline Version version_of(const Object& root) {
     const auto text = [&](std::string_view path) {
         const Row& row = row_at(path);
-        const Attribute* attribute = root.attributes.find(split(row).second);
+        const Attribute* attribute = root.attributes.find(parent_and_name(row).second);
         require(attribute != nullptr, "corrupt.missing", row, {"is missing"});
         return scalar_of(*attribute, row).string();
     };
@@ -358,14 +362,14 @@ inline Version version_of(const Object& root) {
     return found;
 }
 
-/// One pass over a file.
+/// Reads one file, row after row of the format's table.
 class Reader {
   public:
-    /// `file_length`: of the whole bundle, with its seal.
+    /// `file_length` is that of the whole bundle, with its seal.
     Reader(View payload, std::uint64_t file_length, Findings& findings)
         : data_(payload), file_(payload), file_length_(file_length), findings_(findings) {}
 
-    /// Everything that the table of the file's version knows.
+    /// All values that the table knows in the version of the file.
     Content read() {
         const std::uint64_t address = root_address(file_, data_, file_length_);
         addresses_.insert(address);
@@ -407,22 +411,31 @@ class Reader {
         }
     }
 
+    /// Reads what one row of the format's table names.
     void read_row(const Row& row) {
         if (row.path == "/") return check_names(groups_.at("/"), row);
-        const auto group = groups_.find(split(row).first);
-        if (group == groups_.end()) return;
-        const Object& parent = group->second;
-        const std::string_view name = split(row).second;
-        const bool is_attribute = row.kind == Kind::attribute;
-        const Attribute* attribute = is_attribute ? parent.attributes.find(name) : nullptr;
-        const Link* link = is_attribute ? nullptr : parent.links.find(name);
-        if (attribute == nullptr && link == nullptr) {
-            return require(!must_be_there(row), "corrupt.missing", row, {"is missing"});
+        const auto [parent, name] = parent_and_name(row);
+        const auto group = groups_.find(parent);
+        if (group == groups_.end()) return;  // its own row has reported that it is missing
+        if (row.kind == Kind::attribute) {
+            const Attribute* attribute = group->second.attributes.find(name);
+            if (attribute == nullptr) return check_absence(row);
+            return keep(row, scalar_of(*attribute, row));
         }
+        const Link* link = group->second.links.find(name);
+        if (link == nullptr) return check_absence(row);
         if (row.kind == Kind::group) return open_group(row, link->address);
-        Value value = is_attribute ? scalar_of(*attribute, row) : table(row, link->address);
+        keep(row, table(row, link->address));
+    }
+
+    /// Makes a value that lies within its row's range part of the content.
+    void keep(const Row& row, Value value) {
         check_range(value, row, with_frame_names(row.unit, content_, true));
         content_.put(row.path, std::move(value));
+    }
+
+    void check_absence(const Row& row) const {
+        require(!must_be_there(row), "corrupt.missing", row, {"is missing"});
     }
 
     [[nodiscard]] bool must_be_there(const Row& row) const {
@@ -441,13 +454,13 @@ class Reader {
         check_names(group, row);
     }
 
-    /// Every name in a group is known, unless the file is of a newer version; no two links lead
-    /// to one object.
+    /// Refuses a name that the table does not know, unless the file is of a newer version, and a
+    /// second link to one object.
     void check_names(const Object& group, const Row& row) {
         const auto has = [&](std::string_view name, bool attribute) {
             return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
                 return knows(other) && (other.kind == Kind::attribute) == attribute &&
-                       split(other) == std::pair(row.path, name);
+                       parent_and_name(other) == std::pair(row.path, name);
             });
         };
         for (const Link& link : group.links) {
@@ -477,7 +490,7 @@ class Reader {
         return value;
     }
 
-    /// A table's own attributes are its unit and its frame, and say what the format says.
+    /// Refuses a table whose unit or frame is another than the format's, and any other attribute.
     void check_unit_and_frame(const Object& object, const Row& row) {
         Row plain = row;
         plain.type = Type::text;

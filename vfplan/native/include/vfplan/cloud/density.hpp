@@ -16,13 +16,16 @@
 
 namespace vfplan {
 
-// How much lies close together: the most points of a cloud, or boxes, around any one place.
+// How much lies close together: the largest number of points, or of boxes, around any one place.
 
-/// The most of n boxes that lie within `reach` of any place, or some more: counted on a grid, by
-/// what each box adds at its corners. `box(i)` gives them; `most`: of the grid's cells, whose side
-/// grows until they are as few.
+/// The largest number of boxes within `reach` of any place, or a few more than that. `box(i)` gives
+/// the i-th of n boxes.
+///
+/// A grid counts them. Each box, wider by `reach` on all sides, adds 1 or -1 at its corners. Sums
+/// along one axis after another then give each cell the number of boxes that cover it. The grid has
+/// at most `max_cells` cells: their side grows until there are so few.
 template <int D, class BoxOf>
-double most_within(std::size_t n, const BoxOf& box, double reach, double most) {
+double most_within(std::size_t n, const BoxOf& box, double reach, double max_cells) {
     Box<D> all = box(0);
     for (std::size_t i = 1; i < n; ++i) {
         all.include(box(i).low);
@@ -35,7 +38,7 @@ double most_within(std::size_t n, const BoxOf& box, double reach, double most) {
         for (int k = 0; k < D; ++k) product *= count(k);
         return product;
     };
-    while (cells() > most) side *= 1.25;
+    while (cells() > max_cells) side *= 1.25;
     std::size_t stride[D + 1] = {1};
     double last[D];
     for (int k = 0; k < D; ++k) {
@@ -46,7 +49,8 @@ double most_within(std::size_t n, const BoxOf& box, double reach, double most) {
         const double at = std::clamp((place - all.low.c[k]) / side, 0.0, last[k]);
         return static_cast<std::size_t>(at) * stride[k];
     };
-    std::vector<std::uint32_t> sum(stride[D]);  // what goes below 0 comes back
+    std::vector<std::uint32_t> sum(
+        stride[D]);  // unsigned: what falls below 0 on the way comes back
     for (std::size_t i = 0; i < n; ++i) {
         const Box<D> b = box(i);
         std::size_t ends[D][2];
@@ -70,14 +74,14 @@ double most_within(std::size_t n, const BoxOf& box, double reach, double most) {
     return *std::max_element(sum.begin(), sum.end());
 }
 
-/// The most points of a cloud within `reach` of any place, or some more.
+/// The largest number of points of a cloud within `reach` of any place, or a few more than that.
 template <int D>
 double most_within(const Cloud<D>& cloud, double reach) {
     const auto box = [&](std::size_t i) { return Box<D>{cloud[i], cloud[i]}; };
-    const double most = std::min(4194304.0, 8.0 * static_cast<double>(cloud.size()) + 1024);
-    return most_within<D>(cloud.size(), box, reach, most);
+    const double max_cells = std::min(4194304.0, 8.0 * static_cast<double>(cloud.size()) + 1024);
+    return most_within<D>(cloud.size(), box, reach, max_cells);
 }
-/// The most of these boxes.
+/// The same of boxes.
 template <int D>
 double most_within(const std::vector<Box<D>>& boxes, double reach) {
     const auto box = [&](std::size_t i) { return boxes[i]; };
@@ -85,19 +89,20 @@ double most_within(const std::vector<Box<D>>& boxes, double reach) {
     return most_within<D>(boxes.size(), box, reach, 8.0 * n + (D == 3 ? 1048576 : 65536));
 }
 
-// Of a dense cloud most points can never be felt: where others stand around one, a ball that stays
-// out of their spheres stays off that point too, but for a part of the band.
+// In a dense cloud most points can never be felt. Where other points stand around a point p, a
+// proxy that stays out of their spheres also stays off p, but for a part of the band.
 //
-// For points q_i and shares s_i >= 0 of 1, with c = sum s_i q_i and V = sum s_i |q_i - c|^2, every
-// x has sum s_i |x - q_i|^2 = |x - c|^2 + V. So what is within a of p is within
-// sqrt((a + |p - c|)^2 + V) of one of the q_i: where that is r at most, their spheres of radius r
-// hold the ball of radius a round p, and p is not needed.
+// Take points q_i with shares s_i >= 0 that sum to 1, their centre c = sum s_i q_i, and their
+// spread V = sum s_i |q_i - c|^2. Every place x then has sum s_i |x - q_i|^2 = |x - c|^2 + V. So a
+// place within a of p lies within sqrt((a + |p - c|)^2 + V) of one of the q_i. Where that is at
+// most r, the spheres of radius r around the q_i cover the ball of radius a around p, and p is not
+// needed.
 
 template <int D>
 class Thinning {
   public:
-    /// Keeps points of the cloud such that a ball's middle that is `outer` off them is `inner` off
-    /// all of the cloud [m].
+    /// Keeps so many points of the cloud that a place which is `outer` from all of them is `inner`
+    /// from all points of the cloud [m].
     Thinning(const Cloud<D>& cloud, double outer, double inner)
         : cloud_(cloud),
           inner_(inner),
@@ -105,23 +110,25 @@ class Thinning {
           cell_(2 * around * std::sqrt(slack2_)),
           low_(cloud.box().low),
           kept_(cloud.size()),
-          first_(std::min(std::bit_ceil(cloud.size()), max_heads), last) {
+          first_(std::min(std::bit_ceil(cloud.size()), max_heads), end_of_chain) {
         std::vector<std::uint32_t> left(cloud.size());
         for (std::size_t i = 0; i < left.size(); ++i) left[i] = static_cast<std::uint32_t>(i);
-        // Far apart at first, nearer where these do not hold what is between.
+        // The points kept first are far apart. Where these do not cover what lies between them,
+        // nearer ones follow.
         double apart2 = widest * slack2_;
         for (int level = 0; level < levels && !left.empty(); ++level, apart2 *= finer) {
             for (const std::uint32_t i : left)
                 if (is_alone(i, apart2) && (level == 0 || !is_held(i))) keep(i);
             std::erase_if(left, [&](std::uint32_t i) { return kept_[i] || is_held(i); });
-            std::reverse(left.begin(), left.end());  // outermost first, once from each side
+            std::reverse(left.begin(),
+                         left.end());  // so that each end of the order comes first once
         }
         for (const std::uint32_t i : left) keep(i);
     }
 
     std::size_t size() const noexcept { return points_.size(); }
     bool keeps(std::size_t i) const noexcept { return kept_[i]; }
-    /// In the order of the cloud.
+    /// The points that were kept, in the order of the cloud.
     Cloud<D> kept() const {
         Cloud<D> out(size());
         for (std::size_t i = 0, k = 0; i < cloud_.size(); ++i)
@@ -130,14 +137,18 @@ class Thinning {
     }
 
   private:
-    static constexpr std::uint32_t last = 0xffffffff;
+    static constexpr std::uint32_t end_of_chain = 0xffffffff;
     static constexpr std::size_t max_heads = 1 << 20;
-    static constexpr int max_near = 48, most = 6;  // points around another; that are taken up
-    static constexpr int levels = 24;
-    static constexpr double around = 1.5, widest = 1, finer = 0.5;
+    static constexpr int max_near = 48;    // points around one that are looked at
+    static constexpr int max_chosen = 6;   // of these, that are tried as what covers it
+    static constexpr int levels = 24;      // each keeps points nearer together
+    static constexpr double around = 1.5;  // how far away they lie, as a multiple of sqrt(slack2)
+    static constexpr double widest = 1;    // square of the distance at the first level [slack2]
+    static constexpr double finer = 0.5;   // by which that square shrinks from level to level
 
+    /// A kept point near another one, seen from there.
     struct NearPoint {
-        double d2;
+        double d2;  // square of its distance
         Vec<D> d;
     };
 
@@ -145,10 +156,12 @@ class Thinning {
         Vec<D> at;
         std::uint32_t next;  // in the chain of its cell
     };
+    /// The whole numbers of a cell of the grid that finds kept points.
     struct Cell {
         std::int64_t at[D];
     };
 
+    /// Where the chain of a cell's points begins. Two cells may share a chain.
     std::size_t head(const Cell& cell) const noexcept {
         constexpr std::uint64_t factor[] = {0x9e3779b97f4a7c15, 0xc2b2ae3d27d4eb4f,
                                             0x165667b19e3779f9};
@@ -168,28 +181,34 @@ class Thinning {
         first = static_cast<std::uint32_t>(points_.size() - 1);
         kept_[i] = true;
     }
-    /// Calls f(NearPoint) for the kept points within half a cell of p, and some more, until it is
-    /// false.
+    /// Calls f(NearPoint) for every kept point within half a cell of p, and for some others, until
+    /// f returns false.
     template <class F>
     void visit(const Vec<D>& p, F&& f) const noexcept {
         const Cell low = cell(p, 0.5);
         for (int corner = 0; corner < 1 << D; ++corner) {
             Cell c = low;
             for (int k = 0; k < D; ++k) c.at[k] += corner >> k & 1;
-            for (std::uint32_t j = first_[head(c)]; j != last; j = points_[j].next) {
+            for (std::uint32_t j = first_[head(c)]; j != end_of_chain; j = points_[j].next) {
                 const Vec<D> d = points_[j].at - p;
                 if (!f(NearPoint{dot(d, d), d})) return;
             }
         }
     }
+    /// Whether no kept point is nearer to point i than the square root of `apart2`.
     bool is_alone(std::uint32_t i, double apart2) const noexcept {
         bool found = false;
         visit(cloud_[i], [&](const NearPoint& q) { return !(found = q.d2 < apart2); });
         return !found;
     }
 
-    /// Whether kept points near by hold point i. Looks for a way u, 1 long at most, that none of
-    /// them bars, and takes up what bars it most, until there is no such way or nothing bars it.
+    /// Whether kept points cover point i, so that it is not needed.
+    ///
+    /// A step u of length 1 at most leads from the point to a place that none of the kept points
+    /// bars. The search begins with u = 0. As long as some point bars the step, the one that bars
+    /// it most is added to those chosen, and u becomes the shortest step that all of these allow.
+    /// Where no such step is left, some of the chosen points may cover the point. Where nothing
+    /// bars the step, the point can be felt.
     bool is_held(std::uint32_t i) const noexcept {
         NearPoint near[max_near];
         int count = 0;
@@ -198,9 +217,9 @@ class Thinning {
             return count < max_near;
         });
         Vec<D> u;
-        ContactPlane<D> plane[most];
-        const NearPoint* chosen[most];
-        for (int n = 0; n < most; ++n) {
+        ContactPlane<D> plane[max_chosen];
+        const NearPoint* chosen[max_chosen];
+        for (int n = 0; n < max_chosen; ++n) {
             double most_barred = 0;
             for (int j = 0; j < count; ++j) {
                 const double barred = 2 * inner_ * dot(u, near[j].d) - near[j].d2 + slack2_;
@@ -216,7 +235,7 @@ class Thinning {
         }
         return false;
     }
-    /// Whether some of the first `count` hold it, and the n others with them.
+    /// Whether some of the first `count` points cover it, together with all n points of `with`.
     bool is_held_by_some(const NearPoint* const* near, int count, const NearPoint** with,
                          int n) const noexcept {
         const NearPoint* all[D + 1];
@@ -227,11 +246,12 @@ class Thinning {
         }
         return false;
     }
-    /// With the shares that bring their centre nearest to it.
+    /// Whether these n points cover it with the shares that bring their centre nearest to it.
     bool is_held_by(const NearPoint* const* q, int n) const noexcept {
         double l[D][D], b[D] = {}, share[D + 1] = {1};
         Vec<D> edge[D];
-        for (int r = 0; r < n - 1; ++r) {  // L D Lᵀ
+        // The shares solve the normal equations of the edges, as L D L^T.
+        for (int r = 0; r < n - 1; ++r) {
             edge[r] = q[r + 1]->d - q[0]->d;
             b[r] = -dot(edge[r], q[0]->d);
             for (int c = 0; c <= r; ++c) {
@@ -265,16 +285,22 @@ class Thinning {
     std::vector<std::uint32_t> first_;  // of each cell's chain
 };
 
-/// What rule robust looks at of a cloud, and what that takes of the band: all of it, and nothing,
-/// where so few points lie within its list's reach that they cost no more than the rest of a tick.
+/// The points that rule robust looks at.
 template <int D>
 struct Thinned {
     Cloud<D> cloud;
-    double lent = 0;  // [m]
+    double lent = 0;  // the part of the band that thinning has used [m]
 };
+
+/// The cloud without the points that can never be felt.
+///
+/// It comes back whole where thinning gains nothing: for another rule, for points that are edited,
+/// and where at most 2048 points lie within the reach of the rule's list, because these cost no
+/// more than the rest of a tick.
 template <int D>
 Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
-    constexpr double few = 2048, share = 0.5;  // of the band
+    constexpr double few = 2048;
+    constexpr double share = 0.5;  // of the band, which thinning may use
     const double R = p.R(), list = (1 + tuned::list_margin + 0.75 * tuned::list_margin) * R;
     if (p.rule != Rule::robust || p.search == Search::editable ||
         static_cast<double>(cloud.size()) <= few || most_within(cloud, list) <= few)

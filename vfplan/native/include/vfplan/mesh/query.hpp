@@ -165,15 +165,16 @@ class TriangleQuery {
         }
     }
 
-    /// As Mesh::nearest, at the expense of the tick's steps.
+    /// As Mesh::nearest, and counts the steps that it takes.
     std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
         int steps = 0;
         const std::uint32_t triangle = mesh_.nearest(y, distance, steps);
         spend(steps);
         return triangle;
     }
-    /// Distance from the mesh where that is less than about R, else some more [m]. What the proxy's
-    /// planes part from it is not looked at: it is no nearer than they are.
+    /// Distance from the mesh where that is less than about R, and a larger number elsewhere [m].
+    /// Triangles that the proxy's planes part from it are left out, as they are no nearer than the
+    /// planes are.
     double distance(const Vec3& x, const ContactPlanes& planes) const noexcept {
         double distance = reach * R_;
         for (int j = 0; j < planes.count(); ++j)

@@ -12,12 +12,13 @@
 
 namespace vfplan::mesh {
 
-/// Where the body lies under a place: the nearest place of it, the unit normal there.
+/// The place of the body under another place.
 struct Foot {
-    Vec3 at, n;
-    std::uint32_t i = Mesh::none;  ///< the triangle
-    bool edge = false;             ///< a sharp one, or the border
-    int steps = 0;                 ///< of Newton's method, to find it
+    Vec3 at;                       ///< the nearest place of the body
+    Vec3 n;                        ///< the body's unit normal there
+    std::uint32_t i = Mesh::none;  ///< the triangle that it lies over
+    bool edge = false;             ///< whether it lies on a sharp edge, or on the border
+    int steps = 0;                 ///< steps of Newton's method that found it
 };
 
 class SmoothBody {
@@ -44,7 +45,7 @@ class SmoothBody {
     /// How far the body would be from the coarsest of them [m]; 0 where there is none.
     double coarsest_sagitta() const noexcept { return coarsest_sagitta_; }
     std::size_t bytes() const noexcept { return facets_.capacity() * sizeof(FacetShape); }
-    /// Whether two triangles lie round a common corner of the body.
+    /// Whether two triangles meet in a corner at which the body is smooth.
     bool touch(std::uint32_t i, std::uint32_t j) const noexcept {
         for (const std::uint32_t a : facets_[i].fan)
             for (const std::uint32_t b : facets_[j].fan)
@@ -52,12 +53,14 @@ class SmoothBody {
         return false;
     }
 
-    /// The body's place on whose normal y lies, looked for from triangle i on; on an edge the
-    /// nearest one. False where none is found.
+    /// Finds the place of the body on whose normal y lies, or the nearest place of a sharp edge.
+    ///
+    /// The search begins over triangle i. It goes on over the triangle beside it where the place
+    /// lies beyond a side. Returns false where it finds none within 64 triangles.
     bool foot(const Mesh& mesh, const Vec3& y, std::uint32_t i, Foot& foot) const noexcept {
-        constexpr int most = 64;
+        constexpr int max_triangles = 64;
         foot.steps = 0;
-        for (int k = 0; k < most; ++k) {
+        for (int k = 0; k < max_triangles; ++k) {
             double b[3];
             if (!place(mesh[i], facets_[i], y, b, foot)) return false;
             foot.i = i;
@@ -78,20 +81,23 @@ class SmoothBody {
     }
 
   private:
+    /// The shape of the body over one triangle. Side k leads from corner k to the next one.
     struct FacetShape {
-        std::array<Vec3, 3> n;  // of the body, at the corners
-        std::array<double, 3>
-            rise{};  // of it over side k, from corner k to the next: of its middle, times 4
-        double most = 0;
-        std::array<std::uint32_t, 3> beside{Mesh::none, Mesh::none, Mesh::none};  // across side k
-        std::array<std::uint32_t, 3> fan{};  // of the triangles round each corner, one of them
+        std::array<Vec3, 3> n;               // the body's normals at the corners
+        std::array<double, 3> rise{};        // 4 times its height over the middle of side k [m]
+        double most = 0;                     // its largest height over the triangle [m]
+        std::array<std::uint32_t, 3> fan{};  // names the fan of triangles around each corner
+        // The triangle across side k, where the body is smooth there.
+        std::array<std::uint32_t, 3> beside{Mesh::none, Mesh::none, Mesh::none};
     };
 
     static Vec3 corner(const Triangle& t, int k) noexcept {
         return k == 0 ? t.a : k == 1 ? t.a + t.ab : t.a + t.ac;
     }
 
-    /// Newton's method for y = place + height n, n linear between the corners' normals.
+    /// Solves y = place + height n by Newton's method, where n goes linearly from corner to corner.
+    /// `b` becomes the shares of the corners in the place. Returns false where it does not
+    /// converge.
     static bool place(const Triangle& t, const FacetShape& e, const Vec3& y, double (&b)[3],
                       Foot& foot) noexcept {
         const Vec3 over = cross(t.ab, t.ac), w = y - t.a, u = e.n[1] - e.n[0], v = e.n[2] - e.n[0];
@@ -122,6 +128,7 @@ class SmoothBody {
         }
         return false;
     }
+    /// Puts the foot at the place of a side that is nearest to y.
     static void on_edge(const Triangle& t, int side, const Vec3& y, Foot& foot) noexcept {
         const Vec3 from = corner(t, side), way = corner(t, (side + 1) % 3) - from;
         const double share = dot(y - from, way) / dot(way, way);
@@ -130,7 +137,8 @@ class SmoothBody {
         foot.edge = true;
     }
 
-    /// Two triangles with one side, the same one up, and hardly an edge between.
+    /// Links pairs of triangles that share a side between which the body is smooth: both have the
+    /// same side up, no third triangle has the side, and the edge between them is hardly one.
     void link(const Mesh& mesh) {
         struct Side {
             std::uint32_t from, to, i, k;
@@ -154,6 +162,8 @@ class SmoothBody {
             }
         }
     }
+    /// Whether the body is smooth between two triangles. A sharper edge is allowed beside a sliver,
+    /// whose normal says little.
     bool is_smooth_edge(const Mesh& mesh, std::uint32_t i, std::uint32_t j) const {
         const Triangle &s = mesh[i], &t = mesh[j];
         const Vec3 a = cross(s.ab, s.ac), b = cross(t.ab, t.ac);
@@ -161,11 +171,13 @@ class SmoothBody {
         return c > slight * both ||
                (c > 0.3 * both && std::min(height_of(s), height_of(t)) < most_ / 100);
     }
+    /// The height of a triangle over its longest side [m].
     static double height_of(const Triangle& t) {
         return norm(cross(t.ab, t.ac)) / std::sqrt(std::max({t.aa, t.bb, t.aa + t.bb - 2 * t.cc}));
     }
 
-    /// The triangles round a corner that no edge parts; of each such fan the body's normal.
+    /// Collects the fans, which are the triangles around a corner that no sharp edge parts, and
+    /// gives each fan the body's normal at its corner.
     void gather_normals(const Mesh& mesh) {
         std::vector<std::uint32_t> fan(3 * facets_.size());
         for (std::uint32_t c = 0; c < fan.size(); ++c) fan[c] = c;
@@ -182,7 +194,8 @@ class SmoothBody {
                                 fan[root(3 * i + at)] = root(3 * j + l);
         for (std::uint32_t c = 0; c < fan.size(); ++c) facets_[c / 3].fan[c % 3] = root(c);
         std::vector<Vec3> normal(fan.size());
-        for (std::uint32_t c = 0; c < fan.size(); ++c) {  // of a ball, its own (Max, 1999)
+        // These weights give the exact normal where the corners lie on a ball (Max, 1999).
+        for (std::uint32_t c = 0; c < fan.size(); ++c) {
             const Vec3 p = side(mesh, c, 1), q = side(mesh, c, 2);
             const double squares = dot(p, p) * dot(q, q);
             if (squares > 0) normal[root(c)] = normal[root(c)] + (1 / squares) * cross(p, q);
@@ -192,13 +205,14 @@ class SmoothBody {
         for (FacetShape& b : facets_)
             for (int k = 0; k < 3; ++k) b.n[k] = normal[b.fan[k]];
     }
-    /// From corner c of all to the next of its triangle, or the one after.
+    /// The vector from corner c, of the corners of all triangles, to the first or the second one
+    /// after it in its triangle.
     static Vec3 side(const Mesh& mesh, std::uint32_t c, int further) {
         const int k = static_cast<int>(c % 3);
         return corner(mesh[c / 3], (k + further) % 3) - corner(mesh[c / 3], k);
     }
-    /// Where a body bends evenly, the normals at a side's ends lean equally from across it: half
-    /// way there, by what all sides ask for.
+    /// Moves the normals towards those of a body that bends evenly. There the normals at both ends
+    /// of a side lean by the same angle. Each normal goes half of the way that its sides ask for.
     void relax_normals(const Mesh& mesh, std::vector<Vec3>& normal) const {
         std::vector<Vec3> lean(normal.size());
         std::vector<double> weight(normal.size());
@@ -215,8 +229,8 @@ class SmoothBody {
         for (std::uint32_t f = 0; f < normal.size(); ++f)
             if (weight[f] > 0) normal[f] = along(normal[f] - (0.5 / weight[f]) * lean[f], 1);
     }
-    /// How far the body rises over a triangle; one that it would leave has edges all around. True
-    /// where it had not.
+    /// Computes how far the body rises over a triangle. One that is too coarse, or too far from its
+    /// normals, gets sharp edges all around. Returns whether it has lost a smooth side by that.
     bool set_rise(const Mesh& mesh, std::uint32_t i) {
         FacetShape& b = facets_[i];
         const Triangle& t = mesh[i];
@@ -250,8 +264,7 @@ class SmoothBody {
     double coarsest_sagitta_ = 0;
 };
 
-// Where the proxy settles on the smooth body: at R from it, as near to the HIP as its sheets allow.
-
+/// Where the proxy settles on the smooth body: R from it, as near to the HIP as its sheets allow.
 class SmoothContact {
   public:
     SmoothContact(SmoothBody body, double radius, double band)
@@ -261,51 +274,53 @@ class SmoothContact {
     void forget() noexcept { count_ = 0; }
     int count() const noexcept { return count_; }
     const Vec3& normal() const noexcept { return sheets_[0].n; }
-    /// What a proxy at x is held by.
+    /// Begins with the sheets over the triangles that hold a proxy at x.
     void hold(const Mesh& mesh, const Vec3& x, const ContactPlanes& planes) noexcept {
         count_ = 0;
         for (int j = 0; j < planes.count(); ++j) add(mesh, planes.triangle(j), x);
     }
 
-    /// From x, which nothing lies nearer to than R less the rise, straight to where the HIP at h
-    /// takes it; false, x as it was, where that is not free, or further from the HIP: `hold` anew.
+    /// Moves a proxy at x straight to where the HIP at h takes it on the body. Nothing may lie
+    /// nearer to x than R less the rise. Returns false, and leaves x as it was, where the way is
+    /// not free or would lead further from the HIP. Then `hold` has to be called anew.
     bool settle(const TriangleQuery& query, Vec3& x, const Vec3& h, const Vec3& start) noexcept {
         if (!(body_.rise() > 0)) return false;
-        const double far = furthest(h, start);
+        const double far = max_distance(h, start);
         for (Vec3 y = x; !query.is_budget_spent() && solve(query, x, h, y);) {
             std::uint32_t missing = Mesh::none;
-            if (!(norm(h - y) <= far && free(query, x, y, missing))) return false;
+            if (!(norm(h - y) <= far && is_free(query, x, y, missing))) return false;
             if (missing == Mesh::none) {
                 x = y;
-                drop(y);
+                drop_others(y);
                 return true;
             }
-            if (count_ == most) return false;
+            if (count_ == max_sheets) return false;
             add(query.mesh(), missing, x);
         }
         return false;
     }
-    /// Up to R over the planes that a proxy at x has, where it settles on nothing.
+    /// Lifts a proxy that settles on nothing from its planes up to R over them.
     void lift(const TriangleQuery& query, Vec3& x, const Vec3& h, const Vec3& start,
               const ContactPlanes& planes) noexcept {
         if (!(body_.rise() > 0)) return;
-        ContactPlane<3> w[most];
+        ContactPlane<3> w[max_sheets];
         for (int j = 0; j < planes.count(); ++j)
             w[j] = {planes.normal(j), R_ - planes.height(j, x)};
         const Vec3 y =
             x + nearest_step(h - x, w, planes.count(), band_ / 16, ContactPlanes::flattest);
         query.spend_on_planes(planes.count());
         std::uint32_t missing = Mesh::none;
-        if (!(y == x) && norm(h - y) <= furthest(h, start) && free(query, x, y, missing)) x = y;
+        if (!(y == x) && norm(h - y) <= max_distance(h, start) && is_free(query, x, y, missing))
+            x = y;
     }
 
   private:
-    static constexpr int most = ContactPlanes::max_planes;
+    static constexpr int max_sheets = ContactPlanes::max_planes;
 
     /// A part of the body that may hold the proxy: its foot, with the normal towards the proxy.
     struct BodySheet : Foot {
-        std::uint32_t from = Mesh::none;  // the triangle that it was found by
-        double side = 1;                  // of the triangles on which the proxy is
+        std::uint32_t from = Mesh::none;  // the triangle by which it was found
+        double side = 1;                  // -1 where the proxy is below the triangles
     };
 
     void add(const Mesh& mesh, std::uint32_t i, const Vec3& x) noexcept {
@@ -320,14 +335,16 @@ class SmoothContact {
         if (!s.edge) s.n = s.side * s.n;
         return true;
     }
-    double furthest(const Vec3& h, const Vec3& start) const noexcept {
+    /// How far from the HIP the proxy may end [m]: a tick must not take it further away.
+    double max_distance(const Vec3& h, const Vec3& start) const noexcept {
         return norm(h - start) + body_.rise() + band_ / 2;
     }
+    /// Finds the place y that is nearest to the HIP and R from the sheets known so far.
     bool solve(const TriangleQuery& query, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
         y = h;
         return count_ == 0 || on_one_sheet(query, x, h, y) || on_several_sheets(query, x, h, y);
     }
-    /// On one sheet: above the HIP's own foot.
+    /// With one sheet the place lies above the HIP's own foot.
     bool on_one_sheet(const TriangleQuery& query, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
         for (int j = 0; j < count_; ++j) {
             BodySheet& s = sheets_[j];
@@ -339,12 +356,12 @@ class SmoothContact {
         y = dot(h - s.at, s.n) < R_ ? s.at + R_ * s.n : h;
         return true;
     }
-    /// Between sheets, or round an edge: plane after plane.
+    /// Between sheets, or round an edge, Newton's method takes the plane of each sheet's foot.
     bool on_several_sheets(const TriangleQuery& query, const Vec3& x, const Vec3& h,
                            Vec3& y) noexcept {
         constexpr int turns = 12;
         y = x;
-        ContactPlane<3> planes[most];
+        ContactPlane<3> planes[max_sheets];
         for (int k = 0; k < turns && !query.is_budget_spent(); ++k) {
             for (int j = 0; j < count_; ++j) {
                 BodySheet& s = sheets_[j];
@@ -360,10 +377,10 @@ class SmoothContact {
         return false;
     }
 
-    /// Whether nothing is nearer to the way from x to y than R less the rise. `missing`: a triangle
-    /// whose sheet may hold the proxy at y, and is not among those known.
-    bool free(const TriangleQuery& query, const Vec3& x, const Vec3& y,
-              std::uint32_t& missing) const noexcept {
+    /// Whether nothing is nearer to the way from x to y than R less the rise. `missing` becomes the
+    /// triangle that comes nearest to y, where its sheet is not among those known.
+    bool is_free(const TriangleQuery& query, const Vec3& x, const Vec3& y,
+                 std::uint32_t& missing) const noexcept {
         const Vec3 v = y - x;
         const double length = norm(v);
         if (!(length <= R_ / 2)) return false;
@@ -373,17 +390,18 @@ class SmoothContact {
         query.spend(query.mesh().around(x + 0.5 * v, R_ + body_.rise() + length / 2,
                                         [&](std::uint32_t i) noexcept {
                                             const Triangle& t = query.mesh()[i];
-                                            if (blocked || behind(t, x)) return;
+                                            if (blocked || is_behind_a_sheet(t, x)) return;
                                             const double d = t.distance(y);
                                             if (d < low_ + length)
                                                 blocked = query.meets(i, x, v, hit);
                                             const double lacks = R_ + body_.rise(i) - band_ / 2 - d;
-                                            if (lacks > worst && !known(i))
+                                            if (lacks > worst && !is_known(i))
                                                 worst = lacks, missing = i;
                                         }));
         return !blocked;
     }
-    bool behind(const Triangle& t, const Vec3& x) const noexcept {
+    /// Whether a known sheet parts a triangle from x, so that it is in nobody's way.
+    bool is_behind_a_sheet(const Triangle& t, const Vec3& x) const noexcept {
         for (int j = 0; j < count_; ++j) {
             const BodySheet& s = sheets_[j];
             const double top = t.extent_along(s.n);
@@ -391,13 +409,14 @@ class SmoothContact {
         }
         return false;
     }
-    bool known(std::uint32_t i) const noexcept {
+    /// Whether a triangle lies under one of the sheets.
+    bool is_known(std::uint32_t i) const noexcept {
         for (int j = 0; j < count_; ++j)
             if (i == sheets_[j].from || body_.touch(i, sheets_[j].i)) return true;
         return false;
     }
-    /// Keeps what holds the proxy at y, each sheet once.
-    void drop(const Vec3& y) noexcept {
+    /// Keeps the sheets that hold the proxy at y, each once.
+    void drop_others(const Vec3& y) noexcept {
         int kept = 0;
         for (int j = 0; j < count_; ++j) {
             BodySheet s = sheets_[j];
@@ -413,7 +432,7 @@ class SmoothContact {
 
     SmoothBody body_;
     double R_, low_, band_;
-    BodySheet sheets_[most];
+    BodySheet sheets_[max_sheets];
     int count_ = 0;
 };
 

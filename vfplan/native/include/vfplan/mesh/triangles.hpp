@@ -39,7 +39,7 @@ inline void check(const Surface& s) {
             reject("triangles name points that are not there");
 }
 
-/// Three rows of corners.
+/// The rows of a triangle's three corners in the surface.
 using Face = std::array<std::uint32_t, 3>;
 
 inline Face face_of(const Surface& s, std::size_t i) noexcept {
@@ -210,7 +210,8 @@ struct Triangle {
     Triangle(const Vec3& p, const Vec3& q, const Vec3& r) noexcept
         : a(p), ab(q - p), ac(r - p), aa(dot(ab, ab)), bb(dot(ac, ac)), cc(dot(ab, ac)) {}
 
-    /// The place nearest to y. One of no area is its sides.
+    /// The place of the triangle that is nearest to y. A triangle without area consists of its
+    /// sides.
     Vec3 nearest(const Vec3& y) const noexcept {
         const Vec3 w = y - a;
         const double p = dot(w, ab), q = dot(w, ac);
@@ -230,27 +231,30 @@ struct Triangle {
     }
     double distance(const Vec3& y) const noexcept { return norm(y - nearest(y)); }
 
-    /// How far it reaches along n.
+    /// The largest value of n . x over all places x of the triangle.
     double extent_along(const Vec3& n) const noexcept {
         return dot(a, n) + std::max({dot(ab, n), dot(ac, n), 0.0});
     }
 };
 
-/// A round box: what lies in it is at most `wide` from the line through its middle along n, and at
-/// most `high` from its middle along that.
+/// A cylinder around triangles: flat where they lie side by side, as on a sheet.
 struct Disc {
-    Vec3 middle, n;
-    double wide = 0, high = 0;
+    Vec3 middle, n;   ///< n is the unit vector along its axis
+    double wide = 0;  ///< its radius [m]
+    double high = 0;  ///< half of its height [m]
 
+    /// The square of the distance from y, 0 inside.
     double distance2(const Vec3& y) const noexcept {
         const Vec3 w = y - middle;
         const double up = dot(w, n), beside = std::sqrt(std::max(dot(w, w) - up * up, 0.0));
         const double over = std::max(std::abs(up) - high, 0.0), off = std::max(beside - wide, 0.0);
         return over * over + off * off;
     }
+    /// The radius of a ball around it [m].
     double size() const noexcept { return std::sqrt(wide * wide + high * high); }
 };
 
+/// The triangles of a surface in the order of a tree, whose bounds are discs.
 class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
@@ -289,20 +293,22 @@ class Mesh {
         return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) + tree_.bytes();
     }
 
-    /// Calls f(i) for every triangle in a disc that `is_near(disc)` says so of. Returns the inner
-    /// steps that it took: one a disc, three a triangle.
+    /// Calls f(i) for every triangle in a disc of which `is_near(disc)` is true. Returns the inner
+    /// steps that it took: one for each disc, three for each triangle.
     template <class IsNear, class F>
     int visit(IsNear&& is_near, F&& f) const noexcept {
         return tree_.visit(is_near, f);
     }
-    /// ... for every one within `reach` of y, which may shrink, and some more.
+    /// Calls f(i) for every triangle within `reach` of y, and for some others. f may shrink
+    /// `reach`.
     template <class F>
     int around(const Vec3& y, const double& reach, F&& f) const noexcept {
         return visit([&](const Disc& disc) noexcept { return disc.distance2(y) <= reach * reach; },
                      f);
     }
 
-    /// The triangle nearest to y where that is nearer than `least` [m], which it then becomes.
+    /// The triangle nearest to y, or none where all are `least` [m] away. `least` becomes its
+    /// distance.
     std::uint32_t nearest(const Vec3& y, double& least, int& steps) const noexcept {
         std::uint32_t found = none;
         steps = around(y, least, [&](std::uint32_t i) noexcept {
@@ -319,7 +325,7 @@ class Mesh {
         Item(const Vec3& a, const Vec3& b, const Vec3& c, const Face& face)
             : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)), rows(face) {}
     };
-    /// Around `middle`, but for how high that is.
+    /// The disc around items whose axis leads through `middle` along n.
     static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
                      const Vec3& middle, const Vec3& n) {
         double low = never, top = -never, wide2 = 0;
