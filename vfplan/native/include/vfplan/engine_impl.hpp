@@ -209,8 +209,8 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
     mesh::Mesh triangles(surface);
     mesh::SmoothBody body(triangles, p.R());
     p.band += body.rise();
-    return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(
-        Space{}, p, std::move(triangles), std::move(body), p);
+    return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(Space{}, p, std::move(triangles),
+                                                                   std::move(body), p);
 }
 
 /// The robust rule's: in each iteration it looks at the points in its list, and at those that touch
@@ -262,8 +262,7 @@ SearchableEngine make_searchable_in(Space space, const double* xyz, std::size_t 
 VFPLAN_COMPILED_ONCE SearchableEngine make_searchable(const double* xyz, std::size_t n,
                                                       const Parameters& p, bool with_engine) {
     check(p);
-    if (p.ignore_axis)
-        return make_searchable_in(Slice(*p.ignore_axis), xyz, n, p, with_engine);
+    if (p.ignore_axis) return make_searchable_in(Slice(*p.ignore_axis), xyz, n, p, with_engine);
     return make_searchable_in(Space{}, xyz, n, p, with_engine);
 }
 
