@@ -5,11 +5,11 @@
 //
 //     vfplan::MovingFrame frame;                            // allocates
 //     frame.pose(stamp, {place, w, {x, y, z}});             // the tracker's thread
-//     for (;;) force = frame.step(engine, t, hip).force;    // never allocates, throws, locks,
-//     waits
+//     for (;;) force = frame.step(engine, t, hip).force;    // never allocates, throws or waits
 //
-// From each pose to the next the frame goes evenly, one sample late, never faster than it was told:
-// no predictor, which overshoots where a motion turns. K and ignore_axis turn with the fixture.
+// From each pose to the next the frame goes evenly, one sample late, and never faster than it was
+// told. Nothing is predicted, because a predictor overshoots where a motion turns. K and
+// ignore_axis turn with the fixture.
 #pragma once
 
 #include <algorithm>
@@ -37,11 +37,14 @@ struct Pose {
     Vec3 out(const Vec3& x) const noexcept { return turn(x) + place; }  ///< from the frame
     Vec3 in(const Vec3& x) const noexcept { return back(x - place); }   ///< into the frame
 
-    /// Of a rigid (4, 4) matrix, row by row.
+    /// The pose of a rigid (4, 4) matrix, given row by row.
     static Pose of(const double* m) noexcept {
         const double d[3] = {m[0], m[5], m[10]};
         Pose p{{{m[3], m[7], m[11]}}, 0, {}};
-        const int i = d[0] >= d[1] ? (d[0] >= d[2] ? 0 : 2) : (d[1] >= d[2] ? 1 : 2);
+        // From the largest of four squares, so that no small difference is divided by.
+        int i = 0;
+        if (d[1] > d[0]) i = 1;
+        if (d[2] > d[i]) i = 2;
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         const double trace = d[0] + d[1] + d[2];
         const double wv = m[4 * k + j] - m[4 * j + k];
@@ -61,7 +64,7 @@ struct Pose {
 };
 
 struct MovingLimits {
-    double max_age = 0.1;     ///< of a pose [s]; older ones are told as `stale`
+    double max_age = 0.1;     ///< of a pose [s]; an older one is stale
     double max_speed = 0.25;  ///< of the pivot [m/s]
     double max_turn = 1;      ///< of the frame about its pivot [rad/s]
     Vec3 pivot;               ///< in the fixture's frame, near where the tool works [m]
@@ -69,63 +72,76 @@ struct MovingLimits {
 
 class MovingFrame {
   public:
-    static constexpr std::size_t most_waiting = 64;  // poses
+    /// Number of poses that may wait for the loop.
+    static constexpr std::size_t most_waiting = 64;
+    /// By how much the size of a unit quaternion may be off.
+    static constexpr double rigid_tolerance = 1e-3;
 
     /// Throws std::invalid_argument for a limit out of range.
     explicit MovingFrame(const MovingLimits& limits = {}) : limits_(limits), poses_(most_waiting) {
         check_above("max_age", limits.max_age, 0, 10, " s");
         check_above("max_speed", limits.max_speed, 0, 10, " m/s");
         check_above("max_turn", limits.max_turn, 0, 100, " rad/s");
-        if (!finite(limits.pivot)) reject("pivot must be finite and within 1e6 m");
+        if (!is_finite(limits.pivot)) reject("pivot must be finite and within 1e6 m");
     }
 
-    /// The tracker's thread: the fixture's frame at `stamp`, on the loop's clock [s]. False, and
-    /// counted, for one that is not rigid to 1e-3, not younger than the last, or finds
-    /// `most_waiting` poses that the loop has not seen.
+    /// Hands over the fixture's frame at `stamp`, on the loop's clock [s]; for the thread of the
+    /// tracker. False, and counted, for a pose that is not rigid to 1e-3, that is not younger than
+    /// the last, or that finds `most_waiting` poses which the loop has not seen.
     bool pose(double stamp, const Pose& pose) noexcept {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
-        bool good = std::isfinite(stamp) && finite(p.place) && std::abs(size - 1) < 1e-3;
-        if (good) {
+        const bool is_rigid = std::abs(size - 1) < rigid_tolerance;
+        bool is_taken = std::isfinite(stamp) && is_finite(p.place) && is_rigid;
+        if (is_taken) {
             p.w /= size;
             p.v = (1 / size) * p.v;
-            good = !(given_ && stamp <= youngest_) && poses_.push({stamp, p});
+            const bool is_younger = !has_given_ || !(stamp <= youngest_);
+            is_taken = is_younger && poses_.push({stamp, p});
         }
-        if (good) {
-            given_ = true;
+        if (is_taken) {
+            has_given_ = true;
             youngest_ = stamp;
         } else {
             refused_.fetch_add(1, std::memory_order_relaxed);
         }
-        return good;
+        return is_taken;
     }
-    /// The tracker's: how many more poses may wait.
+    /// How many more poses may wait; for the thread of the tracker.
     std::size_t room() const noexcept { return poses_.free_slots(); }
     std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
-    /// The loop: the frame at t [s], which does not go back.
+    /// The frame at t [s], which does not go back; for the loop, as all that follows.
     const Pose& at(double t) noexcept {
         if (!std::isfinite(t)) t = t_;
-        if (placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
+        if (is_placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
         t_ = std::max(t, t_);
         const Stamped* next = poses_.front();
-        for (; next && next->stamp <= t; poses_.pop(), next = poses_.front(), ++taken_)
+        while (next && next->stamp <= t) {
             accept_pose(*next, t);
+            poses_.pop();
+            ++taken_;
+            next = poses_.front();
+        }
         seen_ = taken_ + (next != nullptr);
-        ahead_ = next && next->stamp > t + limits_.max_age;
+        is_clock_ahead_ = next && next->stamp > t + limits_.max_age;
         return now_;
     }
     const Pose& now() const noexcept { return now_; }
-    /// No pose yet, one older than max_age, or a clock that is that much ahead.
-    bool stale() const noexcept { return !placed_ || ahead_ || age() > limits_.max_age; }
-    /// Of the youngest pose taken up, at the last t [s].
-    double age() const noexcept {
-        return placed_ ? t_ - stamp_ : std::numeric_limits<double>::infinity();
+    /// Whether there is no pose yet, or only one older than max_age, or the tracker's clock is that
+    /// much ahead.
+    bool stale() const noexcept {
+        return !is_placed_ || is_clock_ahead_ || age() > limits_.max_age;
     }
-    /// The loop's: of the poses not refused, those that the last tick knew of.
+    /// Age of the youngest pose taken up, at the last t [s].
+    double age() const noexcept {
+        if (!is_placed_) return std::numeric_limits<double>::infinity();
+        return t_ - stamp_;
+    }
+    /// How many of the poses that were not refused the last tick knew of.
     std::uint64_t seen() const noexcept { return seen_; }
-    /// Whether there has been a pose; before, nothing is rendered.
-    bool placed() const noexcept { return placed_; }
+    /// Whether there has been a pose. Before, nothing is rendered.
+    bool placed() const noexcept { return is_placed_; }
 
     /// One servo loop of an engine, or a Guide, that is in the fixture's frame. HIP and answer are
     /// in the base.
@@ -133,9 +149,9 @@ class MovingFrame {
     auto step(E& engine, double t, const Vec3& hip) noexcept {
         at(t);
         decltype(engine.step(hip)) s;
-        if (!placed_) {
+        if (!is_placed_) {
             s.status = stale_pose;
-            if (finite(hip))
+            if (is_finite(hip))
                 s.proxy = hip;
             else
                 s.status |= bad_hip;
@@ -155,65 +171,78 @@ class MovingFrame {
         Pose pose;
     };
 
-    static bool finite(const Vec3& x) noexcept {
+    static bool is_finite(const Vec3& x) noexcept {
         return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
                std::abs(x[2]) <= largest_coordinate;
     }
 
-    /// The frame is to be there when the next pose is due; the first one it begins at.
+    /// Lets the frame arrive at this pose when the next one is due. It begins at the first one.
     void accept_pose(const Stamped& next, double t) noexcept {
         arrives_at_ = t + std::min(next.stamp - stamp_, limits_.max_age);
         stamp_ = next.stamp;
         goal_ = next.pose;
-        if (!placed_) now_ = goal_;
-        placed_ = true;
+        if (!is_placed_) now_ = goal_;
+        is_placed_ = true;
     }
 
-    /// The fraction of what is left that belongs to the dt before t, or as much as the limits
-    /// allow.
+    /// Moves the frame by the fraction of what is left that belongs to the dt before t, or by as
+    /// much as the limits allow.
     void advance(double dt, double t) noexcept {
-        const double fraction = arrives_at_ > t ? dt / (arrives_at_ - t + dt) : 1;
-        const Vec3 from = now_.out(limits_.pivot), to = goal_.out(limits_.pivot);
+        double fraction = 1;
+        if (arrives_at_ > t) fraction = dt / (arrives_at_ - t + dt);
+        const Vec3 from = now_.out(limits_.pivot);
+        const Vec3 to = goal_.out(limits_.pivot);
         const Vec3 way = fraction * (to - from);
-        const double length = norm(way), most = limits_.max_speed * dt;
-        const bool far = length > most;
-        const bool turned = rotate_towards(fraction, std::min(0.5 * limits_.max_turn * dt, 1.0));
-        if (fraction == 1 && !far && turned) {
+        const double length = norm(way);
+        const double max_length = limits_.max_speed * dt;
+        const bool is_too_fast = length > max_length;
+        const double max_half_turn = std::min(0.5 * limits_.max_turn * dt, 1.0);
+        const bool has_turned = rotate_towards(fraction, max_half_turn);
+        if (fraction == 1 && !is_too_fast && has_turned) {
             now_ = goal_;
-        } else {
-            const Vec3 pivot = from + (far ? most / length : 1) * way;
-            now_.place = pivot - now_.turn(limits_.pivot);
+            return;
         }
+        Vec3 pivot = from + way;
+        if (is_too_fast) pivot = from + (max_length / length) * way;
+        now_.place = pivot - now_.turn(limits_.pivot);
     }
-    /// Turns by `fraction` of what is left, by at most the angle whose half has the sine `most`;
-    /// false when that is less.
-    bool rotate_towards(double fraction, double most) noexcept {
-        const double c = now_.w * goal_.w + dot(now_.v, goal_.v), sign = c < 0 ? -1 : 1;
+    /// Turns the frame by `fraction` of what is left, but by at most the angle whose half has the
+    /// sine `max_half_turn`; false when that is less.
+    bool rotate_towards(double fraction, double max_half_turn) noexcept {
+        const double c = now_.w * goal_.w + dot(now_.v, goal_.v);
+        const double sign = c < 0 ? -1 : 1;  // q and -q are one turn: the shorter way is taken
         const double uw = sign * goal_.w - sign * c * now_.w;  // across now_, towards the goal
         const Vec3 uv = sign * goal_.v - (sign * c) * now_.v;
         const double sine = std::sqrt(uw * uw + dot(uv, uv));
         if (!(sine > 0)) return true;
-        const double w = 1 - fraction + fraction * std::abs(c), u = fraction * sine;
-        const double whole = u / std::sqrt(w * w + u * u), s = std::min(whole, most);
-        const double keep = std::sqrt(1 - s * s), add = s / sine;
+        const double w = 1 - fraction + fraction * std::abs(c);
+        const double u = fraction * sine;
+        const double whole = u / std::sqrt(w * w + u * u);
+        const double s = std::min(whole, max_half_turn);
+        const double keep = std::sqrt(1 - s * s);
+        const double add = s / sine;
         now_.w = keep * now_.w + add * uw;
         now_.v = keep * now_.v + add * uv;
         const double size = std::sqrt(now_.w * now_.w + dot(now_.v, now_.v));
         now_.w /= size;
         now_.v = (1 / size) * now_.v;
-        return whole <= most;
+        return whole <= max_half_turn;
     }
 
     MovingLimits limits_;
     SpscQueue<Stamped> poses_;
     std::atomic<std::uint64_t> refused_{0};
-    bool given_ = false;  // the tracker's
-    double youngest_ = 0;
-    Pose now_, goal_;  // the loop's
+    // What the tracker's thread keeps.
+    bool has_given_ = false;
+    double youngest_ = 0;  // stamp of the last pose given [s]
+    // What the loop keeps.
+    Pose now_, goal_;
     double t_ = -std::numeric_limits<double>::infinity();
-    double stamp_ = 0, arrives_at_ = 0;
-    bool placed_ = false, ahead_ = false;
-    std::uint64_t taken_ = 0, seen_ = 0;
+    double stamp_ = 0;       // of goal_ [s]
+    double arrives_at_ = 0;  // goal_, where the next pose is due [s]
+    bool is_placed_ = false;
+    bool is_clock_ahead_ = false;
+    std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 
 }  // namespace vfplan

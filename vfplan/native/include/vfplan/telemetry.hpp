@@ -2,9 +2,9 @@
 //
 // What a controller shows to the outside: every tick, by UDP, without the loop ever waiting.
 //
-// `publish` writes into a preallocated ring and returns; when nobody empties it fast enough the
-// tick is dropped and counted. A thread of its own empties it and sends datagrams of up to eleven
-// ticks. The layout stands in docs/live.md. POSIX.
+// `publish` writes into a queue that was allocated before, and returns. Where the queue is full,
+// the tick is dropped and counted. A thread of its own empties the queue and sends datagrams of up
+// to eleven ticks. The layout stands in docs/live.md. It needs POSIX.
 #pragma once
 
 #include <arpa/inet.h>
@@ -20,29 +20,40 @@
 #include <cstring>
 #include <string>
 #include <thread>
-#include <vector>
 
 #include "vfplan/base/vec.hpp"
+#include "vfplan/exchange.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan {
 
-/// Sends every tick of one loop to one place. One thread publishes; any may ask what was dropped.
+/// A tick as it is sent.
+struct TelemetryRecord {
+    std::uint64_t index;
+    double t;           ///< [s]
+    double values[12];  ///< HIP, proxy, normal, force
+    std::int8_t state;
+    std::uint8_t status;
+    std::uint8_t nothing[6];
+};
+
+/// Sends every tick of one loop to one place. One thread publishes, and any thread may ask what was
+/// dropped.
 class Telemetry {
   public:
     static constexpr std::size_t tick_bytes = 120, header_bytes = 24, most_ticks = 11;
 
     /// @param address IPv4 address to send to; the loopback unless told
     /// @param port UDP port
-    /// @param capacity ticks that the ring holds, a power of two
-    /// @param period how often the sender looks into the ring [s]
+    /// @param capacity ticks that the queue holds, a power of two
+    /// @param period how often the sender looks into the queue [s]
     /// @throws std::invalid_argument for an address, port, capacity or period out of range;
     ///         std::runtime_error where the system gives no socket
     explicit Telemetry(std::uint16_t port, const std::string& address = "127.0.0.1",
                        std::size_t capacity = 4096, double period = 0.005)
-        : ring_(capacity), mask_(capacity - 1), period_(period) {
+        : queue_(capacity), period_(period) {
         static_assert(std::endian::native == std::endian::little, "the layout is little-endian");
-        if (capacity < 2 || (capacity & mask_) != 0)
+        if (capacity < 2 || !std::has_single_bit(capacity))
             reject("telemetry: capacity " + std::to_string(capacity) +
                    ": a power of two of at least 2 is wanted");
         if (port == 0) reject("telemetry: port 0: 1 to 65535 is wanted");
@@ -65,18 +76,12 @@ class Telemetry {
     Telemetry(const Telemetry&) = delete;
     Telemetry& operator=(const Telemetry&) = delete;
 
-    /// Take a tick in; false when the ring was full and the tick was dropped. Wait-free.
+    /// Takes a tick in; false where the queue was full and the tick was dropped. It never waits.
     /// @param t time of the tick [s]
     /// @param hip where the tool is [m]
     /// @param step what the engine answered
     bool publish(double t, const Vec3& hip, const Step& step) noexcept {
-        const std::uint64_t at = head_.load(std::memory_order_relaxed);
-        if (at - tail_.load(std::memory_order_acquire) > mask_) {
-            dropped_.fetch_add(1, std::memory_order_relaxed);
-            ++index_;
-            return false;
-        }
-        Tick& tick = ring_[at & mask_];
+        TelemetryRecord tick{};
         tick.index = index_++;
         tick.t = t;
         const Vec3* vectors[] = {&hip, &step.proxy, &step.normal, &step.force};
@@ -84,25 +89,18 @@ class Telemetry {
             for (std::size_t k = 0; k < 3; ++k) tick.values[3 * v + k] = (*vectors[v])[int(k)];
         tick.state = std::int8_t(step.state);
         tick.status = step.status;
-        head_.store(at + 1, std::memory_order_release);
-        return true;
+        if (queue_.push(tick)) return true;
+        dropped_.fetch_add(1, std::memory_order_relaxed);
+        return false;
     }
 
-    /// Ticks that found the ring full.
+    /// Number of ticks that found the queue full.
     std::uint64_t dropped() const noexcept { return dropped_.load(std::memory_order_relaxed); }
-    /// Datagrams that the system did not take.
+    /// Number of datagrams that the system did not take.
     std::uint64_t unsent() const noexcept { return unsent_.load(std::memory_order_relaxed); }
 
   private:
-    struct Tick {
-        std::uint64_t index;
-        double t;
-        double values[12];
-        std::int8_t state;
-        std::uint8_t status;
-        std::uint8_t nothing[6];
-    };
-    static_assert(sizeof(Tick) == tick_bytes);
+    static_assert(sizeof(TelemetryRecord) == tick_bytes);
 
     void send_all() noexcept {
         const auto pause = std::chrono::duration<double>(period_);
@@ -115,11 +113,15 @@ class Telemetry {
         }
     }
     bool send_some() noexcept {
-        const std::uint64_t from = tail_.load(std::memory_order_relaxed);
-        const std::uint64_t ready = head_.load(std::memory_order_acquire) - from;
-        if (ready == 0) return false;
-        const std::uint16_t count = std::uint16_t(ready < most_ticks ? ready : most_ticks);
         std::array<char, header_bytes + most_ticks * tick_bytes> bytes{};
+        std::uint16_t count = 0;
+        for (const TelemetryRecord* tick = queue_.front(); tick && count < most_ticks;
+             tick = queue_.front()) {
+            std::memcpy(bytes.data() + header_bytes + count * tick_bytes, tick, tick_bytes);
+            queue_.pop();
+            ++count;
+        }
+        if (count == 0) return false;
         const std::uint16_t version = 1;
         const std::uint64_t lost = dropped();
         std::memcpy(bytes.data(), "VFPT", 4);
@@ -127,10 +129,6 @@ class Telemetry {
         std::memcpy(bytes.data() + 6, &count, 2);
         std::memcpy(bytes.data() + 8, &sent_, 8);
         std::memcpy(bytes.data() + 16, &lost, 8);
-        for (std::uint64_t k = 0; k < count; ++k)
-            std::memcpy(bytes.data() + header_bytes + k * tick_bytes, &ring_[(from + k) & mask_],
-                        tick_bytes);
-        tail_.store(from + count, std::memory_order_release);
         const std::size_t size = header_bytes + count * tick_bytes;
         const auto* to = reinterpret_cast<const sockaddr*>(&to_);
         if (::sendto(socket_, bytes.data(), size, MSG_NOSIGNAL, to, sizeof to_) != ssize_t(size))
@@ -139,15 +137,12 @@ class Telemetry {
         return true;
     }
 
-    std::vector<Tick> ring_;
-    std::uint64_t mask_;
+    SpscQueue<TelemetryRecord> queue_;
     double period_;
     sockaddr_in to_{};
     int socket_ = -1;
     std::uint64_t index_ = 0;  // of the publisher
     std::uint64_t sent_ = 0;   // of the sender
-    alignas(64) std::atomic<std::uint64_t> head_{0};
-    alignas(64) std::atomic<std::uint64_t> tail_{0};
     alignas(64) std::atomic<std::uint64_t> dropped_{0};
     std::atomic<std::uint64_t> unsent_{0};
     std::atomic<bool> stop_{false};
