@@ -90,17 +90,24 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         measured = path + offset[:, None] * normal
         spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
-        residual = (offset - ((smooth - path) * normal).sum(1))[whole]
+        residual = np.where(whole, offset - ((smooth - path) * normal).sum(1), 0.0)
         if line.closed:
             path = smooth
         else:
             inner = np.flatnonzero(whole)
             path = smooth[inner[0] : inner[-1] + 1]
-    # Neighbouring residuals hang together, so that smoothing averages fewer of them.
-    noise = tuned.CORRELATED * float(np.sqrt(np.mean(residual**2)))
+    # Neighbouring residuals hang together, so that smoothing averages fewer of them. The equivalent
+    # kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
+    noise = np.sqrt((residual**2).sum() / whole.sum())
     if noisy:
-        noise = tuned.CORRELATED_NOISY * float(np.sqrt(np.mean(residual**2)))
-    return _centre_line(ink, line, spline, profiles, smooth, valid, whole, ends, noise, smooth_px)
+        noise *= tuned.CORRELATED_NOISY
+    noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
+    # What neighbouring residuals have in common is a corner that the spline cuts.
+    cut = filters.gaussian(residual, smooth_px, mode)
+    deviation = np.hypot(noise, cut)
+    return _centre_line(
+        ink, line, spline, profiles, smooth, valid, whole, ends, deviation, smooth_px
+    )
 
 
 def skeleton_line(line: Candidate) -> MeasuredStroke:
@@ -241,7 +248,7 @@ def _centre_line(
     valid: NDArray,
     whole: NDArray,
     ends: tuple[End, ...],
-    noise: float,
+    deviation: NDArray,
     smooth_px: float,
 ) -> MeasuredStroke:
     """Points about a pixel apart between the ends, each with its deviation."""
@@ -269,7 +276,7 @@ def _centre_line(
     if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
         visible = np.flatnonzero(valid)
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
-    sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, noise, smooth_px)
+    sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, deviation, smooth_px)
     if not line.closed:
         # Beyond the last whole profile the point of a drawn out pen may lie to either side.
         known = np.flatnonzero(whole)
@@ -300,16 +307,14 @@ def _deviation(
     nearest: NDArray,
     bridged: NDArray,
     closed: bool,
-    noise: float,
+    deviation: NDArray,
     smooth_px: float,
 ) -> NDArray[np.float64]:
     """(P,) standard deviation across the line at places `at` of the spline [px]."""
-    # The equivalent kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-    averaged = noise / np.sqrt(2 * np.sqrt(2) * smooth_px)
-    sigma = np.full(len(at), np.hypot(averaged, tuned.GRID_PX))
+    sigma = deviation[nearest]
     if not closed:
         inward = np.minimum(at - at[0], at[-1] - at)
-        sigma *= 1 + tuned.END_FACTOR * np.exp(-inward / smooth_px)
+        sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
     # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
     curvature = _usual_curvature(spline, at)
     for run in runs(bridged, closed):
