@@ -7,7 +7,7 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.arm import Arm, Hand, rehearse
+from vfplan.arm import Arm, ArmHand, rehearse
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.replaying import approach_sessions
 from vfplan.session import Session
@@ -49,7 +49,7 @@ def without_friction(name="panda"):
 
 def test_hand_and_fixture_share_the_way_like_two_springs():
     """At rest k_h (goal - x) = K (proxy - x), so depth is k_h / (K + k_h) of the hand's."""
-    hand = Hand(stiffness=800.0)
+    hand = ArmHand(stiffness=800.0)
     found = rehearse(wall(), pressed(9e-3, seconds=3.0), without_friction(), hand=hand)
     assert found.passed, found.metrics["reflexes"]
     m = found.metrics

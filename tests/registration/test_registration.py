@@ -10,7 +10,7 @@ from layouts import MODELS, PX, R, grid, planar, solid
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration import describe, fit_registration, rotation
+from vfplan.registration import fit_registration, registration_report, rotation
 
 
 def test_affine_is_ordinary_least_squares():
@@ -247,7 +247,7 @@ def test_a_mirrored_slice_is_refused_where_the_side_is_known(model):
     known = {"model": model, "pixel_spacing": PX, "seen_from": [0, 0, 1]}
     r = fit_registration(source, flat, **known)
     np.testing.assert_allclose(r.image_faces, [0, 0, 1], atol=1e-9)
-    assert describe(r)["seen_from"] == "above (robot +z)"
+    assert registration_report(r)["seen_from"] == "above (robot +z)"
     assert code_of(MarkerError, source, flat * [-1, 1, 1], **known) == "mirrored"
     fit_registration(source, flat, **known | {"seen_from": "above"})
     assert code_of(MarkerError, source, flat, **known | {"seen_from": "below"}) == "mirrored"
@@ -305,9 +305,11 @@ def test_the_report_is_json(model, robust):
             pixel_spacing=spacing,
             labels=names[: len(source)],
         )
-        report = json.loads(json.dumps(to_json_types(describe(r, source)), allow_nan=False))
+        report = json.loads(
+            json.dumps(to_json_types(registration_report(r, source)), allow_nan=False)
+        )
         assert report["tre"]["curve95_max_m"] >= report["tre"]["bound95_max_m"]
         assert [m["label"] for m in report["residuals"]] == names[: len(source)]
     small = fit_registration(grid(4), planar(grid(4)))
-    report = json.loads(json.dumps(to_json_types(describe(small)), allow_nan=False))
+    report = json.loads(json.dumps(to_json_types(registration_report(small)), allow_nan=False))
     assert report["residuals"][0]["f"] is None  # no degree of freedom is left to test with

@@ -108,7 +108,7 @@ def test_the_band_is_the_one_that_many_random_directions_give(model):
     fit = fit_registration(source, planar(source), model=model, pixel_spacing=PX).fit
     t = np.linspace(0, 1, 60)
     x = homogeneous(fit.problem.normaliser(np.column_stack([150 + 500 * t, 350 + 150 * t**2])))
-    root = np.sqrt(fit.variance) * fit.root
+    root = np.sqrt(fit.variance) * fit.covariance_root
     parts = marker_rows(x).reshape(len(x), 3, -1) @ root
     covariance = parts @ np.swapaxes(parts, 1, 2)
     pointwise = error.pointwise_bound(covariance, fit.dof)

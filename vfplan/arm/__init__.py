@@ -16,7 +16,7 @@ __getattr__ = on_demand(
     {
         "model": "ARMS Arm",
         "rehearsal": "Rehearsal rehearse",
-        "loop": "Hand run_loop",
+        "loop": "ArmHand run_loop",
         "safety_stops": "safety_stops",
     },
 )

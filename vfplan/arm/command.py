@@ -18,13 +18,11 @@ from vfplan.cli.run import (
 )  # fmt: skip
 from vfplan.cli.units import millijoules, millimetres
 from vfplan.cli.values import FILE, PNG, Number
+from vfplan.display import MAX_LISTED
 from vfplan.io.staging import write_whole
 
 if TYPE_CHECKING:
     from vfplan.session import Session
-
-LISTED_PLACES = 5
-"""Number of places out of reach that are printed; `--json` has all."""
 
 
 @command(
@@ -62,7 +60,7 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
     then too.
     """
     from vfplan.arm import Arm, rehearse
-    from vfplan.arm.loop import Hand
+    from vfplan.arm.loop import ArmHand
     from vfplan.bundle import read_sealed
     from vfplan.robot import read_robot
 
@@ -76,7 +74,7 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
     with progress("rehearse", len(recorded.hip)) as done:
         rehearsal = rehearse(
             planned, recorded, arm, governed=not arguments["no_governor"],
-            hand=Hand(stiffness=arguments["hand_n_per_m"]), done=done,
+            hand=ArmHand(stiffness=arguments["hand_n_per_m"]), done=done,
         )  # fmt: skip
 
     # The files.
@@ -141,7 +139,8 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
     if abs(rate / rate_hz - 1) < SAME_RATE:
         return whole, []
     warning = (
-        f"{path}: sampled at {rate:.6g} Hz, resampled to the arm's {rate_hz:g} Hz by straight lines"
+        f"{path}: was sampled at {rate:.6g} Hz and is resampled to the arm's {rate_hz:g} Hz by "
+        "straight lines. Record at the arm's rate where that matters"
     )
     return resampled(whole, rate_hz).load(), [warning]
 
@@ -199,7 +198,7 @@ def statistics_lines(metrics: dict[str, Any]) -> list[str]:
 def objections(metrics: dict[str, Any]) -> list[str]:
     """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
     lines = []
-    for place in metrics.get("unreached", [])[:LISTED_PLACES]:
+    for place in metrics.get("unreached", [])[:MAX_LISTED]:
         lines.append(f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short")
     for stop in metrics["reflexes"]:
         line = f"would stop: {stop['kind']}"

@@ -7,20 +7,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm import Rehearsal
-from vfplan.figures.style import subplots
+from vfplan.display import MM
+from vfplan.figures.style import MAX_DRAWN, subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.quantities import row_norms
+from vfplan.replaying.quantities import CONTACT_M, row_norms
 
 Array = NDArray[np.float64]
 
-DRAWN_POINTS = 4000
-"""About as many points of a cloud or of a path are drawn; more make no other picture."""
-
 DRAWN_POSTURES = 6
-"""Number of postures that the arm is drawn in."""
-
-TOUCHING_M = 1e-5
-"""A tick counts for the picture of force against depth from this penetration on [m]."""
+"""Number of postures that the arm is drawn in. More would hide each other."""
 
 
 def depth(rehearsal: Rehearsal) -> Figure:
@@ -29,10 +24,10 @@ def depth(rehearsal: Rehearsal) -> Figure:
     Faces differ by the normal: along the axis on which normals differ most, and against it.
     """
     ticks = rehearsal.ticks
-    in_contact = ticks.penetration > TOUCHING_M
+    in_contact = ticks.penetration > CONTACT_M
     normals = ticks.normal[in_contact]
     force = row_norms(rehearsal.motion.force)[in_contact]
-    depth_mm = 1e3 * ticks.penetration[in_contact]
+    depth_mm = MM * ticks.penetration[in_contact]
     axis = 0
     if len(normals):
         axis = int(np.ptp(normals, axis=0).argmax())
@@ -43,7 +38,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
                   label=f"normal along {word}{'xyz'[axis]}")  # fmt: skip
     deepest_mm = depth_mm.max(initial=0.1)
     stiffness = rehearsal.metrics["k_n_per_m"]
-    expected = stiffness * deepest_mm / 1e3
+    expected = stiffness * deepest_mm / MM
     axes.plot([-deepest_mm, 0, deepest_mm], [expected, 0, expected], color=FORCE, lw=0.8, ls="--",
               label=f"K = {stiffness:.0f} N/m")  # fmt: skip
     axes.set_xlabel("depth [mm], one face to the right, the other to the left")
@@ -67,9 +62,9 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
             label = f"{arm.name}, at the start"
             alpha = 0.85
         axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, alpha=alpha, label=label)
-    cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // DRAWN_POINTS + 1]
+    cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
-    path = motion.tip[:: len(motion.tip) // DRAWN_POINTS + 1]
+    path = motion.tip[:: len(motion.tip) // MAX_DRAWN + 1]
     axes.plot(*path.T, color=HIP, lw=1.0, label="tip")
     for stop in rehearsal.metrics["reflexes"][:1]:
         place = motion.tip[stop["tick"]]

@@ -22,22 +22,26 @@ from vfplan.engine.proxy import ProxyEngine
 Array = NDArray[np.float64]
 
 CHECK_TICKS = 256
-"""Number of ticks between two reports of progress, and two checks that the simulation is sane."""
+"""Number of ticks from one report of progress, and one check of the joints' speed, to the next."""
 
 LOST_SPEED_RAD_S = 100.0
-"""A joint that turns faster than this [rad/s] belongs to a simulation that left all bounds."""
+"""Largest speed of a joint [rad/s]. In a simulation that left all bounds a joint turns faster."""
 
 
 @dataclass(frozen=True)
-class Hand:
+class ArmHand:
     """A hand that pulls the tip to the session's place, and the tool to how it was at the start.
 
     Parameters
     ----------
-    stiffness, damping
-        Of its spring to the place [N/m], and of its damper against the place's speed [N·s/m].
-    turn_stiffness, turn_damping
-        The same against turning the tool [N·m/rad], [N·m·s/rad].
+    stiffness
+        Stiffness of the spring that pulls to the place [N/m].
+    damping
+        Damping against the tip's speed beside the place's [N·s/m].
+    turn_stiffness
+        Stiffness against turning the tool [N·m/rad].
+    turn_damping
+        Damping against turning the tool [N·m·s/rad].
     """
 
     stiffness: float = 600.0
@@ -104,7 +108,7 @@ def run_loop(
     governor: Governor | None,
     places: Array,
     start: Array,
-    hand: Hand,
+    hand: ArmHand,
     done: Callable[[int], None] | None = None,
 ) -> ArmMotion:
     """Run the loop over the places (T, 3) [m] that the hand wants, from posture `start` (n,) [rad].

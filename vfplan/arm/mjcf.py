@@ -18,10 +18,10 @@ from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 _LOG = logging.getLogger("vfplan")
 
 MAX_NODES = 5_000
-"""Number of elements; an arm has about a hundred."""
+"""Largest number of elements. An arm has about a hundred."""
 
 MAX_DEPTH = 64
-"""Number of elements within each other; an arm has about twenty."""
+"""Largest number of elements within each other. An arm has about twenty."""
 
 ELEMENTS = {
     *("mujoco", "compiler", "option", "flag", "default", "statistic", "keyframe", "key"),

@@ -21,29 +21,23 @@ ARMS = {"panda": "franka", "fr3": "fr3"}
 """Shipped arms, each with the robot file that has its limits."""
 
 MAX_JOINTS = 16
-"""Number of joints; a model with more is no arm."""
-
-POINTER_LENGTH_M = 0.1
-"""Length of a straight pointer on the flange [m]."""
-
-DAMPING = 1e-4
-"""Damping of the inverse kinematics, squared singular values [m²]. It bounds the step near a
-singular posture and changes no result."""
+"""Largest number of joints. A model with more is no arm."""
 
 ARM_LENGTH_M = 0.3
-"""One radian of turning counts as much as this distance [m] in the inverse kinematics."""
+"""Distance [m] that counts as much as one radian of turning in the inverse kinematics."""
 
 KINEMATICS_STEPS = 100
-"""Number of steps after which the inverse kinematics ends; a place in reach needs about ten."""
+"""Number of steps after which the inverse kinematics ends. A place in reach needs about ten."""
 
 LONGEST_STEP_M = 0.1
 """Largest error that one step of the inverse kinematics works off [m]."""
 
+DAMPING = (LONGEST_STEP_M / 10) ** 2
+"""Damping of the inverse kinematics, squared singular values [m²]. It bounds the step near a
+singular posture and changes no result."""
+
 SOLVED_M = 1e-6
 """Error below which the inverse kinematics is solved [m]."""
-
-KEPT_TURN_M = 1e-5
-"""Where the tip stays further than this from the place [m], the tool may tilt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +62,7 @@ class Arm:
     robot: whose limits it has; `None`: those of the shipped robot file
     base: (3,) or (7,) the arm's base in the fixture's frame: x, y, z [m] and a quaternion w, x, y,
         z
-    tool: (3,) the tip in the frame of the site `tip` [m]
+    tool: (3,) the tip in the frame of the site `tip` [m]; by default a straight pointer of 100 mm
     Raises InputError: a model that cannot be read, or is no such arm
     Raises SettingError: a base or tool of another form; no robot for a file
     Raises MissingExtra: no MuJoCo
@@ -80,7 +74,7 @@ class Arm:
         robot: Robot | None = None,
         *,
         base: Sequence[float] | None = None,
-        tool: Sequence[float] = (0.0, 0.0, POINTER_LENGTH_M),
+        tool: Sequence[float] = (0.0, 0.0, 0.1),
     ) -> None:
         if robot is None:
             if str(choice) not in ARMS and not Path(choice).exists():
@@ -146,7 +140,7 @@ class Arm:
         weights = np.array([1.0, 1, 1, ARM_LENGTH_M, ARM_LENGTH_M, ARM_LENGTH_M])[:, None]
         start = np.clip(start, self.low, self.high)
         q, distance = self._descend(place, rotation, start, weights)
-        if distance > KEPT_TURN_M:
+        if distance > SOLVED_M:
             position_only = np.array([1.0, 1, 1, 0, 0, 0])[:, None]
             q, distance = self._descend(place, rotation, q, weights * position_only)
         return q, distance

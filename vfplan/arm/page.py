@@ -7,7 +7,7 @@ from typing import Any
 
 from vfplan.arm import Rehearsal
 from vfplan.arm.figures import draw_forces, draw_in_space
-from vfplan.report.page import about, document, picture, section
+from vfplan.report.page import document, facts_table, picture, section
 from vfplan.report.tables import table
 
 
@@ -25,7 +25,7 @@ def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")
     parts = [
         f"<header><h1>{title}</h1>{verdict}</header>",
-        about(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
+        facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
         section("What would stop the arm", stops_table(metrics)),
         section("In space", in_space),
         section("Over time", over_time),

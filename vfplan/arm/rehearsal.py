@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.arm.loop import ArmMotion, Hand, run_loop
+from vfplan.arm.loop import ArmHand, ArmMotion, run_loop
 from vfplan.arm.model import Arm, Posture
 from vfplan.arm.safety_stops import safety_stops
 from vfplan.engine.governor import Governor, GovernorStatus
@@ -30,14 +30,14 @@ PLACES = 100
 """Number of places along the session that the arm must reach, and whose postures are judged."""
 
 REACHED_M = 1e-3
-"""The tip may stay this far from a place that counts as reached [m]."""
+"""Largest distance of the tip from a place that counts as reached [m]."""
 
 MAX_TICKS = 3_600_000
-"""Number of ticks of the longest session, an hour at 1 kHz; all of them are kept in memory."""
+"""Number of ticks of the longest session, an hour at 1 kHz. All of them are kept in memory."""
 
 SAME_RATE = 0.01
-"""Share by which a session's rate may differ from the arm's; clocks of two computers differ by
-less."""
+"""Largest share by which a session's rate differs from the arm's. Clocks of two computers differ
+by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def rehearse(
     arm: Arm,
     *,
     governed: bool = True,
-    hand: Hand | None = None,
+    hand: ArmHand | None = None,
     done: Callable[[int], None] | None = None,
 ) -> Rehearsal:
     """Let the session's hand move a simulated arm that renders the fixture.
@@ -108,7 +108,7 @@ def rehearse(
 
     # The run.
     loop_started = time.perf_counter()
-    motion = run_loop(arm, engine, governor, session.hip, start, hand or Hand(), done)
+    motion = run_loop(arm, engine, governor, session.hip, start, hand or ArmHand(), done)
     loop_s = time.perf_counter() - loop_started
     tick_count = len(motion.q)
     ticks = TickBlock(

@@ -25,11 +25,11 @@ from vfplan.session import Session
 from vfplan.session.events import Event
 
 MAX_POINTS = 32
-"""Number of points that the ball removes in a tick. Each goes and another appears, and the engine
-takes 64 changes a tick."""
+"""Largest number of points that the ball removes in a tick. Each goes and another appears, and the
+engine takes 64 changes a tick."""
 
 NEIGHBOURS = 12
-"""Number of neighbours from which the normal of a point is taken."""
+"""Number of neighbours from which the normal of a point is taken: two rings around it."""
 
 PROGRESS_TICKS = 1000
 """Number of ticks between two reports of progress."""
@@ -66,8 +66,10 @@ class Burr:
     ----------
     points
         (N, 3) [m].
-    radius, tolerance
-        Of the ball, and how far a point may be inside it [m].
+    radius
+        Radius of the ball [m].
+    tolerance
+        How far a point may be inside the ball [m].
     axis
         (3,) the axis along which the fixture is endless; `None`: there is none.
     """

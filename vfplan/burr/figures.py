@@ -8,13 +8,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.burr.burr import Burred
+from vfplan.display import MM
 from vfplan.engine.parameters import Vector
 from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
 from vfplan.replaying.quantities import row_norms
-
-MM = 1e3
-"""Millimetres in a metre."""
 
 
 def burr_figure(burred: Burred) -> Figure:

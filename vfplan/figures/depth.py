@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MM, nice_length
 from vfplan.errors import InputError
 from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
@@ -17,11 +17,10 @@ from vfplan.replaying.episodes import CurveRuler
 from vfplan.replaying.quantities import CONTACT_M
 
 Array = NDArray[np.float64]
-MM = 1e3
 
 MAX_SLIDE = 50
-"""Planned points that a proxy passes in a tick while it slides; one that passes more left the
-curve in between."""
+"""Number of planned points that a proxy passes in a tick while it slides. One that passes more has
+left the curve in between."""
 
 
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
@@ -93,7 +92,7 @@ def depth_plot(replayed: Replay) -> Figure:
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     if len(np.unique(ruler.stroke)) > 1:
-        axes.legend(fontsize=8)
+        axes.legend(fontsize="small")
     return figure
 
 
@@ -125,13 +124,13 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
     )
     figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize=8, markerscale=6)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", markerscale=6)
     # A length across the slice, at the bottom on the left.
     scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
     length = nice_length(0.2 * width * scale_mm)
     start = 0.03 * width
     low = 0.96 * height
     axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
-    axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize=8)
+    axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize="small")
     axes.set_axis_off()
     return figure

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FINE = 4
-"""Parts of a pixel: the outline is found on a grid this much finer than the slice's."""
+"""Parts of a pixel, so that the outline is a smooth line on a picture twice as large."""
 
 
 def outline_along(points: Array, distance: float, *, closed: bool = False) -> list[Array]:

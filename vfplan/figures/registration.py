@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MM, nice_length
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, on_slice
+from vfplan.figures.style import DPI, MARGIN_IN, MAX_DRAWN, WIDTH_PX, on_slice
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -22,23 +22,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WIDTH_PX = 900.0
-"""Width of the view [px of the picture]."""
+STRIP_IN = 2 * MARGIN_IN
+"""Height [in] of the strip under the view: a row of scale bars and one of the legend."""
 
-STRIP_IN = 0.9
-"""Height [in] of the strip under the view, with scale bars and legend."""
-
-BAR_IN = 1.1
-"""Width [in] of the strip on the right of the view, with the bar of colours."""
-
-MAX_DRAWN = 2000
-"""Points of the curve or the surface that are drawn at most."""
+BAR_IN = 2.5 * MARGIN_IN
+"""Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name."""
 
 BORDER = 0.15
-"""Space around markers and curve where no slice is shown, as a share of their extent."""
-
-MIN_HEIGHT = 0.4
-"""Height of a view that shows no slice, as a share of its width, at least."""
+"""Space around markers and curve where no slice is shown, as a share of their longer extent. It
+leaves room for labels where they lie on a line, too."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +130,7 @@ def draw_registration(
         figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
         bar.grid(False)
         draw_markers(axes, registration, view, linear, residuals_px * factor, factor)
-        draw_scale(axes, view, 1e3 * m_per_px, factor)
+        draw_scale(axes, view, MM * m_per_px, factor)
 
 
 def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedImage | None) -> View:
@@ -188,12 +180,11 @@ def view_of_patient(registration: Registration, places: Array, image: PlannedIma
     across = shown @ directions
     extent = np.ptp(across, axis=0)
     size = extent + 2 * BORDER * extent.max()
-    size[1] = max(size[1], MIN_HEIGHT * size[0])
     corner = (across.min(axis=0) + across.max(axis=0) - size) / 2
     m_per_px = size[0] / WIDTH_PX
     height = float(size[1] / m_per_px)
     return View(
-        WIDTH_PX,
+        float(WIDTH_PX),
         height,
         directions * m_per_px,
         directions @ corner,
@@ -215,7 +206,7 @@ def exaggeration(lengths_px: Array, wanted_px: float) -> float:
 
 def draw_letters(axes: Any, view: View) -> None:
     """Which plane of the patient is shown, and the patient's directions at its borders."""
-    look = {"va": "center", "fontsize": 11, "color": FORCE, "transform": axes.transAxes}
+    look = {"va": "center", "fontsize": "large", "color": FORCE, "transform": axes.transAxes}
     axes.text(0.02, 0.97, view.title, **look)
     middles = [(0.02, 0.5), (0.98, 0.5), (0.5, 0.97), (0.5, 0.03)]
     for letter, (u, v) in zip(view.letters, middles, strict=True):
@@ -225,7 +216,7 @@ def draw_letters(axes: Any, view: View) -> None:
 def draw_points(axes: Any, registration: Registration, places: Array, view: View) -> Any:
     """The points of a surface or a cloud, coloured by the predicted RMS TRE."""
     drawn = places[:: max(1, len(places) // MAX_DRAWN)]
-    tre_mm = registration.tre_m(drawn) * 1e3
+    tre_mm = registration.tre_m(drawn) * MM
     return axes.scatter(*view.pixels(drawn).T, c=tre_mm, cmap="viridis", s=3, lw=0)
 
 
@@ -245,7 +236,7 @@ def draw_band(
 
     points = view.pixels(places)
     start, end = drawn_segments(curve, points)
-    tre_mm = registration.tre_m(places) * 1e3
+    tre_mm = registration.tre_m(places) * MM
     half_px = registration.tre95_curve_m(places) / m_per_px
     factor = exaggeration(half_px[:, None], 0.02 * view.width)
     a = points[start]
@@ -311,7 +302,7 @@ def draw_markers(
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
     normal = np.cross(linear[:, 0], linear[:, 1])
     normal /= np.linalg.norm(normal)
-    residuals_mm = registration.residual_vectors_m * 1e3
+    residuals_mm = registration.residual_vectors_m * MM
     across_mm = residuals_mm @ normal
     whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]
@@ -330,7 +321,7 @@ def draw_markers(
         where = {"xytext": (6, -11), "ha": "left"}
         if place[0] > border:
             where = {"xytext": (-6, -11), "ha": "right"}
-        where |= {"textcoords": "offset points", "fontsize": 7}
+        where |= {"textcoords": "offset points", "fontsize": "small"}
         where["bbox"] = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
         axes.annotate(text, place, color=colour, **where)
 
@@ -340,7 +331,7 @@ def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
 
     factor: how much larger than life the residuals are drawn
     """
-    words = {"va": "center", "clip_on": False}
+    words = {"va": "center", "clip_on": False, "fontsize": "small"}
     y = view.height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width / view.height)
     bars = ((0.02, 1.0, f"in the {view.name}"), (0.36, factor, "of a residual"))
     for share, drawn_factor, what in bars:
@@ -350,6 +341,6 @@ def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
         axes.plot([first, last], [y, y], **bar)
         text = f"{length_mm:g} mm {what}"
-        axes.text(last + 0.01 * view.width, y, text, fontsize=8, **words)
+        axes.text(last + 0.01 * view.width, y, text, **words)
     note = f"beside each marker: its residual\n(its part across the {view.name})"
-    axes.text(0.70 * view.width, y, note, fontsize=7, **words)
+    axes.text(0.70 * view.width, y, note, **words)

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.figures.style import subplots
+from vfplan.display import MM
+from vfplan.figures.style import MAX_DRAWN, subplots
 from vfplan.fixture import Fixture
 from vfplan.geometry.polyline import ring_of
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
@@ -20,13 +21,8 @@ from vfplan.replaying.thinning import contact_marks
 
 Array = NDArray[np.float64]
 
-MM = 1e3
-
 MARK_HZ = 10.0
-"""Contact circles and normals are drawn this often [Hz], as in the paper."""
-
-MAX_POINTS = 4000
-"""Points of the fixture that a picture in perspective shows."""
+"""How often contact circles and normals are drawn [Hz], as in the paper."""
 
 
 def timeline(replayed: Replay) -> Figure:
@@ -50,7 +46,7 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle, bottom):
         shade_episodes(axes, replayed)
     for axes in (top, middle):
-        axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
+        axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     count = episode_count(replayed.metrics)
     rule = replayed.rule
     if rule == "both":
@@ -147,7 +143,7 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     axes.set_ylim(low[1], high[1])
     labels = axis_names(basis)
     axes.set(xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8, markerscale=2.5)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 
 
@@ -189,7 +185,7 @@ def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
     proxy = MM * ticks.proxy
     radius = MM * replayed.fixture.contact_radius
     figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    every = max(1, len(cloud) // MAX_POINTS)
+    every = max(1, len(cloud) // MAX_DRAWN)
     axes.plot(*cloud[::every].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
     axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
@@ -200,7 +196,7 @@ def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_zlabel("z [mm]")
     axes.set_aspect("equal")
-    axes.legend(loc="upper left", fontsize=8)
+    axes.legend(loc="upper left", fontsize="small")
     return figure
 
 
@@ -230,7 +226,7 @@ def guide_plot(replayed: Replay) -> Figure:
             axes.axvline(start, color=CLOUD, lw=0.6, ls=":")
     top.set_ylabel("beside the curve [mm]")
     top.set_ylim(bottom=0)
-    top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
+    top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     top.set_title(f"outside for {guide['outside_s']:.2f} s", loc="left")
     bottom.set_ylabel("force [N]")
     bottom.set_xlabel("arc length along the guide [mm]")

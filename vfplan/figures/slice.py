@@ -11,10 +11,11 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MAX_LISTED, nice_length
 from vfplan.figures.outline import outline_along
-from vfplan.figures.style import DPI, on_slice
+from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
 from vfplan.io.staging import write_whole
+from vfplan.markers.marks import MIN_CONTRAST
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:
@@ -26,44 +27,35 @@ if TYPE_CHECKING:
 
 OTHER_INK = PROXY
 
-MIN_WIDTH_PX = 900
-"""Width [px] of the picture of the smallest slice: it reads at the width of a page."""
-
-MAX_WIDTH_PX = 1600
-"""Width [px] of the picture of the largest slice."""
-
-LEGEND_IN = 0.45
-"""Height [in] of the strip below the slice in which the legend stands."""
+MAX_WIDTH_PX = 2 * WIDTH_PX
+"""Width [px of the picture] of the largest slice: two pages side by side."""
 
 ARROWS = 6
-"""Arrow heads along a stroke, which show its direction."""
+"""Number of arrow heads along a stroke, which show its direction."""
 
 OUTLINE_GAP_PX = 3.0
 """Distance [px of the picture] between the edge of the ink and the outline."""
 
-ARROW_GAP_PX = 9.0
+ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
 """Distance [px of the picture] between the outline and the arrow heads along it."""
 
 USUAL_WIDTH_PX = 4.0
 """Width [px of the slice] of a pen if nobody knows it."""
 
-CAPTIONS = 12
-"""Pieces of other ink that have a caption; those of more would write over each other."""
+RING_PT = 3 * TEXT_PT
+"""Diameter [pt] of the ring around a place that a refusal speaks of."""
 
-WORD_DISTANCE_PT = 14
-"""Distance [pt] of a word from the place that it speaks of, which a ring of 26 pt marks."""
+WORD_DISTANCE_PT = RING_PT / 2 + 1
+"""Distance [pt] of a word from the place that it speaks of: clear of the ring."""
 
-LETTER_PX = 12.0
-"""Width [px of the picture] of a letter of such a word, as it is printed."""
+LETTER_PX = TEXT_PX * 2 / 3
+"""Width [px of the picture] of a letter: two thirds of its height, if it is bold."""
 
-LINE_PX = 30.0
-"""Height [px of the picture] of such a word with its box, as it is printed."""
+LINE_PX = TEXT_PX * 1.6
+"""Height [px of the picture] of a line of text in a box."""
 
-COLOURED = 0.15
-"""Of white: the chroma from which a pixel counts as ink that a word should not cover."""
-
-OBLIQUE = 0.38
-"""Share of a direction, sin 22 degrees, from which on its side is named too."""
+OBLIQUE = np.sin(np.pi / 8)
+"""Share of a direction from which on its side is named too: less is nearer to the main one."""
 
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
@@ -122,7 +114,7 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
             _write_beside(axes, image, line[0], str(number), colour, scale)
         if "u_px" in error.numbers:
             place = error.numbers["u_px"], error.numbers["v_px"]
-            axes.plot(*place, "o", ms=26, mfc="none", mec=CONTACT, mew=2, zorder=8)
+            axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
             _write_beside(axes, image, place, error.code, CONTACT, scale)
 
 
@@ -133,7 +125,7 @@ def _write_beside(
     distance = WORD_DISTANCE_PT * DPI / 72 / scale
     width, height = len(text) * LETTER_PX / scale, LINE_PX / scale
     rgb = image.rgb / np.iinfo(image.rgb.dtype).max
-    inked = np.ptp(rgb, axis=2) > COLOURED
+    inked = np.ptp(rgb, axis=2) > MIN_CONTRAST
     least_covered = np.inf
     for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         u = place[0] + right * (distance + width / 2)
@@ -170,11 +162,16 @@ def _write_beside(
 def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     """Write the slice with what the block draws on it: axes, and the picture's pixels a pixel."""
     size = image.width_px, image.height_px
-    scale = np.clip(image.width_px, MIN_WIDTH_PX, MAX_WIDTH_PX) / image.width_px
-    middle = LEGEND_IN / 2 / (image.height_px * scale / DPI + LEGEND_IN)
-    legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False, "fontsize": 7.5}
+    scale = np.clip(image.width_px, WIDTH_PX, MAX_WIDTH_PX) / image.width_px
+    middle = MARGIN_IN / 2 / (image.height_px * scale / DPI + MARGIN_IN)
+    legend = {
+        "loc": "center",
+        "bbox_to_anchor": (0.5, middle),
+        "frameon": False,
+        "fontsize": "small",
+    }
     legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
-    with on_slice(path, size, scale / DPI, LEGEND_IN, **legend) as (_, axes):
+    with on_slice(path, size, scale / DPI, MARGIN_IN, **legend) as (_, axes):
         picture = image.rgb
         if picture.dtype != np.uint8:
             picture = picture / np.iinfo(picture.dtype).max
@@ -194,7 +191,7 @@ def draw_scale(axes: Any, image: PlannedImage) -> None:
     end = start + length / image.pixel_spacing_mm[0]
     edge = (withStroke(linewidth=5.0, foreground="white"),)
     axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
-    where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": 8}
+    where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": "small"}
     middle = ((start + end) / 2, low)
     axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
 
@@ -244,7 +241,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
             beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
             axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
     draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
-    look = {"textcoords": "offset points", "fontsize": 8, "color": FORCE, "weight": "bold"}
+    look = {"textcoords": "offset points", "fontsize": "small", "color": FORCE, "weight": "bold"}
     look |= {"path_effects": HALO, "zorder": 6}
     axes.annotate(f"start{name}", points[0], xytext=(9, 9), **look)
     if not stroke.closed:
@@ -271,9 +268,14 @@ def draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
         if finding.place_px is None:
             continue
         box = {"fc": FORCE, "ec": "white", "pad": 1.5}
-        where = {"xytext": (14, 14), "textcoords": "offset points", "zorder": 9, "weight": "bold"}
+        where = {
+            "xytext": (WORD_DISTANCE_PT,) * 2,
+            "textcoords": "offset points",
+            "zorder": 9,
+            "weight": "bold",
+        }
         leader = {"arrowstyle": "-", "color": FORCE, "lw": 1.2, "shrinkB": 4}
-        look = {"color": "white", "fontsize": 8, "bbox": box, "arrowprops": leader}
+        look = {"color": "white", "fontsize": "small", "bbox": box, "arrowprops": leader}
         axes.annotate(f"F{number}", finding.place_px, **look, **where)
 
 
@@ -281,12 +283,12 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
     """A box around each piece of other ink, with its number; the smallest of many are left out."""
     from matplotlib.patches import Rectangle
 
-    for entry in account[:CAPTIONS]:
+    for entry in account[:MAX_LISTED]:
         if entry.what != "ink":
             continue
         half = entry.size_px / 2 + 3
         corner = entry.u - half, entry.v - half
         look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
         axes.add_patch(Rectangle(corner, 2 * half, 2 * half, **look))
-        words = {"color": OTHER_INK, "fontsize": 7, "va": "bottom", "clip_on": True}
+        words = {"color": OTHER_INK, "fontsize": "small", "va": "bottom", "clip_on": True}
         axes.text(*corner, str(entry.number), **words)

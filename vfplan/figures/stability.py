@@ -9,14 +9,12 @@ from vfplan.figures.style import subplots
 from vfplan.palette import CONTACT, RULE
 from vfplan.stability import CaseResult
 
-RULE_OFFSET = {"robust": -0.25, "paper": 0.0, "exact": 0.25}
-"""Where the dots of a rule stand beside the scene's place, in distances of the scenes."""
-
-RULE_WIDTH = 0.2
-"""How wide the dots of a rule are spread, in distances of the scenes."""
+RULES = tuple(RULE)
+RULE_WIDTH = 1 / (len(RULES) + 1)
+"""Width of a rule's dots with the gap beside them, as a share of the scene's column."""
 
 LINEAR_UP_TO = 1e-3
-"""Up to this excess the axis is linear; beyond it, it is logarithmic on both sides."""
+"""Excess up to which the axis is linear. Beyond it, it is logarithmic on both sides."""
 
 
 def passivity_plot(rows: list[CaseResult]) -> Figure:
@@ -40,8 +38,9 @@ def passivity_plot(rows: list[CaseResult]) -> Figure:
             label = f"rule {rule}"
         excess = np.array(row.values["excess"])
         largest = max(largest, float(excess.max()))
-        middle = scenes.index(scene) + RULE_OFFSET[rule]
-        x = middle + np.linspace(-RULE_WIDTH / 2, RULE_WIDTH / 2, len(excess))
+        # The rules stand side by side, the middle one in the middle of the column.
+        middle = scenes.index(scene) + (RULES.index(rule) - len(RULES) // 2) * RULE_WIDTH
+        x = middle + np.linspace(-0.4, 0.4, len(excess)) * RULE_WIDTH
         axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=label)
 
     axes.set_yscale("symlog", linthresh=LINEAR_UP_TO)

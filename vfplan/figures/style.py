@@ -18,18 +18,32 @@ from vfplan.palette import CYCLE
 DPI = 150
 """Dots an inch of every picture."""
 
+TEXT_PT = 9.0
+"""Height [pt] of text that reads at the width of a page."""
+
+TEXT_PX = TEXT_PT * DPI / 72
+"""The same as it is printed [px of the picture]; 72 pt are an inch."""
+
+WIDTH_PX = 6 * DPI
+"""Width [px of the picture] of the smallest slice: the 6 inches of a page."""
+
+MARGIN_IN = 0.45
+"""Height [in] of the margin beside a slice that holds one row of a legend."""
+
+MAX_DRAWN = 4000
+"""Number of points of a cloud or of a path that a picture draws. More look the same."""
+
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
 SETTINGS = {}
 for name, value in mpl.rcParamsDefault.items():
     if not name.startswith("backend"):
         SETTINGS[name] = value
-SETTINGS["font.size"] = 9.0
-SETTINGS["axes.titlesize"] = 10.0
+SETTINGS["font.size"] = TEXT_PT
 SETTINGS["axes.spines.top"] = False
 SETTINGS["axes.spines.right"] = False
 SETTINGS["axes.grid"] = True
 SETTINGS["axes.prop_cycle"] = mpl.cycler(color=CYCLE)
-SETTINGS["grid.alpha"] = 0.25
+SETTINGS["grid.color"] = "#ebebeb"
 SETTINGS["legend.frameon"] = False
 
 

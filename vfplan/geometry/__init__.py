@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from vfplan.lazy import on_demand
 
-# Rows of an array that are worked on at once, so that memory stays at some megabytes. It changes no
-# result.
 ROWS_AT_ONCE = 10_000
+"""Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
+changes no result."""
+
+ROUNDING = 1e-12
+"""Largest rounding of a length, as a share of the longest one: some thousand steps of float64."""
 
 # What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
 __getattr__ = on_demand(

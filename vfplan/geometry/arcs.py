@@ -14,17 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
+from vfplan.geometry import ROUNDING
 
 PLACES_A_STEP = 8
-"""Places on the spline from one measured point to the next at which the error is looked at."""
+"""Number of places on the spline, from one measured point to the next, where its error is taken."""
 ISOLATED = 2.0
-"""Times the turn of its neighbours by which a corner turns; a smooth bend is shared with them."""
+"""Smallest turn of a corner over that of its neighbours. A smooth bend is shared with them."""
 OUTSTANDING = 6.0
-"""Times the median turn by which a corner turns. Of 10^4 normal deviates the largest is 5.8."""
-POSITIONS_AT_ONCE = 128
-"""Positions whose distance is computed together."""
-STRAIGHT = 1e-12
-"""A bulge below this is a rounding error of a straight line."""
+"""Smallest turn of a corner over the median turn. Of 10^4 normal deviates the largest is 5.8."""
+POSITIONS_AT_ONCE = 16 * PLACES_A_STEP
+"""Number of positions whose distance is computed together. They lie close to each other."""
 
 Vector = NDArray[np.float64]
 
@@ -195,7 +194,7 @@ def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
     vertices = []
     bulges = []
     error = 0.0
-    for run in _smooth_runs(points, closed, tolerance):
+    for run in smooth_runs(points, closed, tolerance):
         run_vertices, run_bulges, run_error = run.arcs(tolerance)
         vertices.append(run_vertices[:-1])
         bulges.append(run_bulges)
@@ -242,7 +241,7 @@ def plane(axis: Vector) -> Vector:
     return np.stack([first, np.cross(axis, first)])
 
 
-def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothRun]:
+def smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothRun]:
     """The runs from corner to corner; a closed curve begins at one, if it has any."""
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
@@ -258,12 +257,12 @@ def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothR
 
 
 def _bulge(tangent: Vector, chord: Vector) -> float:
-    """Of the arc that leaves along the tangent and ends at the chord's end."""
+    """The bulge of the arc that leaves along the tangent and ends at the chord's end."""
     tu, tv = tangent.tolist()
     cu, cv = chord.tolist()
     half = float(np.arctan2(tu * cv - tv * cu, tangent @ chord))
     bulge = float(np.tan(min(max(half, -3.1), 3.1) / 2))
-    if abs(bulge) <= STRAIGHT:
+    if abs(bulge) <= ROUNDING:
         return 0.0
     return bulge
 

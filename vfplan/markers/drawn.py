@@ -30,11 +30,11 @@ MAX_MISFIT = 0.45
 # A mark with less is clear, and no other colour or shape needs to be tried.
 CLEAR_MISFIT = 0.3
 
-# Largest blur [px] of a mark whose colour compression has not blurred.
-SHARP_PX = 0.7
-
 # Largest RMS misfit of the brightness. It is larger, for the background is itself an estimate.
 MAX_BRIGHTNESS_MISFIT = 0.7
+
+# Largest blur [px] of a mark whose colour compression has not blurred.
+SHARP_PX = 0.7
 
 
 @dataclass(frozen=True)

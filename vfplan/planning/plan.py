@@ -151,10 +151,10 @@ def register(
         a guide that leads into what is forbidden.
     """
     from vfplan.registration import (
-        describe,
         describe_checks,
         error_findings,
         refuse_large_error,
+        registration_report,
         target_error,
     )
 
@@ -216,7 +216,7 @@ def register(
     fixture = replace(fixture, findings=(*earlier, *findings))
 
     # The report: the markers' own fit, and what the touched points made of it.
-    report = describe(matched.registration, drawn.points, error=error)
+    report = registration_report(matched.registration, drawn.points, error=error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
     if margin is not None:

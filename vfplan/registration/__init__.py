@@ -12,12 +12,11 @@ from vfplan.registration.checks import (
     side_finding,
 )
 from vfplan.registration.error import target_error
-from vfplan.registration.registration import Registration, describe, fit_registration
+from vfplan.registration.registration import Registration, fit_registration, registration_report
 from vfplan.registration.touch import refine_by_touch
 
 __all__ = [
     "Registration",
-    "describe",
     "describe_checks",
     "error_findings",
     "fit_registration",
@@ -25,6 +24,7 @@ __all__ = [
     "refuse_large_error",
     "refuse_wrong_markers",
     "registration_findings",
+    "registration_report",
     "side_finding",
     "target_error",
 ]

@@ -16,9 +16,9 @@ from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
 from vfplan.markers.correspondences import MAX_RADIUS_M
 from vfplan.registration.error import TargetError
-from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model
+from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model, fit_similarity
 from vfplan.registration.labels import SURE_PROBABILITY, label_mistakes
-from vfplan.registration.models import Array, Orthogonal
+from vfplan.registration.models import Array, rms_length
 from vfplan.registration.perspective import perspective_test
 from vfplan.registration.registration import Registration, describe_side
 from vfplan.registration.scale import (
@@ -129,7 +129,7 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     if not f[worst] > registration.f_limits[worst] or not has_residual:
         return None
     without = fit_model(problem, others)
-    others_m = float(np.sqrt((without.vectors[others] ** 2).sum(axis=1).mean()))
+    others_m = rms_length(without.vectors[others])
     if others_m > registration.fre_rms_m / 2:
         return None
     return worst, others_m
@@ -148,11 +148,8 @@ def refuse_large_error(
         return
     advice = "Add markers around the curve"
     if registration.model == "affine" and not stretch_findings(registration):
-        problem = registration.fit.problem
-        smaller = replace(problem, model=Orthogonal(problem.model.dimension, None, "similarity"))
-        similar = replace(
-            registration, model="similarity", fit=fit_model(smaller, registration.used)
-        )
+        fit = fit_similarity(registration.fit.problem, registration.used)
+        similar = replace(registration, model="similarity", fit=fit)
         similar_m = float(similar.tre95_curve_m(points).max())
         if similar_m <= max_tre_m:
             advice = f"With --model similarity it is {_mm(similar_m)}"
@@ -257,7 +254,7 @@ def layout_findings(registration: Registration) -> list[Finding]:
             )
             place = _place_px(registration, i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
-    radius_m = float(np.sqrt((registration.fit.problem.y**2).sum(axis=1).mean()))
+    radius_m = rms_length(registration.fit.problem.y)
     if radius_m > MAX_RADIUS_M:
         text = f"The markers lie {radius_m:.3g} m (rms) from their centre. Is the unit metres?"
         findings.append(doubt("layout-large", "register", text))
@@ -290,9 +287,7 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
         text += " Add a marker near it."
         return [doubt("markers-unchecked", "register", text, place_px=place)]
     if registration.model == "affine" and fit.problem.model.dimension == 2:
-        square = replace(fit.problem, model=Orthogonal(2, None, "similarity"))
-        vectors_m = fit_model(square, fit.used).vectors[fit.used]
-        residual_m = float(np.sqrt((vectors_m**2).sum(axis=1).mean()))
+        residual_m = rms_length(fit_similarity(fit.problem, fit.used).vectors[fit.used])
         if residual_m > UNSTRETCHED_RESIDUAL_M:
             text += (
                 f" Without the stretch of the affine map the markers miss by {_mm(residual_m)} "

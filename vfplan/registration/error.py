@@ -106,12 +106,13 @@ def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
     """
     from scipy.special import fdtr
 
-    if not pointwise_m.max() > 0:  # an exact fit has no error to bound
-        return 1.0
+    if not pointwise_m.max() > 0:
+        return 1.0  # An exact fit has no error to bound.
     p = rows.shape[2]
     chosen = np.linspace(0, len(rows) - 1, min(len(rows), CURVE_POINTS)).round().astype(int)
     directions = _directions(p)
-    largest = np.zeros(DIRECTIONS)  # g(ω)²
+    # The g(ω)² of each direction ω.
+    largest = np.zeros(DIRECTIONS)
     for row in rows[chosen] / pointwise_m[chosen, None, None]:
         np.maximum(largest, ((row @ directions) ** 2).sum(axis=0), out=largest)
 

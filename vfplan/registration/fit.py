@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.registration.models import Affine, Array, marker_rows, root_of_inverse
+from vfplan.registration.models import Affine, Array, Orthogonal, marker_rows, root_of_inverse
 from vfplan.registration.problem import MAX_CONDITION, Problem
 
 # A set of good markers is suspected once in a hundred: of an outlier, of mistaken labels, or of
@@ -36,12 +36,12 @@ class Fit:
     # Degrees of freedom, 3 N - p.
     dof: int
     # (3 (k+1), p) A, so that variance times A Aᵀ is the covariance of row-major M.
-    root: Array
+    covariance_root: Array
 
     @property
     def covariance(self) -> Array:
         """(3 (k+1), 3 (k+1)) covariance of row-major M."""
-        return self.variance * self.root @ self.root.T
+        return self.variance * self.covariance_root @ self.covariance_root.T
 
     @property
     def leverage(self) -> Array:
@@ -67,6 +67,12 @@ def fit_model(problem: Problem, used: NDArray[np.bool_] | None = None) -> Fit:
     spread = jacobian @ inverse_root
     hat = spread @ np.swapaxes(spread, 1, 2) * weights[:, None, :]
     return Fit(problem, m, used, vectors, hat, squares / dof, dof, tangent @ inverse_root)
+
+
+def fit_similarity(problem: Problem, used: NDArray[np.bool_]) -> Fit:
+    """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
+    similarity = Orthogonal(problem.model.dimension, None, "similarity")
+    return fit_model(replace(problem, model=similarity), used)
 
 
 def leave_one_out(fit: Fit) -> Array:

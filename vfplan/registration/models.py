@@ -156,6 +156,11 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
     return Orthogonal(dimension, metric_scale, name)
 
 
+def rms_length(vectors: Array) -> float:
+    """RMS length of vectors (N, k)."""
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
+
 def homogeneous(s: Array) -> Array:
     """[s, 1] along the last axis."""
     return np.concatenate([s, np.ones((*s.shape[:-1], 1))], axis=-1)

@@ -23,9 +23,6 @@ SURE_PROBABILITY = 1 / 200
 # more sets of a slice tilted by 1 or 2 degrees would pass, although their bound does not hold.
 POSSIBLE_PROBABILITY = 0.1
 
-# Fewer markers leave the two parameters of perspective hardly a residual to be judged by.
-MIN_MARKERS = 6
-
 
 @dataclass(frozen=True, eq=False)
 class PerspectiveTest:
@@ -56,7 +53,8 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
 
     problem = registration.fit.problem
     n = len(problem.s)
-    if problem.model.dimension != 2 or n < MIN_MARKERS:
+    # Fewer than twice as many markers as an affine map needs leave hardly a residual to judge by.
+    if problem.model.dimension != 2 or n < 2 * Affine(2).minimal:
         return None
     affine = fit_model(replace(problem, model=Affine(2)))
     affine_squares = affine.variance * affine.dof

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration.models import MODELS, Array, Model, ModelName, homogeneous, make_model
+from vfplan.registration.models import (
+    MODELS,
+    Array,
+    Model,
+    ModelName,
+    homogeneous,
+    make_model,
+    rms_length,
+)
 
 # Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
 # at one length beside the line, the error would be a thousand times that of a marker.
@@ -110,7 +118,7 @@ def make_problem(
 
     metric = raw * spacing
     centre = metric.mean(axis=0)
-    radius = float(np.sqrt(((metric - centre) ** 2).sum(axis=1).mean()))
+    radius = rms_length(metric - centre)
     # An affine map of a solid needs depth; every other transform needs markers off a line.
     rank = 2
     if model == "affine" and raw.shape[1] == 3:

@@ -203,7 +203,7 @@ class Registration:
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
-        return error_rows(self.normalised(points), self.fit.root) * self.sigma_m
+        return error_rows(self.normalised(points), self.fit.covariance_root) * self.sigma_m
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -384,7 +384,7 @@ def is_mirrored(fit: Fit) -> bool:
     return fit.variance * fit.dof > limit * mirrored
 
 
-def describe(
+def registration_report(
     registration: Registration,
     points: ArrayLike | None = None,
     *,

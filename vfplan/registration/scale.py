@@ -8,8 +8,8 @@ import numpy as np
 
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt
-from vfplan.registration.fit import RARE_PROBABILITY, fit_model
-from vfplan.registration.models import Affine, Orthogonal
+from vfplan.registration.fit import RARE_PROBABILITY, fit_model, fit_similarity
+from vfplan.registration.models import Affine
 from vfplan.registration.registration import Registration
 
 # Largest scale over the known scale. More is another unit or another picture, not a printer's
@@ -36,7 +36,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
     if k == 2 and registration.pixel_spacing is None:
         return []
     if registration.model == "rigid":
-        fit = fit_model(replace(problem, model=Orthogonal(k, None, "similarity")), fit.used)
+        fit = fit_similarity(problem, fit.used)
     axes = 1
     if registration.model == "affine":
         axes = k
@@ -95,7 +95,7 @@ def stretch_findings(registration: Registration) -> list[Finding]:
     free = fit_model(replace(problem, model=affine), used)
     square = registration.fit
     if registration.model == "affine":
-        square = fit_model(replace(problem, model=Orthogonal(2, None, "similarity")), used)
+        square = fit_similarity(problem, used)
     long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
     if registration.model == "affine" and long < MAX_STRETCH * short:
         return []

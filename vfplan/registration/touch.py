@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.fit import RARE_PROBABILITY
-from vfplan.registration.models import Array, Orthogonal, homogeneous, root_of_inverse
+from vfplan.registration.models import (
+    Array,
+    Orthogonal,
+    homogeneous,
+    rms_length,
+    root_of_inverse,
+)
 from vfplan.registration.nearest import ROUNDING_M, NearestOnMesh
 from vfplan.registration.registration import Registration
 
@@ -149,7 +155,7 @@ def refine_by_touch(
         vectors=fit.problem.y - fit.problem.x @ m.T,
         variance=float((distances_m[used] ** 2).sum()) / dof,
         dof=dof,
-        root=model.tangent(m) @ root_of_inverse(jacobian),
+        covariance_root=model.tangent(m) @ root_of_inverse(jacobian),
     )
     refined = replace(registration, fit=refined_fit)
     return TouchRefinement(refined, distances_m, before_m, used, constraint)
@@ -229,7 +235,7 @@ def _jacobian(normals: Array, arms: Array) -> Array:
 def refuse_free_motion(normals: Array, places: Array) -> float:
     """How well the worst motion is constrained; refuses a patch that leaves one free."""
     arms = places - places.mean(axis=0)
-    radius = np.sqrt((arms**2).sum(axis=1).mean())
+    radius = rms_length(arms)
     jacobian = _jacobian(normals, arms / radius)
     _, sizes, motions = np.linalg.svd(jacobian / np.sqrt(len(jacobian)), full_matrices=False)
     constraint = float(sizes[-1])

@@ -63,7 +63,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     """The HTML text of the report: verdict, slice and force first, files and hashes last."""
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
-    body = [f"<header><h1>{title}</h1>{_verdict(metrics)}</header>"]
+    body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>"]
 
     # What a reader wants first: where it happened, and with what force.
     if image is not None and _has_depth(replayed):
@@ -77,7 +77,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body.append(section("Summary", summary(metrics) + checks(metrics) + findings(metrics)))
 
     # Then all of it, to look into.
-    body.append(section("Frame by frame", _scrubber(replayed)))
+    body.append(section("Frame by frame", scrubber(replayed)))
     if image is not None and _has_depth(replayed):
         body.append(section("In space", _in_space(replayed, image)))
     if metrics.get("arc_m") is not None:
@@ -89,7 +89,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         words = "depth along the planned curve"
         body.append(section("Along the planned curve", picture(depth_plot(replayed), words)))
     body.append(section("Contact episodes", episodes(metrics)))
-    body.append(section("What was planned", _review_sheet(replayed, image)))
+    body.append(section("What was planned", review_sheet(replayed, image)))
 
     # Last what identifies it: settings, files and hashes.
     body.append(section("What was replayed", settings(metrics, replayed.fixture)))
@@ -98,7 +98,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         record = metrics.get(role, {})
         facts[role] = record.get("name", "made in memory")
         facts[f"{role}'s SHA-256"] = record.get("sha256", "")
-    body.append(about(facts))
+    body.append(facts_table(facts))
     text = "\n".join(body)
     return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
 
@@ -108,7 +108,7 @@ def _has_depth(replayed: Replay) -> bool:
     return replayed.fixture.curve is not None and bool(replayed.metrics["contact_ticks"])
 
 
-def _scrubber(replayed: Replay) -> str:
+def scrubber(replayed: Replay) -> str:
     """The scene and the plots that move through time."""
     ticks = f"of {replayed.metrics['ticks']} ticks"
     if replayed.stride > 1:
@@ -118,7 +118,7 @@ def _scrubber(replayed: Replay) -> str:
     return text.replace("{envelope}", words)
 
 
-def about(facts: dict[str, str]) -> str:
+def facts_table(facts: dict[str, str]) -> str:
     """When the page was made, by which program, and the facts given; empty ones are left out."""
     rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", **facts}
     lines = []
@@ -169,7 +169,7 @@ def palette_css(light: dict[str, str], dark: dict[str, str]) -> str:
     )
 
 
-def _verdict(metrics: dict[str, Any]) -> str:
+def verdict_line(metrics: dict[str, Any]) -> str:
     """The first line of the page: green, red, or grey if nothing was tested."""
     limits = metrics.get("checks", [])
     if metrics["verdict"] == "fail":
@@ -182,7 +182,7 @@ def _verdict(metrics: dict[str, Any]) -> str:
     return '<p class="verdict none">NOT TESTED: the tool never touched the fixture</p>'
 
 
-def _review_sheet(replayed: Replay, image: Path | None) -> str:
+def review_sheet(replayed: Replay, image: Path | None) -> str:
     """The review sheet of the fixture, or how to get it if its slice was not given."""
     from vfplan.images.read import read_image
     from vfplan.review.sheet import draw_sheet

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.figures.replay import axis_names, plane_basis
+from vfplan.figures.style import MAX_DRAWN, WIDTH_PX
 from vfplan.fixture import Fixture
 from vfplan.replaying import Replay
 from vfplan.replaying.quantities import row_norms
@@ -17,22 +19,14 @@ from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
 
-FRAMES = 4000
-"""Ticks that the scrubber holds at most; the slider has fewer pixels."""
+COLUMNS = WIDTH_PX
+"""Number of columns of the whole session's envelope, one for each pixel of the plot's width."""
 
-CLOUD = 6000
-"""Points of the fixture that the scene draws at most."""
-
-COLUMNS = 1200
-"""Columns of the whole session's envelope: a plot is about as many pixels wide."""
+ZOOM_COLUMNS = COLUMNS // 2
+"""Number of columns of an episode's envelope. It is drawn coarser, to keep the page small."""
 
 MAX_ZOOMS = 40
-"""Episodes that have an envelope of their own."""
-
-ZOOM_COLUMNS = 400
-"""Columns of an episode's envelope."""
-
-MM = 1e3
+"""Number of episodes with an envelope of their own. A page of more would be slow to open."""
 
 
 def placing(fixture: Fixture) -> tuple[Array, Array]:
@@ -46,7 +40,7 @@ def placing(fixture: Fixture) -> tuple[Array, Array]:
 def scene_data(fixture: Fixture) -> dict[str, Any]:
     """What stands still in the scene."""
     basis, centre = placing(fixture)
-    step = -(-len(fixture.points) // CLOUD)
+    step = -(-len(fixture.points) // MAX_DRAWN)
     return {
         "dims": basis.shape[1],
         "axes": axis_names(basis),
@@ -61,7 +55,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     Lengths in mm to 1 µm, times in s, forces in N. Longer sessions show of each stretch the tick
     with the deepest penetration.
     """
-    ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // FRAMES))
+    ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
     first_episode = 0

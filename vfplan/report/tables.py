@@ -9,11 +9,8 @@ from typing import Any, NamedTuple
 from vfplan.fixture import Fixture
 from vfplan.replaying.episodes import episode_count
 
-MAX_EPISODES = 200
-"""Rows of the table of episodes; a longer one is not read."""
-
 LONG_GROUP = 20
-"""Rows of settings above which a group takes the whole width of the page."""
+"""Largest number of rows of settings that stand beside another group, on half of the page."""
 
 
 class Quantity(NamedTuple):
@@ -211,7 +208,7 @@ def findings(metrics: dict[str, Any]) -> str:
 
 def episodes(metrics: dict[str, Any]) -> str:
     """One row an episode; a click moves the scrubber to its deepest tick."""
-    listed = metrics["episodes"][:MAX_EPISODES]
+    listed = metrics["episodes"]
     if not listed:
         return "<p>No contact.</p>"
     has_curve = "deepest_along" in listed[0]

@@ -14,6 +14,7 @@ from vfplan.stability import contacts
 from vfplan.stability.case_result import CaseResult, outcome_of
 from vfplan.stability.contacts import Contact
 from vfplan.stability.largest import (
+    MAX_TICKS,
     EngineMaker,
     LargestStiffness,
     is_stable,
@@ -24,16 +25,13 @@ from vfplan.stability.largest import (
 from vfplan.stability.loop import Engine, simulate
 
 FLAT_TOLERANCE = 0.02
-"""How far the largest stable K of a flat wall may be from the exact bound, relative to it."""
+"""Largest difference of a flat wall's largest stable K from the exact bound, relative to it."""
 
 MIN_RATIO = 0.95
 """Smallest share of the exact bound that any other contact must bear."""
 
 REST_TOLERANCE = 0.05
 """Share of the final depth within which a pressed mass counts as at rest."""
-
-MAX_PRESS_TICKS = 10_000
-"""Longest press [ticks], 10 s at 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +220,7 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
 def press_length(robot: Robot, stiffness: float) -> int:
     """Ticks in which the step response dies down: nine time constants of the slower mode.
 
-    At least 400 and at most `MAX_PRESS_TICKS`. The robot's damping must be above 0.
+    At least 400 and at most `MAX_TICKS`. The robot's damping must be above 0.
     """
     mass = robot.mass_kg
     damping = robot.damping_n_s_per_m
@@ -230,4 +228,4 @@ def press_length(robot: Robot, stiffness: float) -> int:
         time_constant = 2 * mass / damping
     else:
         time_constant = damping / stiffness
-    return int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_PRESS_TICKS))
+    return int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_TICKS))

@@ -16,6 +16,9 @@ from vfplan.fixture import Fixture, Pieces
 RADIUS = 5e-3
 """R = r_c of the scenes [m], as in the paper's experiments."""
 
+ROUNDING_M = 1e-12
+"""Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack."""
+
 X, Y, _ = np.eye(3)
 
 

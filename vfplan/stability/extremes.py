@@ -23,20 +23,18 @@ from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
 from vfplan.stability import contacts
 from vfplan.stability.case_result import CaseResult, outcome_of
-from vfplan.stability.contacts import Contact
+from vfplan.stability.contacts import RADIUS, ROUNDING_M, Contact
 from vfplan.stability.largest import engine_for
-
-ROUNDING_M = 1e-12
-"""Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack."""
 
 BLOCK_TICKS = 100_000
 """Number of ticks that the engine is given at once, so that a long run needs little memory."""
 
-LONG_TICKS = 100_000_000
+LONG_TICKS = 1000 * BLOCK_TICKS
 """Length of the long runs [ticks], 28 hours at 1 kHz."""
 
-WANDER_M = 8e-3
-"""Half of the width of the box in which the long walk stays [m], more than R on either side."""
+WANDER_M = 1.6 * RADIUS
+"""Half of the width of the box in which the long walk stays [m]. It is more than R on either side,
+and in a wider box the walk may miss the cloud for many ticks."""
 
 WANDER_STEP_M = 1e-4
 """Standard deviation of a step of the long walk along each axis [m], 0.1 m/s at 1 kHz."""

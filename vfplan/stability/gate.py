@@ -14,7 +14,7 @@ from vfplan.stability.case_result import CaseResult
 from vfplan.stability.closed_loop import closed_loop_case
 
 SAFETY_FACTOR = 1.25
-"""K times this factor must be stable, unless the user says otherwise."""
+"""Factor by which K may grow and the loop stays stable, unless the user gives another."""
 
 ROBOT_KEYS = ("mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
 """What a verdict holds of the robot."""

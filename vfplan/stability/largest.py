@@ -20,16 +20,16 @@ from vfplan.stability.loop import Engine, SimulatedHand, run_until_still, simula
 from vfplan.stability.theory import Plant, exact_bound, spectral_radius
 
 PRESS_DEPTH = 0.05
-"""How deep the hand presses, as a share of R. The contact stays closed under the blow."""
+"""Depth of the hand's press, as a share of R. The contact stays closed under the blow."""
 
 BLOW = 0.2
-"""How far the blow carries the mass, as a share of the depth of the press."""
+"""Way that the blow carries the mass, as a share of the depth of the press."""
 
 HAND_SHARE = 0.2
 """Stiffness of a hand that also holds the mass sideways, as a share of K."""
 
 RESOLUTION = 2.5e-3
-"""Width, relative to K, at which the bisection ends."""
+"""Width, relative to K, at which the bisection ends. A K below this share of the bound is none."""
 
 FIRST_GUESS = 0.61
 """The first K that is tried, as a share of the exact bound.
@@ -39,13 +39,10 @@ theory is then found and not put in.
 """
 
 MAX_RATIO = 16.0
-"""How far above the exact bound the search goes, as a factor."""
-
-MIN_RATIO = 1e-3
-"""How far below the exact bound the search goes, as a factor."""
+"""Largest K that is tried, over the exact bound. A contact that bears more is far from it."""
 
 MAX_TICKS = 20_000
-"""Longest run of one trial [ticks], 20 s at 1 kHz."""
+"""Longest run of one trial or press [ticks], 20 s at 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +147,7 @@ def bracket(
     """A stable K and an unstable one, a factor of 2 apart [N/m].
 
     The second is infinite where no K up to `MAX_RATIO` is unstable. Both are 0 where none down to
-    `MIN_RATIO` is stable.
+    `RESOLUTION` is stable.
     """
     low = FIRST_GUESS * exact
     if is_stable(contact, robot, engine, low, ticks):
@@ -159,7 +156,7 @@ def bracket(
                 return low, 2 * low
             low *= 2
         return low, math.inf
-    while low > MIN_RATIO * exact:
+    while low > RESOLUTION * exact:
         low /= 2
         if is_stable(contact, robot, engine, low, ticks):
             return low, 2 * low

@@ -36,7 +36,7 @@ DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=100
 """The robot of the standard scenes: a mass of 1 kg with little damping, at 1 kHz."""
 
 DEFAULT_STIFFNESS = 1000.0
-"""The K that is judged where neither the caller nor a bundle says one [N/m]."""
+"""Stiffness that is judged where neither the caller nor a bundle gives one [N/m]."""
 
 ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
 PARTS = ("closed-loop", "passivity", "extremes")

@@ -19,27 +19,23 @@ from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.surface.contours import Contours
-from vfplan.surface.mesh import Level, Triangles, zero_level
-from vfplan.surface.slicing import Sliced, slice_contours
+from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, level_surface
+from vfplan.surface.slicing import SlicedVolume, slice_contours
 from vfplan.surface.sources import read_contours
 from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
 COVER = 0.9
-"""Grid steps that a triangle of the grid's cells reaches from its corners at most.
+"""Largest distance of a place in a triangle from its corners, in grid steps.
 
-Measured: 0.89 over the shapes of the tests. The report has each surface's own.
+Over the shapes of the tests 0.89 is measured. The report has each surface's own.
 """
 DIMPLE_SHARE = 0.45
 """Share of the tolerance for dimples between corners. The band takes as much, chords the rest."""
-FINEST_STEP_M = 5e-5
-"""The finest grid [m]. No scanner for patients has finer voxels."""
 MAX_CHECKED_POINTS = 10_000
-"""Points of the outlines that are held against the surface."""
-MAX_CHECKED_POINTS_OF_SLICE = 200
-"""Points of each slice that are held against the surface without it."""
-MIN_SLOPE = 0.1
-"""Least slope by which a value is divided to become a distance, near ridges of the function."""
+"""Number of points of the outlines that are held against the surface."""
+MAX_CHECKED_POINTS_OF_SLICE = MAX_CHECKED_POINTS // 50
+"""The same of each slice that is left out. A structure shows on some fifty slices."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +73,7 @@ class SurfaceSettings:
                 code="out-of-range",
                 numbers={"tolerance_mm": 1e3 * self.tolerance_m, "tolerance_max_mm": 1e3 * radius},
             )
-        step = math.sqrt(2 * radius * DIMPLE_SHARE * self.tolerance_m) / COVER
-        if step < FINEST_STEP_M:
-            raise SettingError(
-                f"tolerance {1e3 * self.tolerance_m:g} mm needs triangles of {1e3 * step:.2g} mm; "
-                f"{1e3 * FINEST_STEP_M:g} mm are the finest. Give a larger one.",
-                code="surface-too-fine",
-                numbers={"step_mm": 1e3 * step, "step_min_mm": 1e3 * FINEST_STEP_M},
-            )
-        return step
+        return math.sqrt(2 * radius * DIMPLE_SHARE * self.tolerance_m) / COVER
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +81,7 @@ class Surface:
     """A surface, the slices it came from, and the report for `--json`."""
 
     fixture: Fixture
-    sliced: Sliced
+    sliced: SlicedVolume
     report: dict[str, Any]
     findings: tuple[Finding, ...]
 
@@ -136,7 +124,7 @@ def surface(
     step = settings.step_m
     contours = read_contours([Path(source) for source in sources], structure, colour)
     sliced = slice_contours(contours, settings.max_spacing_m)
-    levels = [zero_level(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
+    levels = [level_surface(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
     # One mesh of all runs of slices, in the patient.
     corners = []
     faces = []
@@ -177,8 +165,8 @@ def surface(
 
 def report_of(
     contours: Contours,
-    sliced: Sliced,
-    levels: list[Level],
+    sliced: SlicedVolume,
+    levels: list[LevelSurface],
     fixture: Fixture,
     settings: SurfaceSettings,
 ) -> dict[str, Any]:
@@ -224,7 +212,7 @@ def report_of(
     }
 
 
-def ends_remark(sliced: Sliced, settings: SurfaceSettings) -> str:
+def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
     """What became of the ends, where nothing was outlined."""
     places = []
     for stack in sliced.stacks:
@@ -239,7 +227,7 @@ def ends_remark(sliced: Sliced, settings: SurfaceSettings) -> str:
     )
 
 
-def contour_error(sliced: Sliced, points: Array, triangles: Triangles) -> dict[str, Any]:
+def contour_error(sliced: SlicedVolume, points: Array, triangles: Triangles) -> dict[str, Any]:
     """Distance of the outlines to the mesh: RMS and largest [mm], and where."""
     corners = []
     for stack in sliced.stacks:
@@ -251,7 +239,7 @@ def contour_error(sliced: Sliced, points: Array, triangles: Triangles) -> dict[s
     return summary_of(np.linalg.norm(places - nearest, axis=1), places)
 
 
-def left_out_error(sliced: Sliced) -> dict[str, Any] | None:
+def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
     """How far each inner slice's outlines are from the surface through all others [mm].
 
     With the slices twice as far apart this is more than what the surface is off between slices,
@@ -267,8 +255,8 @@ def left_out_error(sliced: Sliced) -> dict[str, Any] | None:
         for k in range(1, len(outlines) - 1):
             # The function between two slices depends on two slices to either side.
             others = Stack(outlines[max(0, k - 2) : k] + outlines[k + 1 : k + 3])
-            corners = np.concatenate(outlines[k].cut_rings)
-            corners = at_height(every_nth(corners, MAX_CHECKED_POINTS_OF_SLICE), outlines[k].z)
+            checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)
+            corners = at_height(checked, outlines[k].z)
             value, gradient = others.signed(corners)
             slope = np.maximum(np.linalg.norm(gradient, axis=1), MIN_SLOPE)
             distances.append(np.abs(value) / slope)

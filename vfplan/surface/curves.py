@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError, MarkerError
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.surface.contours import Contours, Structure
 
 Array = NDArray[np.float64]
-MAX_SLICES = 4096
-"""Largest number of files in a folder of slices; a scan has some hundreds."""
 
 
 def read_slicer_curves(paths: list[Path]) -> Contours:
@@ -23,13 +21,13 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
     from vfplan.markers.slicer import lps_points, markups_of
-    from vfplan.vectors.read import FINE_M, MAX_BYTES, VectorDrawing
+    from vfplan.vectors.read import FINE_M, VectorDrawing
 
     rings = []
     digest = hashlib.sha256()
     for path in paths:
         where = str(path)
-        data = read_whole(path, MAX_BYTES, InputError)
+        data = read_whole(path, MAX_TEXT_BYTES, InputError)
         digest.update(hashlib.sha256(data).digest())
         try:
             markups = markups_of(data.decode("utf-8-sig"), where)
@@ -80,12 +78,12 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     for path in sorted(folder.iterdir()):
         if path.is_file():
             files.append(path)
-    if not 2 <= len(files) <= MAX_SLICES:
+    if len(files) < 2:
         raise InputError(
-            f"holds {len(files)} files. Give 2 to {MAX_SLICES} slices.",
+            f"holds {len(files)} files. Give two slices or more.",
             where=str(folder),
             code="slices-too-few",
-            numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_SLICES},
+            numbers={"slices": len(files), "slices_min": 2},
         )
     rings = []
     digest = hashlib.sha256()

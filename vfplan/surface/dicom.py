@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.dicom.dataset import group_value, open_dataset, pixel_axes, refuse_costly
 from vfplan.errors import InputError
-from vfplan.io.files import read_bytes
+from vfplan.io.files import MAX_TEXT_BYTES, read_bytes
 from vfplan.surface.contours import Contours, Structure, choose_structure
 from vfplan.surface.labels import (
     MAX_VOXEL_M,
@@ -32,10 +32,9 @@ RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 SEGMENTATION_TYPES = ("BINARY", "FRACTIONAL", "LABELMAP")
 CLOSED_CONTOURS = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
-MAX_BYTES = 1 << 28
-"""Bytes of a file. A segmentation of a whole pelvis has some ten million."""
-MAX_PIXELS = 1 << 28
-"""Pixels of all frames together: a thousand slices of 512 x 512."""
+MAX_BYTES = MAX_TEXT_BYTES
+"""Largest size of a file [bytes]; the contours in it are text. One of a whole pelvis has some ten
+million."""
 
 
 def read_dicom_contours(path: Path, structure: str | None) -> Contours:
@@ -224,9 +223,10 @@ def frames_of_segment(dataset: Any, segment: int, where: str) -> Frames:
     rows = int(dataset.Rows)
     columns = int(dataset.Columns)
     count = int(dataset.get("NumberOfFrames") or 1)
-    if not 0 < rows * columns * count <= MAX_PIXELS:
+    # A pixel takes a byte or more, and a thousand frames of 512 x 512 have fewer pixels.
+    if not 0 < rows * columns * count <= MAX_BYTES:
         raise InputError(
-            f"says that it has {count} frames of {rows} x {columns}; {MAX_PIXELS} pixels are "
+            f"says that it has {count} frames of {rows} x {columns}; {MAX_BYTES} pixels are "
             "allowed in all. Export a part of it.",
             where=where,
             code="volume-too-large",

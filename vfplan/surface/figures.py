@@ -29,7 +29,7 @@ VIEW = np.array(
 )
 """The eye's axes as rows: to the right, up, towards the eye."""
 MAX_OUTLINES = 60
-"""Outlines that are drawn on the surface. More would hide it."""
+"""Number of outlines that are drawn on the surface. More would hide it."""
 
 
 def draw_surface(result: Surface, path: Path) -> None:
@@ -66,8 +66,8 @@ def draw_cut(axes: Any, result: Surface, stack: Stack, k: int) -> None:
     halfway = (z[k] + z[k + 1]) / 2
     draw_lines(axes, cut_pieces(result, halfway), "half a gap on", color=CONTACT, lw=0.9)
     axes.set_aspect("equal")
-    axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize=9)
-    axes.tick_params(labelsize=7)
+    axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize="medium")
+    axes.tick_params(labelsize="small")
 
 
 def draw_lines(axes: Any, lines: list[Array], name: str, **look: Any) -> None:

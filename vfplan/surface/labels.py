@@ -16,15 +16,16 @@ from vfplan.surface.contours import Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
 SMOOTHING_PX = 1.0
-"""Standard deviation of the smoothing: the stairs of a mask are a pixel long."""
+"""Standard deviation of the smoothing [px], as the stairs of a mask are a pixel long."""
 PAD_PX = round(4 * SMOOTHING_PX)
 """Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations)."""
 MIN_VOXEL_M = 1e-5
-"""Shortest side of a voxel [m]; the finest scans of micro-CT have it."""
+"""Shortest side of a voxel [m]. The finest scans of micro-CT have it."""
 MAX_VOXEL_M = 0.1
 """Longest side of a voxel [m]. A longer one is a slip of units."""
 MIN_VOXEL_VOLUME = 0.1
-"""Volume of a voxel over that of a box with its sides; 0.87 where a gantry leans by 30 degrees."""
+"""Smallest volume of a voxel over that of a box with its sides. It is 0.87 where a gantry leans by
+30 degrees."""
 
 
 @dataclass(frozen=True, eq=False)

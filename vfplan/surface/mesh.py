@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.registration.nearest import ROUNDING_M
 from vfplan.surface.outline import Outline
 from vfplan.surface.stack import Stack
 
@@ -22,21 +23,21 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.int32]
 BLOCK = 8
-"""Nodes along a side of a block that one look from its middle may settle."""
+"""Number of nodes along a side of a block. Far from the outline one distance serves all of them."""
 MAX_NODES = 150_000_000
-"""Nodes of a grid: 600 MB of single precision."""
+"""Largest number of nodes of a grid, which take 600 MB in single precision."""
 SNAP = 0.25
-"""Grid steps: corners nearer to a node become one. With half of it angles fall below 4 degrees."""
-NEWTON_STEPS = 6
-"""Steps of Newton's method. Three suffice but at ridges of the function, twelve change nothing."""
-NEWTON_DONE_M = 1e-9
-"""A corner this near to the level stays [m]."""
+"""Distance from a node, in grid steps, within which corners become one. With half of it angles fall
+below 4 degrees."""
+MIN_SLOPE = 0.1
+"""Smallest slope by which a value is divided to become a distance. It is less at ridges alone."""
 WIDE_CORNER_DEG = 150.0
-"""A corner that is wider is flipped away. With 165 degrees angles of 4.2 remain, with 130 of 6."""
+"""Angle of a corner from which on it is flipped away. With 165 degrees angles of 4.2 degrees
+remain, and with 130 degrees angles of 6."""
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class LevelSurface:
     """The surface of one stack, in its own frame."""
 
     points: Array
@@ -58,7 +59,7 @@ class GridMesh(NamedTuple):
     """(K, 3) rows of `points`."""
 
 
-def zero_level(stack: Stack, step: float, *, closed: bool) -> Level:
+def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     """The surface on which a stack's function is 0.
 
     Parameters
@@ -91,7 +92,7 @@ def zero_level(stack: Stack, step: float, *, closed: bool) -> Level:
     on_end = (height == ends[0]) | (height == ends[1])
     on_cap = on_end & ~mesh.in_plane
     points, distance_max = moved_onto_level(stack, mesh.points, on_end, on_cap, step, ends)
-    return Level(points, without_wide_corners(points, mesh.triangles), distance_max)
+    return LevelSurface(points, without_wide_corners(points, mesh.triangles), distance_max)
 
 
 def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
@@ -230,7 +231,8 @@ def moved_onto_level(
     best_distance = np.full(len(places), np.inf)
     points = places.copy()
     moving = np.flatnonzero(~on_cap)
-    for _ in range(NEWTON_STEPS):
+    # A corner moves for as long as it comes nearer: three steps, and a few more at ridges.
+    while len(moving):
         value, gradient = stack.signed(points[moving])
         gradient[on_end[moving], 2] = 0.0
         distance = np.abs(value)
@@ -238,14 +240,12 @@ def moved_onto_level(
         better = moving[is_better]
         best_distance[better] = distance[is_better]
         best_points[better] = points[better]
-        continues = is_better & (distance > NEWTON_DONE_M)
+        continues = is_better & (distance > ROUNDING_M)
         moving = moving[continues]
         value = value[continues]
         gradient = gradient[continues]
-        if not len(moving):
-            break
         # Near a ridge the gradient is small. The step is half a cell at most.
-        square = np.maximum((gradient**2).sum(axis=1), 0.01)
+        square = np.maximum((gradient**2).sum(axis=1), MIN_SLOPE**2)
         move = -(value / square)[:, None] * gradient
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, step / 2 / np.maximum(length, 1e-15))[:, None]
@@ -292,7 +292,7 @@ def possible_flips(
 ) -> list[Flip]:
     """The flips opposite wide corners that make a new edge.
 
-    near: all triangles at the corners of `rows`
+    around: all triangles at the corners of `rows`
     rows, wide_corners: triangles and which corner of each is wide
 
     No triangle is in two of the flips.

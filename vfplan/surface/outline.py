@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
+from vfplan.vectors.curve import FINE_M
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -22,15 +23,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 CHANNEL_M = 1e-4
-"""A keyhole's channel is narrower than this [m]; no tool draws bone as thin."""
+"""Largest width of a keyhole's channel [m]. No tool draws bone as thin."""
 MIN_CHANNEL_LENGTH = 20.0
-"""Widths of a channel that lie between its two sides along the ring, at least."""
+"""Smallest way along the ring from one side of a channel to the other, in widths of a channel."""
 STRAY_SHARE = 1e-3
-"""Share of a ring's area that little loops at its ends may enclose."""
-THREADED_POINTS = 1 << 12
-"""Points of one look-up that are worth a thread."""
-MAX_EDGE_M = 2.5e-4
-"""Longer edges are cut [m], so that the nearest corner finds the nearest edge."""
+"""Largest share of a ring's area that little loops at its ends may enclose."""
 
 
 class Edges(NamedTuple):
@@ -69,12 +66,9 @@ class Outline:
         H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG
         11, 2005).
         """
-        edges = self._edges
-        workers = 1
-        if len(xy) > THREADED_POINTS:
-            workers = -1
+        edges = self.edges
         # The edges that begin or end in the two nearest corners.
-        _, corners = edges.corners.query(xy, k=2, workers=workers)
+        _, corners = edges.corners.query(xy, k=2, workers=-1)
         candidates = np.concatenate([corners, edges.before[corners]], axis=1)
 
         # The place on each candidate, as a share t of the edge, that is nearest to the point.
@@ -117,11 +111,12 @@ class Outline:
 
     @cached_property
     def cut_rings(self) -> tuple[Array, ...]:
-        """The same with corners at most `MAX_EDGE_M` apart."""
+        """The same with corners at most `FINE_M` apart."""
         return tuple(map(with_short_edges, self.rings))
 
     @cached_property
-    def _edges(self) -> Edges:
+    def edges(self) -> Edges:
+        """The edges of all rings, ready to be searched."""
         from scipy.spatial import cKDTree
 
         ends = []
@@ -147,9 +142,9 @@ def to_complex(xy: Array) -> NDArray[np.complex128]:
 
 
 def with_short_edges(ring: Array) -> Array:
-    """The ring with corners at most `MAX_EDGE_M` apart."""
+    """The ring with corners at most `FINE_M` apart, so that the nearest one finds the edge."""
     along = np.roll(ring, -1, axis=0) - ring
-    pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / MAX_EDGE_M)).astype(int)
+    pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / FINE_M)).astype(int)
     edge = np.repeat(np.arange(len(ring)), pieces)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return ring[edge] + (number / pieces[edge])[:, None] * along[edge]

@@ -22,17 +22,15 @@ Array = NDArray[np.float64]
 FLAT_M = 5e-5
 """Largest distance of a flat ring from its plane [m]. Tenths of a millimetre round as far."""
 SAME_M = 2e-5
-"""Largest distance between rings of one slice [m], which is rounding."""
+"""Largest distance between two statements of one place [m]. Single precision rounds as far."""
 DOUBLED = 0.1
-"""Slices nearer than this share of the usual distance are doubled: no series is cut so finely."""
+"""Distance between doubled slices, as a share of the usual one. No series is cut so finely."""
 WIDEST = 1.5
 """Widest gap, in usual distances, that is bridged unless a person gives another."""
-EVEN = 0.01
-"""Slices whose distances differ by less than this share are even."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sliced:
+class SlicedVolume:
     """A structure's slices."""
 
     R_slice_patient: Array
@@ -48,7 +46,7 @@ class Sliced:
         return np.concatenate([np.diff(stack.z) for stack in self.stacks])
 
 
-def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced:
+def slice_contours(contours: Contours, max_gap_m: float | None = None) -> SlicedVolume:
     """Sort rings into slices and slices into runs.
 
     Parameters
@@ -96,13 +94,14 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
             "there is none."
         )
     remarks += branching_remarks(stacks, normal)
-    gaps_mm = 1e3 * Sliced(R_slice_patient, stacks, ()).gaps_m
-    if np.ptp(gaps_mm) > EVEN * np.median(gaps_mm):
+    gaps_m = SlicedVolume(R_slice_patient, stacks, ()).gaps_m
+    if np.ptp(gaps_m) > SAME_M:
+        gaps_mm = 1e3 * gaps_m
         remarks.append(
             f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart. The surface is "
             "interpolated by their true places: check that no slice is missing."
         )
-    return Sliced(R_slice_patient, stacks, tuple(remarks))
+    return SlicedVolume(R_slice_patient, stacks, tuple(remarks))
 
 
 def slice_name(normal: Array, z: float) -> str:

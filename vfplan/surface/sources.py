@@ -11,7 +11,7 @@ from vfplan.surface.contours import Contours
 from vfplan.surface.labels import contours_of_volume
 
 HEAD_BYTES = 256
-"""Bytes by which a file's kind is told. DICOM's mark ends at byte 132."""
+"""Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132."""
 SOURCE_TYPES = (
     "RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json or a folder of drawn slices"
 )

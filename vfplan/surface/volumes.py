@@ -18,11 +18,10 @@ from vfplan.errors import InputError, VfplanError, requires_extra
 from vfplan.io.files import MAX_DECOMPRESSED_BYTES, decompress, first_decompressed, read_bytes
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
+from vfplan.surface.slicing import SAME_M
 
 MAX_HEADER_BYTES = 1 << 20
-"""Bytes of a header with its extensions. Slicer writes some thousand a segment."""
-PLACES_AGREE_M = 1e-5
-"""How far NIfTI's sform and qform may differ: single precision and a quaternion round as far."""
+"""Largest size of a header with its extensions [bytes]. Slicer writes some thousand a segment."""
 SIGNS_OF_SPACE = {
     "left-posterior-superior": (1, 1, 1),
     "lps": (1, 1, 1),
@@ -315,10 +314,10 @@ def nifti_place(image: Any, where: str) -> NDArray:
         far_corner_distance = np.abs((sform - qform) @ corner)[:3].max()
         first_voxel_distance = np.abs(sform - qform)[:3, 3].max()
         distance = max(far_corner_distance, first_voxel_distance) * metres
-        if not distance <= PLACES_AGREE_M:
+        if not distance <= SAME_M:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
-                f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
+                f"apart; {1e3 * SAME_M:g} mm is rounding. Remove the wrong one.",
                 where=where,
                 code="volume-places-differ",
                 numbers={"distance_mm": 1e3 * distance},

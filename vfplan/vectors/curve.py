@@ -10,20 +10,17 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
+from vfplan.geometry import ROUNDING, ROWS_AT_ONCE
 from vfplan.geometry.polyline import arc_lengths, ring_of
+from vfplan.io.table import MAX_NUMBER
 
 FINE_M = 2.5e-4
-"""Metres between the points of a curve in the patient."""
-MAX_COORDINATE = 1e9
-"""Pixels or metres: nothing real lies farther out, and squares of more overflow in the end."""
-SAME_POINT = 1e-12
-"""Of a curve's length: points no farther apart are one."""
+"""Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan."""
 MEETING_STEPS = 0.75
-"""Steps between two points of a curve that meet. Of two runs that cross, some are 0.71 apart."""
+"""Largest distance, in steps, of two points where a curve meets itself. Of two straight runs that
+cross, some points are 0.71 steps apart."""
 NEIGHBOUR_STEPS = 4
-"""Steps along the curve within which two points are neighbours and do not meet."""
-POINTS_AT_ONCE = 2**16
-"""Points that are looked up together."""
+"""Number of steps along the curve within which two points are neighbours and do not meet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +36,7 @@ class VectorDrawing:
     smooth
         Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ).
     sha256
-        Of the file's bytes, lower-case hex.
+        SHA-256 of the file's bytes, lower-case hex.
     warnings
         What the file leaves open, and how it was taken.
     drawn_on
@@ -115,16 +112,16 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
             code="point-not-finite",
         )
     largest = float(np.abs(points).max(initial=0.0))
-    if largest > MAX_COORDINATE:
+    if largest > MAX_NUMBER:
         raise CurveError(
-            f"holds a coordinate of {largest:g}. Give at most {MAX_COORDINATE:g}",
+            f"holds a coordinate of {largest:g}. Give at most {MAX_NUMBER:g}",
             where=where,
             code="coordinate-too-large",
-            numbers={"coordinate": largest, "coordinate_max": MAX_COORDINATE},
+            numbers={"coordinate": largest, "coordinate_max": MAX_NUMBER},
         )
     if len(points):
         chords = arc_lengths(points, False)
-        same = SAME_POINT * chords[-1]
+        same = ROUNDING * chords[-1]
         points = points[np.r_[True, np.diff(chords) > same]]
         if closed and np.linalg.norm(points[-1] - points[0]) <= same:
             points = points[:-1]
@@ -161,7 +158,7 @@ def meeting_warnings(curve: VectorDrawing, where: str) -> list[str]:
     length = f"{scale * step * meets.sum():.3g} {unit}"
     return [
         f"{where}: crosses, touches or doubles itself first at ({first}) {unit}, over {length} "
-        "in all"
+        "in all. Check that it is drawn so on purpose"
     ]
 
 
@@ -176,7 +173,7 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
     count = len(points)
     meets = np.zeros(count, bool)
     neighbours = 2 * NEIGHBOUR_STEPS + 2
-    for part in np.array_split(np.arange(count), count // POINTS_AT_ONCE + 1):
+    for part in np.array_split(np.arange(count), count // ROWS_AT_ONCE + 1):
         distance, other = tree.query(
             points[part], neighbours, distance_upper_bound=MEETING_STEPS * step
         )

@@ -20,16 +20,12 @@ PixelOrigin = Literal["centre", "corner"]
 ORIGINS = ("centre", "corner")
 """Where ImageJ's zero may lie on the first pixel."""
 CORNER_PX = 0.5
-"""Pixels from a pixel's corner to its centre."""
+"""Distance from a pixel's corner to its centre along u and v [px]."""
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
 LINES = ("POLYLINE", "FREELINE")
-CENTRE_FORMAT = 229
-"""The first format of a `.roi` whose lines count from centres. Format 228 is that of ImageJ 1.52i
-to 1.54, so it was written in both ways of counting."""
-CORNER_FORMAT = 227
-"""The last format of a `.roi` whose lines count from corners."""
-SPLINE_FIT = 1
-"""The bit of the options of a `.roi` that asks for a fitted spline."""
+UNCLEAR_FORMAT = 228
+"""The format of a `.roi` that counts in either way: ImageJ 1.52i to 1.54 wrote it. The lines of
+older formats count from corners, those of newer ones from centres."""
 NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
@@ -78,7 +74,7 @@ def read_roi(
         raise _wrong_selection("a composite", where)
     if roi.subtype != 0 or selection not in (*AREAS, *LINES):
         raise _wrong_selection(f"of type {selection}, subtype {roi.subtype.name}", where)
-    if roi.options & SPLINE_FIT:
+    if roi.options & roifile.ROI_OPTIONS.SPLINE_FIT:
         raise CurveError(
             "is fitted with a spline that the file does not hold. Apply Edit > Selection > "
             "Interpolate in ImageJ, which adds its points",
@@ -93,7 +89,7 @@ def read_roi(
         refuse_origin(origin, f"ImageJ's {selection.lower()}")
         counted_from = "corner"
     else:
-        counted_from, warnings = _origin_of_line(roi.version, origin, where)
+        counted_from, warnings = origin_of_line(roi.version, origin, where)
     with np.errstate(invalid="ignore"):  # What is not finite is refused with the other points.
         points = np.asarray(coordinates, np.float64).reshape(-1, 2)
     return _from_centres(points, counted_from), closed, warnings
@@ -168,23 +164,22 @@ def _wrong_selection(description: str, where: str) -> CurveError:
     return CurveError(f"is {description}. Give one of {wanted}", where=where, code="roi-selection")
 
 
-def _origin_of_line(
+def origin_of_line(
     version: int, origin: PixelOrigin | None, where: str
 ) -> tuple[PixelOrigin, tuple[str, ...]]:
     """From where on a pixel a line of a format counts, with a warning where that is not sure."""
-    if version >= CENTRE_FORMAT:
+    if version > UNCLEAR_FORMAT:
         refuse_origin(origin, "a selection of this format")
+        return "centre", ()
     if origin is not None:
         return origin, ()
-    if version <= CORNER_FORMAT:
+    if version < UNCLEAR_FORMAT:
         raise CurveError(
             f"is of an ImageJ before 1.52i (format {version}). {NAME_ORIGIN}",
             where=where,
             code="origin-unknown",
             numbers={"format": version},
         )
-    if version >= CENTRE_FORMAT:
-        return "centre", ()
     warning = (
         f"{where}: is taken to count from the centres of pixels. Had an ImageJ before 1.52u "
         f"(March 2020) written it, it would lie half a pixel off. {NAME_ORIGIN}"

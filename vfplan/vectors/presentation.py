@@ -50,7 +50,11 @@ def read_presentation(
     if len(annotations) == 1:
         return lines[0], ()
     chosen = (number or 1) - 1
-    return lines[chosen], (f"{where}: of {count} {names[chosen]} is taken{not_read}",)
+    warning = (
+        f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with --stroke N "
+        "where it is the wrong one"
+    )
+    return lines[chosen], (warning,)
 
 
 def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
@@ -62,8 +66,9 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     if not curve.smooth:
         return curve
     warning = (
-        f"{where}: a spline is laid through its points, up to "
-        f"{curve.distance_from_straight():.2g} px from straight lines; DICOM leaves its form open"
+        f"{where}: DICOM leaves open how points are joined. A spline was laid through them, "
+        f"up to {curve.distance_from_straight():.2g} px from straight lines. Compare it with the "
+        "drawing"
     )
     return replace(curve, warnings=(*warnings, warning))
 
@@ -78,7 +83,11 @@ def check_drawn_on(
     if not drawn_on:
         return ()
     if not image.instance:
-        return (f"{where}: is drawn on a DICOM image; whether it is this one cannot be told",)
+        warning = (
+            f"{where}: names the DICOM image that it is drawn on, and this image has no such name. "
+            "Check that it is the same"
+        )
+        return (warning,)
     if image.instance not in drawn_on:
         raise CurveError(
             f"is drawn on {len(drawn_on)} other image(s), the first "

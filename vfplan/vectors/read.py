@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.dicom.dataset import is_dicom
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.vectors import imagej
 from vfplan.vectors.curve import (
     FINE_M,
@@ -24,10 +24,8 @@ from vfplan.vectors.curve import (
 )
 from vfplan.vectors.table import read_table
 
-MAX_BYTES = 256 * 2**20
-"""Bytes of a file that holds a curve."""
 OUT_OF_PLANE_M = 1e-3
-"""Metres from the slice's plane: a curve farther away was not drawn on it."""
+"""Largest distance from a slice's plane [m] of a curve that was drawn on it."""
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
 """How the names of files end that hold a curve alone."""
 WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
@@ -63,7 +61,7 @@ def read_vector_curve(
         A `.roi` without the package roifile, a DICOM file without pydicom.
     """
     where = str(path)
-    data = read_whole(Path(path), MAX_BYTES, CurveError)
+    data = read_whole(Path(path), MAX_TEXT_BYTES, CurveError)
     dicom = is_dicom(data)
 
     # An option that has no effect is refused.
@@ -89,7 +87,7 @@ def read_vector_curve(
             imagej.refuse_origin(origin, "DICOM")
             curve = read_presentation_curve(data, number, where)
         else:
-            curve = _read_file(data, Path(path).suffix.lower(), origin, where)
+            curve = read_by_suffix(data, Path(path).suffix.lower(), origin, where)
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
     warnings = (*curve.warnings, *meeting_warnings(curve, where))
@@ -126,7 +124,7 @@ def onto_slice(curve: VectorDrawing, T_patient_image: NDArray | None, where: str
     return replace(curve, points=pixels.T.copy())
 
 
-def _read_file(
+def read_by_suffix(
     data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str
 ) -> VectorDrawing:
     """A curve of any other file, by how its name ends."""

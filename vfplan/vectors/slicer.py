@@ -11,7 +11,8 @@ from vfplan.markers.slicer import fcsv_points, lps_points, markups_of
 from vfplan.vectors.curve import VectorDrawing, distinct_points, without_repeated_end
 
 SPLINE_WARNING_M = 1e-4
-"""Metres from straight lines at which a spline is warned of, where a file names neither."""
+"""Largest distance [m] of a spline from straight lines without a warning, where a file names
+neither."""
 SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 """Slicer's names of curves, and whether they are closed."""
 
@@ -48,7 +49,7 @@ def read_control_points(text: str, where: str) -> VectorDrawing:
     if distance <= SPLINE_WARNING_M:
         return curve
     warning = (
-        f"{where}: names points alone; a spline is laid through them, up to {distance * 1e3:.1f} "
-        "mm from straight lines; a .mrk.json Curve says which is meant"
+        f"{where}: does not say how its points are joined. A spline was laid through them, up to "
+        f"{distance * 1e3:.1f} mm from straight lines. Save a .mrk.json Curve to say what is meant"
     )
     return replace(curve, warnings=(warning,))
