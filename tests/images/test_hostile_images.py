@@ -16,7 +16,7 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import ImageError, SettingError
-from vfplan.images import LARGEST_MEGAPIXELS, MAX_PAGES, read_header
+from vfplan.images import LARGEST_MEGAPIXELS, MAX_TIFF_PARTS, read_header
 
 GIB = 1 << 30
 
@@ -71,7 +71,7 @@ BOMBS = {
     "wide.bmp": (lambda: bmp(40000, -40000), "40000 x 40000 pixels"),
     "thin.bmp": (lambda: bmp(-5, 5), "Export the slice again"),
     "wide.tif": (lambda: tiff(1, 60000, 60000), "60000 x 60000 pixels"),
-    "pages.tif": (lambda: tiff(MAX_PAGES + 1), "more than 4096 pages"),
+    "pages.tif": (lambda: tiff(MAX_TIFF_PARTS + 1), "more than 4096 pages"),
     "circle.tif": (lambda: tiff(3, after=8), "more than 4096 pages"),
     "cut.tif": (lambda: tiff(3, after=1 << 30), "damaged or cut short"),
     "cut.jpg": (lambda: jpeg(8, 8)[:40] + b"\xff\xd9", "damaged or cut short"),

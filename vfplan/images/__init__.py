@@ -8,7 +8,7 @@ from vfplan.lazy import on_demand
 __getattr__ = on_demand(
     __name__,
     {
-        "headers": "MAX_PAGES read_header",
+        "headers": "MAX_TIFF_PARTS read_header",
         "read": "LARGEST_MEGAPIXELS",
     },
 )

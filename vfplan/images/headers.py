@@ -23,10 +23,8 @@ BIG_TIFF = (b"+\0", b"\0+")
 
 OPAQUE_PNG_TYPES = {0, 2, 3}
 """Colour types of a PNG without alpha: grey, colour, palette."""
-MAX_PAGES = 4096
-"""Pages of a TIFF. A stack of slices has some hundreds."""
-MAX_TIFF_TAGS = 4096
-"""Tags of one page of a TIFF. The standards name some hundreds."""
+MAX_TIFF_PARTS = 4096
+"""Pages of a TIFF, and tags of one page. Stacks of slices and the standards have some hundreds."""
 MAX_JPEG_SCANS = 200
 """Scans of a JPEG. Each is a pass over the whole picture, and encoders write about ten."""
 
@@ -36,10 +34,8 @@ HEIGHT_TAG = 0x0101
 """TIFF's tag of the number of rows."""
 ORIENTATION_TAG = 0x0112
 """EXIF's tag of the orientation, 1 to 8."""
-SHORT_TYPE = 3
-"""TIFF's type of a whole number of 16 bits."""
-LONG_TYPE = 4
-"""TIFF's type of a whole number of 32 bits."""
+WHOLE_NUMBERS = {3: "H", 4: "I"}
+"""TIFF's types of whole numbers, of 16 and of 32 bits, as `struct` names them."""
 
 DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
 
@@ -161,9 +157,9 @@ def tiff_header(data: bytes, where: str, max_pixels: int) -> Header:
     pages = 0
     for tags in tiff_directories(data):
         pages += 1
-        if pages > MAX_PAGES:
+        if pages > MAX_TIFF_PARTS:
             raise ImageError(
-                f"has more than {MAX_PAGES} pages. Export the page that is meant.", where=where
+                f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant.", where=where
             )
         check_size(tags.get(WIDTH_TAG, 0), tags.get(HEIGHT_TAG, 0), where, max_pixels)
     return Header("TIFF", pages)
@@ -190,16 +186,15 @@ def tiff_directories(data: bytes) -> Iterator[dict[int, int]]:
     position = struct.unpack_from(offset_format, data, first_offset)[0]
     while position:
         count = struct.unpack_from(count_format, data, position)[0]
-        if count > MAX_TIFF_TAGS:
+        if count > MAX_TIFF_PARTS:
             raise IndexError(f"{count} tags")
         entry = position + struct.calcsize(count_format)
         tags = {}
         for _ in range(count):
             tag, value_type = struct.unpack_from(order + "HH", data, entry)
-            if value_type == SHORT_TYPE:
-                tags[tag] = struct.unpack_from(order + "H", data, entry + value_offset)[0]
-            elif value_type == LONG_TYPE:
-                tags[tag] = struct.unpack_from(order + "I", data, entry + value_offset)[0]
+            if value_type in WHOLE_NUMBERS:
+                number_format = order + WHOLE_NUMBERS[value_type]
+                tags[tag] = struct.unpack_from(number_format, data, entry + value_offset)[0]
             entry += entry_bytes
         yield tags
         position = struct.unpack_from(offset_format, data, entry)[0]

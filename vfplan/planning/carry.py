@@ -20,15 +20,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Decimals of a point [m]. An id must not depend on a processor's last bit.
-POINT_DECIMALS = 9
+# Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges
+# differ at 1e-13.
+DECIMALS = 9
 
 # Decimals of a vertex [m]. Processors differ at 1e-16 m; rounding turns a joint by 1e-7 rad at
 # most, which no rule takes for a corner.
 VERTEX_DECIMALS = 10
-
-# Decimals of a bulge. Processors differ at 1e-13.
-BULGE_DECIMALS = 9
 
 # What both roundings move a line or an arc by at most [m], for chords up to 1 m.
 ROUNDING_M = 1e-9
@@ -70,7 +68,7 @@ def carry(
     """
     scale = scale_m_per_unit(registration)
     if curve.curve is None:
-        points = np.round(registration.apply(curve.points), POINT_DECIMALS)
+        points = np.round(registration.apply(curve.points), DECIMALS)
         sigma = curve.sigma
         if sigma is not None:
             sigma = sigma * scale
@@ -101,7 +99,7 @@ def carry(
     if curve.sigma is not None:
         sigma = np.concatenate([stroke.sigma for stroke in strokes]) * scale
     return CarriedPoints(
-        points=np.round(np.concatenate(points), POINT_DECIMALS),
+        points=np.round(np.concatenate(points), DECIMALS),
         source=np.concatenate([stroke.points for stroke in strokes]),
         spacing_m=length_m / gaps,
         sigma=sigma,
@@ -177,7 +175,7 @@ def lines_and_arcs_of(
         departure_m = max(arcs.error, float(arcs.distance(samples).max()))
         error_m = max(error_m, departure_m + ROUNDING_M)
         vertices.append(np.round(arcs.vertices @ frame + height * axis, VERTEX_DECIMALS))
-        bulges.append(np.round(arcs.bulges, BULGE_DECIMALS))
+        bulges.append(np.round(arcs.bulges, DECIMALS))
         counts.append(len(arcs.bulges))
     numbers = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     return Pieces(

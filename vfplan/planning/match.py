@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from vfplan.markers.marks import MarkComparison
     from vfplan.registration import Registration
 
-# Relative difference of two pixel spacings that are decimals of the same number.
-SAME_SPACING = 1e-6
-
 # RMS distance of a layout's markers from their centre [m]: metres read as millimetres are below.
 MIN_LAYOUT_RADIUS_M = 5e-4
 
@@ -264,7 +261,7 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     spacing_mm = 1e3 * np.linalg.norm(axes, axis=0)
     if curve.image is not None and curve.image.pixel_spacing_mm is not None:
         given_mm = curve.image.pixel_spacing_mm
-        if not np.allclose(given_mm, spacing_mm, rtol=SAME_SPACING, atol=0):
+        if not np.allclose(given_mm, spacing_mm, atol=0):
             raise SettingError(
                 f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of "
                 f"the slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm. Leave "

@@ -19,8 +19,8 @@ from vfplan.planning.tolerance import BAND_SHARE, Choice, choose
 if TYPE_CHECKING:
     from vfplan.registration import Registration
 
-# Settings that points need and lines and arcs do not: spacing, band and iteration limit.
-POINT_SETTINGS = 3
+# Settings that points need and lines and arcs do not.
+POINT_SETTINGS = ("spacing", "band", "max_iterations")
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
 MAX_IGNORED_TILT_DEG = 45.0
@@ -170,7 +170,11 @@ def render(
     if pieces is not None:
         check_arcs_error(pieces, margin_m, settings)
         carried = replace(carried, curve=replace(carried.curve, pieces=pieces))
-        left_out = {"points": len(carried.points), "coordinates": 1, "settings": POINT_SETTINGS}
+        left_out = {
+            "points": len(carried.points),
+            "coordinates": 1,
+            "settings": len(POINT_SETTINGS),
+        }
         return RenderingResult(carried, rendering, None, left_out)
     left_out = {"points": max(0, len(curve.points) - len(carried.points))}
     if axis is not None:

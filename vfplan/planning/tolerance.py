@@ -64,9 +64,6 @@ RATE_HZ = 1000.0
 # Depth over R: how far behind the surface the tolerance is to hold.
 DEPTH = 0.5
 
-# Faces that can hold the proxy in space; in the plane it is one less.
-FACES = 3
-
 # Steps in each interval of the fine curve.
 STEPS = 4
 
@@ -127,9 +124,10 @@ def choose(
         )
     used_m = min(tolerance_m, largest_tolerance(radius_m))
     dimple_m = DIMPLE_SHARE * used_m
-    faces = FACES
+    # Faces that can hold the proxy.
+    faces = 3
     if planar:
-        faces -= 1
+        faces = 2
     return Choice(
         tolerance_m=tolerance_m,
         used_tolerance_m=used_m,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.centreline import runs
 from vfplan.fixture import Fixture, Stroke
 from vfplan.planning import ExtractSettings
 
@@ -77,12 +78,33 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
 
     The lines have the width of their pen.
     """
+    from scipy.spatial import cKDTree
+
     nonzero = cv2.findNonZero(mask.view(np.uint8))
     if nonzero is None:
         return ()
     pixels = nonzero.reshape(-1, 2).astype(np.int64)
+    edge_distance = np.full(len(pixels), np.inf)
+    for line in lines:
+        to_line, _ = cKDTree(line.points).query(pixels)
+        edge_distance = np.minimum(edge_distance, to_line - line.width / 2)
+    # Connected pieces, but for specks.
+    left = pixels[edge_distance > tuned.EDGE_BLUR_PX]
+    pieces = []
+    if len(left):
+        corner = left.min(axis=0)
+        width, height = (left.max(axis=0) - corner + 1).tolist()
+        picture = np.zeros((height, width), np.uint8)
+        picture[left[:, 1] - corner[1], left[:, 0] - corner[0]] = 1
+        _, labels = cv2.connectedComponents(picture, connectivity=8)
+        label = labels[left[:, 1] - corner[1], left[:, 0] - corner[0]]
+        sizes = np.bincount(label)[1:]
+        pieces = np.split(np.argsort(label, kind="stable"), np.cumsum(sizes)[:-1])
     entries = []
-    for piece in _pieces(pixels[_edge_distance(pixels, lines) > tuned.EDGE_BLUR_PX]):
+    for members in pieces:
+        if len(members) < tuned.SPECK_PX:
+            continue
+        piece = left[members]
         low, high = piece.min(axis=0), piece.max(axis=0)
         box = (*low.tolist(), *(high - low + 1).tolist())
         piece_mask = np.zeros((box[3], box[2]), bool)
@@ -90,7 +112,7 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
         middle = tuple(((low + high) / 2).tolist())
         entries.append((len(piece), middle, box, piece_mask))
     for line in lines:
-        for run in _runs(line.bridged, line.closed):
+        for run in runs(line.bridged, line.closed):
             u, v = line.points[run[len(run) // 2]].tolist()
             entries.append((len(run), (u, v), (round(u), round(v), 1, 1), None))
     entries.sort(key=lambda entry: (-entry[0], *entry[1]))
@@ -98,52 +120,6 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
     for number, (count, middle, box, piece_mask) in enumerate(entries[:MAX_ENTRIES], 1):
         account.append(Entry(number, middle, count, count / len(pixels), box, piece_mask))
     return tuple(account)
-
-
-def _edge_distance(pixels: NDArray[np.int64], lines: Sequence[Stroke]) -> Array:
-    """(N,) distance of pixels from the edge of the closest line [px]."""
-    from scipy.spatial import cKDTree
-
-    distance = np.full(len(pixels), np.inf)
-    for line in lines:
-        to_line, _ = cKDTree(line.points).query(pixels)
-        distance = np.minimum(distance, to_line - line.width / 2)
-    return distance
-
-
-def _pieces(pixels: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The connected pieces of (N, 2) pixels, but for specks."""
-    if len(pixels) == 0:
-        return []
-    corner = pixels.min(axis=0)
-    width, height = (pixels.max(axis=0) - corner + 1).tolist()
-    picture = np.zeros((height, width), np.uint8)
-    picture[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = 1
-    _, labels = cv2.connectedComponents(picture, connectivity=8)
-    label = labels[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]]
-    order = np.argsort(label, kind="stable")
-    ends = np.cumsum(np.bincount(label)[1:])
-    pieces = []
-    for piece in np.split(order, ends[:-1]):
-        if len(piece) >= tuned.SPECK_PX:
-            pieces.append(pixels[piece])
-    return pieces
-
-
-def _runs(flags: NDArray[np.bool_], closed: bool) -> list[NDArray[np.int64]]:
-    """The indices of each run of flags; on a closed line a run may lead through its seam."""
-    count = len(flags)
-    if flags.all():
-        return [np.arange(count)]
-    turn = 0
-    if closed:
-        turn = int(np.flatnonzero(~flags)[0])
-    turned = np.roll(flags, -turn)
-    edges = np.flatnonzero(np.diff(np.r_[False, turned, False].astype(int))).reshape(-1, 2)
-    runs = []
-    for start, stop in edges:
-        runs.append((np.arange(start, stop) + turn) % count)
-    return runs
 
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:

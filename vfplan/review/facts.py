@@ -22,14 +22,50 @@ def facts_of(
     if not strokes:
         heading = "Geometry"
     facts = [(heading, _geometry_in_words(record, fixture, strokes))]
+    registration = fixture.registration
     if record.metres_per_px is not None:
-        facts.append(("Pixel", _pixel_in_words(record.metres_per_px, fixture)))
-    if fixture.registration is not None:
-        facts.append(("Markers", _markers_in_words(fixture)))
+        # Where markers and image say different sizes, both stand there.
+        size = f"{record.metres_per_px * 1e3:.4g}"
+        stated = size
+        by_markers = registration is not None and registration.source_frame == "image"
+        if by_markers and fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
+            along_u, along_v = fixture.image.pixel_spacing_mm
+            stated = f"{math.sqrt(along_u * along_v):.4g}"
+        words = f"{size} mm"
+        if stated != size:
+            words += f" by the markers, as the lengths here; {stated} mm by the image"
+        facts.append(("Pixel", words))
+    if registration is not None:
+        left_out = labels_left_out(fixture)
+        used = []
+        for number, label in enumerate(registration.labels):
+            if label not in left_out:
+                used.append(number)
+        worst = max(used, key=lambda number: registration.residuals_m[number])
+        markers = str(len(used))
+        if len(used) < len(registration.labels):
+            markers += f" of {len(registration.labels)}"
+        words = (
+            f"{markers}, {registration.model}; residual "
+            f"{registration.fre_rms_m * 1e3:.2f} mm rms, largest "
+            f"{registration.residuals_m[worst] * 1e3:.2f} mm at "
+            f"{registration.labels[worst]}"
+        )
+        facts.append(("Markers", words))
+    error = "not known"
     if fixture.frame == "image":
-        facts.append(("Error of the registration", "not registered yet"))
-    elif fixture.registration is not None:
-        facts.append(("Error of the registration", _error_in_words(record, fixture)))
+        error = "not registered yet"
+    elif record.tre95_m is not None:
+        bound = float(record.tre95_m.max())
+        error = f"the whole line lies within {bound * 1e3:.2f} mm"
+        if record.metres_per_px is not None:
+            error += f" ({bound / record.metres_per_px:.1f} px)"
+        error += " (95 %)"
+    elif registration is not None and registration.tre_m is not None:
+        largest = float(registration.tre_m.max())
+        error = f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
+    if fixture.frame == "image" or registration is not None:
+        facts.append(("Error of the registration", error))
     if record.margin_m is not None:
         facts.append(("Margin", f"{record.margin_m * 1e3:.2f} mm on every side"))
     elif "margin" in fixture.provenance.settings:
@@ -45,21 +81,6 @@ def facts_of(
             what = "points"
         facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
     return tuple(facts)
-
-
-def _pixel_in_words(metres_per_px: float, fixture: Fixture) -> str:
-    """The size of a pixel, and where it is from if markers and image say different sizes."""
-    size = f"{metres_per_px * 1e3:.4g}"
-    record = fixture.registration
-    if record is None or record.source_frame != "image" or fixture.image is None:
-        return f"{size} mm"
-    if fixture.image.pixel_spacing_mm is None:
-        return f"{size} mm"
-    along_u, along_v = fixture.image.pixel_spacing_mm
-    stated = f"{math.sqrt(along_u * along_v):.4g}"
-    if stated == size:
-        return f"{size} mm"
-    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
 
 
 def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stroke, ...]) -> str:
@@ -85,33 +106,6 @@ def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stro
     return ". ".join(parts)
 
 
-def _markers_in_words(fixture: Fixture) -> str:
-    record = fixture.registration
-    left_out = labels_left_out(fixture)
-    used = [k for k, label in enumerate(record.labels) if label not in left_out]
-    worst = max(used, key=lambda k: record.residuals_m[k])
-    markers = str(len(used))
-    if len(used) < len(record.labels):
-        markers += f" of {len(record.labels)}"
-    return (
-        f"{markers}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
-        f"largest {record.residuals_m[worst] * 1e3:.2f} mm at {record.labels[worst]}"
-    )
-
-
 def labels_left_out(fixture: Fixture) -> list[str]:
     """The labels of the markers that a robust registration did not use."""
     return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
-
-
-def _error_in_words(record: SheetInput, fixture: Fixture) -> str:
-    if record.tre95_m is not None:
-        bound = float(record.tre95_m.max())
-        words = f"the whole line lies within {bound * 1e3:.2f} mm"
-        if record.metres_per_px is not None:
-            words += f" ({bound / record.metres_per_px:.1f} px)"
-        return words + " (95 %)"
-    if fixture.registration.tre_m is not None:
-        largest = float(fixture.registration.tre_m.max())
-        return f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
-    return "not known"

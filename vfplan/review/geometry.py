@@ -146,10 +146,17 @@ class Geometry:
 
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
+        from scipy.spatial import cKDTree
+
         strokes = list(self.strokes)
         before = strokes[number]
         strokes[number] = stroke
-        findings = _unmended(self.findings, _changed(before, stroke))
+        # Points of either line that are not on the other.
+        changed = []
+        for one, other in ((before, stroke), (stroke, before)):
+            distance, _ = cKDTree(other.points).query(one.points)
+            changed.append(one.points[distance > MOVED_PX])
+        findings = _unmended(self.findings, np.vstack(changed))
         return replace(self, strokes=tuple(strokes), findings=findings)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
@@ -194,20 +201,12 @@ def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, numbe
             return replace(geometry, refusal=_refusal_of(error), candidates=branches)
     else:
         strokes = extracted.extraction.strokes
-        if len(strokes) == 1 and _follows(strokes[0], route):
+        to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
+        if len(strokes) == 1 and max(to_route) < CLOSE_PX:
             mended = MendedStroke.of(strokes[0])
             return replace(settled, strokes=(mended,), findings=extracted.findings)
     line = geometry.ink.trace(route.points, route.closed)
     return replace(settled, strokes=(MendedStroke.from_ink(line, route.closed),), findings=())
-
-
-def _follows(stroke: Stroke, route: Stroke) -> bool:
-    """Whether a measured line runs along a candidate."""
-    for place in route.points[::8]:
-        _, distance = nearest_point(stroke.points, place)
-        if distance >= CLOSE_PX:
-            return False
-    return True
 
 
 def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
@@ -283,17 +282,6 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
             long.append(route)
     long.sort(key=lambda route: -route.length)
     return tuple(long[:MAX_ROUTES])
-
-
-def _changed(before: MendedStroke, after: MendedStroke) -> NDArray[np.float64]:
-    """(M, 2) points of either line that are not on the other."""
-    from scipy.spatial import cKDTree
-
-    changed = []
-    for stroke, other in ((before, after), (after, before)):
-        distance, _ = cKDTree(other.points).query(stroke.points)
-        changed.append(stroke.points[distance > MOVED_PX])
-    return np.vstack(changed)
 
 
 def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:

@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.centreline import runs
 from vfplan.fixture import Stroke
+from vfplan.geometry.polyline import arc_lengths
 from vfplan.images.read import as_uint8
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, CONTENT_WIDTH, MARGIN, STRONG, Box, Paper
@@ -121,18 +123,6 @@ def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
     return int(np.median(colours))
 
 
-def runs_of(flags: NDArray[np.bool_], closed: bool) -> list[NDArray[np.intp]]:
-    """The indices of each run of flagged points; on a closed line a run may pass its start."""
-    steps = np.flatnonzero(np.diff(flags.astype(np.int8)))
-    runs = []
-    for part in np.split(np.arange(len(flags)), steps + 1):
-        if flags[part[0]]:
-            runs.append(part)
-    if closed and len(runs) > 1 and flags[0] and flags[-1]:
-        runs = [np.concatenate([runs[-1], runs[0]]), *runs[1:-1]]
-    return runs
-
-
 def insets_of(content: SheetInput) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets = []
@@ -161,7 +151,17 @@ def insets_of(content: SheetInput) -> list[Inset]:
         of_line = f" of line {number}"
         if is_single:
             of_line = ""
-        insets += _bridges(stroke, of_line)
+        # One inset a bridge, or several along a long one.
+        for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
+            points = stroke.points[run]
+            along = arc_lengths(points, False)
+            parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
+            for part in range(parts):
+                place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
+                caption = f"Bridge {count}{of_line}, {along[-1]:.0f} px"
+                if parts > 1:
+                    caption += f", part {part + 1} of {parts}"
+                insets.append(Inset(caption, place))
     for entry in content.account or ():
         place = np.array([entry.u, entry.v])
         if not entry.is_ink and not _is_enlarged(place, insets):
@@ -178,22 +178,6 @@ def insets_of(content: SheetInput) -> list[Inset]:
         while zoom > 1 and half_m / content.metres_per_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         insets.append(Inset("Error and margin, true scale", points[worst], zoom, has_band=True))
-    return insets
-
-
-def _bridges(stroke: Stroke, of_line: str) -> list[Inset]:
-    """One inset a bridge, or several along a long one."""
-    insets = []
-    for number, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
-        points = stroke.points[run]
-        along = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
-        count = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
-        for k in range(count):
-            place = points[np.searchsorted(along, along[-1] * (k + 0.5) / count)]
-            caption = f"Bridge {number}{of_line}, {along[-1]:.0f} px"
-            if count > 1:
-                caption += f", part {k + 1} of {count}"
-            insets.append(Inset(caption, place))
     return insets
 
 
@@ -250,7 +234,15 @@ def draw_inset(
 ) -> Box:
     """Draw an inset with its frame at a place of the page."""
     window = inset.window
-    pixels, is_outside = _cut_out(rgb, window)
+    u, v, width, height = window
+    pixels = np.full((height, width, 3), 255, np.uint8)
+    is_outside = np.ones((height, width), bool)
+    first_u, first_v = max(u, 0), max(v, 0)
+    last_u, last_v = min(u + width, rgb.shape[1]), min(v + height, rgb.shape[0])
+    if first_u < last_u and first_v < last_v:
+        place = slice(first_v - v, last_v - v), slice(first_u - u, last_u - u)
+        pixels[place] = rgb[first_v:last_v, first_u:last_u]
+        is_outside[place] = False
     if inset.is_raised:
         pixels = _spread(pixels, is_outside)
     enlarged = np.repeat(np.repeat(pixels, inset.zoom, axis=0), inset.zoom, axis=1)
@@ -283,22 +275,6 @@ def _within(inset: Inset, stroke: Stroke) -> Array:
     """(M, 2) the points of a line in an inset [px of the page]."""
     u, v, _, _ = inset.window
     return (stroke.points - (u, v) + 0.5) * inset.zoom - 0.5
-
-
-def _cut_out(
-    rgb: NDArray[np.uint8], window: tuple[int, int, int, int]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """The pixels of a window, and which of them lie outside of the slice."""
-    u, v, width, height = window
-    pixels = np.full((height, width, 3), 255, np.uint8)
-    is_outside = np.ones((height, width), bool)
-    first_u, first_v = max(u, 0), max(v, 0)
-    last_u, last_v = min(u + width, rgb.shape[1]), min(v + height, rgb.shape[0])
-    if first_u < last_u and first_v < last_v:
-        place = slice(first_v - v, last_v - v), slice(first_u - u, last_u - u)
-        pixels[place] = rgb[first_v:last_v, first_u:last_u]
-        is_outside[place] = False
-    return pixels, is_outside
 
 
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:

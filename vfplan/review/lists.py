@@ -95,13 +95,9 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    return [*_finding_lines(content, width), *_account_lines(content, width)]
-
-
-def _finding_lines(content: SheetInput, width: float) -> list[TextLine]:
-    if not content.findings:
-        return [TextLine("Findings: none", HEADING)]
     lines = [TextLine("Findings", HEADING)]
+    if not content.findings:
+        lines = [TextLine("Findings: none", HEADING)]
     for number, finding in enumerate(content.findings, 1):
         kind, style = finding.severity, BODY
         if finding.is_open:
@@ -115,18 +111,13 @@ def _finding_lines(content: SheetInput, width: float) -> list[TextLine]:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         for line in paper.wrapped(words, width - 30, BODY):
             lines.append(TextLine(line, indent=30))
-    return lines
-
-
-def _account_lines(content: SheetInput, width: float) -> list[TextLine]:
-    """The ink in the pen's colour that was not taken."""
     if content.rgb is None:
-        return []
+        return lines
     if content.account is None:
-        return [TextLine("Other ink: not kept in the bundle", HEADING, above=20)]
+        return [*lines, TextLine("Other ink: not kept in the bundle", HEADING, above=20)]
     if not content.account:
-        return [TextLine("Other ink in the pen's colour: none", HEADING, above=20)]
-    lines = [TextLine("Other ink in the pen's colour", HEADING, above=20)]
+        return [*lines, TextLine("Other ink in the pen's colour: none", HEADING, above=20)]
+    lines.append(TextLine("Other ink in the pen's colour", HEADING, above=20))
     for entry in content.account[:LISTED_ENTRIES]:
         words = f"{entry.number}: "
         if entry.what:

@@ -117,6 +117,13 @@ class Fit:
         spacing_m = None
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:
             spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
+        # Deviations of the targets count where all markers have them.
+        sigma = None
+        counts = {len(marker.sigma_m) for marker in used}
+        if counts in ({1}, {3}):
+            sigma = np.array([marker.sigma_m for marker in used])
+        if counts == {1}:
+            sigma = sigma[:, 0]
         places = np.array([marker.place_px for marker in used])
         depths = np.array([marker.depth_m for marker in used])
         try:
@@ -127,7 +134,7 @@ class Fit:
                 robust=self.settings.robust,
                 labels=[marker.label for marker in used],
                 pixel_spacing=spacing_m,
-                sigma=_common_sigma(used),
+                sigma=sigma,
                 seen_from=self.settings.seen_from,
             )
         except VfplanError as error:
@@ -284,17 +291,6 @@ class Fit:
                     code="label-exists",
                     numbers={"markers": len(self.markers)},
                 )
-
-
-def _common_sigma(markers: tuple[Marker, ...]) -> NDArray[np.float64] | None:
-    """(N,) or (N, 3) standard deviations of the targets; `None` unless all markers have them."""
-    widths = {len(marker.sigma_m) for marker in markers}
-    if len(widths) != 1 or widths == {0}:
-        return None
-    sigma = np.array([marker.sigma_m for marker in markers])
-    if widths == {1}:
-        return sigma[:, 0]
-    return sigma
 
 
 def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSettings) -> Fit:

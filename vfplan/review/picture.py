@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.centreline import runs
 from vfplan.display import nice_length
 from vfplan.fixture import Stroke
 from vfplan.review import paper
-from vfplan.review.insets import INSET_PX, draw_distance, ends_of, runs_of
+from vfplan.review.insets import INSET_PX, draw_distance, ends_of
 from vfplan.review.labels import Labeller
 from vfplan.review.paper import (
     BAND_COLOUR,
@@ -147,7 +148,7 @@ def _draw_outline(
     bridges = np.zeros_like(region)
     for stroke in content.strokes:
         thickness = round(2 * panel.outline_distance(stroke)) + 12
-        for run in runs_of(stroke.bridged, stroke.closed):
+        for run in runs(stroke.bridged, stroke.closed):
             paper.draw_line(bridges, panel.place(stroke.points[run]), 255, thickness)
     paper.blend(canvas, casing, WHITE, 0, 0)
     paper.blend(canvas, np.where(bridges > 0, 0, outline).astype(np.uint8), LINE_COLOUR, 0, 0)
@@ -209,25 +210,22 @@ def _draw_markers(
                 direction = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
                 tick = np.array([centre + inner * direction, centre + 21 * direction])
                 paper.draw_line(canvas, tick, colour, thickness)
-        if marker.residual_px is not None:
-            residual = np.asarray(marker.residual_px) * panel.zoom * enlargement
-            _draw_arrow(canvas, centre, residual)
-
-
-def _draw_arrow(canvas: NDArray[np.uint8], start: Array, vector: Array) -> None:
-    length = float(np.hypot(*vector))
-    if length < 1:
-        return
-    along = vector / length
-    across = np.array([-along[1], along[0]])
-    tip, head = start + vector, min(14.0, length)
-    shaft = np.array([start, tip - 0.7 * head * along])
-    base = tip - head * along
-    corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
-    paper.draw_line(canvas, shaft, WHITE, 7)
-    paper.draw_line(canvas, corners, WHITE, 4, True)
-    paper.draw_line(canvas, shaft, BLACK, 3)
-    cv2.fillConvexPoly(canvas, paper.fixed_point(corners), BLACK, cv2.LINE_AA, paper.SHIFT)
+        if marker.residual_px is None:
+            continue
+        residual = np.asarray(marker.residual_px) * panel.zoom * enlargement
+        length = float(np.hypot(*residual))
+        if length < 1:
+            continue
+        along = residual / length
+        across = np.array([-along[1], along[0]])
+        tip, head = centre + residual, min(14.0, length)
+        shaft = np.array([centre, tip - 0.7 * head * along])
+        base = tip - head * along
+        corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
+        paper.draw_line(canvas, shaft, WHITE, 7)
+        paper.draw_line(canvas, corners, WHITE, 4, True)
+        paper.draw_line(canvas, shaft, BLACK, 3)
+        cv2.fillConvexPoly(canvas, paper.fixed_point(corners), BLACK, cv2.LINE_AA, paper.SHIFT)
 
 
 def _kept_visible(
@@ -272,7 +270,7 @@ def _draw_captions(
             of_line, of_bridge = "", ""
         for end in ends_of(stroke):
             tag(end.place, end.name + of_line, ground=LINE_COLOUR)
-        for k, run in enumerate(runs_of(stroke.bridged, stroke.closed), 1):
+        for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(content.findings, 1):
         if finding.place_px is not None:

@@ -62,25 +62,20 @@ def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     if has_ink.all():
         return offset
-    distance, nearest = _nearest_ink(has_ink, closed)
-    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
-    return np.where(has_ink, offset, offset[nearest] * fade)
-
-
-def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDArray]:
-    """(M,) steps to the nearest point with ink, and which that is."""
+    # Steps to the nearest point with ink, and which that is; round a ring through its seam.
     count = len(has_ink)
-    at = np.flatnonzero(has_ink)
+    places = np.flatnonzero(has_ink)
     if closed:
-        places = np.r_[at - count, at, at + count]
-    else:
-        places = at
+        places = np.concatenate([places - count, places, places + count])
     own = np.arange(count)
     after = np.clip(np.searchsorted(places, own), 0, len(places) - 1)
     before = np.clip(after - 1, 0, None)
-    nearer = np.abs(places[before] - own) < np.abs(places[after] - own)
-    nearest = np.where(nearer, places[before], places[after])
-    return np.abs(nearest - own), nearest % count
+    is_before = np.abs(places[before] - own) < np.abs(places[after] - own)
+    nearest = np.where(is_before, places[before], places[after])
+    distance = np.abs(nearest - own)
+    nearest %= count
+    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
+    return np.where(has_ink, offset, offset[nearest] * fade)
 
 
 def past_branches(

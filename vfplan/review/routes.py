@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.centreline import drawn_length
 from vfplan.fixture import Stroke
-from vfplan.geometry.polyline import length_of
 
 MAX_ROUTES = 9
 """Routes that are offered at most: one digit chooses among them."""
@@ -16,14 +16,10 @@ MAX_ROUTES = 9
 MAX_FREE_ENDS = 12
 """Free ends of a forked line beyond which it is writing, through which no route is offered."""
 
-STAIRCASE = 1.05
-"""Factor by which a staircase of pixels is longer than the line that it follows."""
-
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
     """A route that a curve may take over the ink, along skeleton pixels (u, v) in order."""
-    length = length_of(pixels, closed) / STAIRCASE
-    return Stroke(pixels, closed, known_length=length)
+    return Stroke(pixels, closed, known_length=drawn_length(pixels, closed))
 
 
 def routes_through(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hmac
 import json
 import queue
+import re
 import secrets
 import threading
 import time
@@ -54,6 +55,9 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+GREY_LEVEL = re.compile("[0-9]{1,6}")
+"""A grey of a slice, as a page asks for it."""
+
 MEDIA_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 
 
@@ -162,10 +166,24 @@ class ReviewServer:
             if name == "/steps":
                 return None
             rgb = self._session.source.image.rgb
-            window = _window_of(query, int(np.iinfo(rgb.dtype).max))
-            if window is None:
+            grey_max = int(np.iinfo(rgb.dtype).max)
+            low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
+            is_window = False
+            if GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high):
+                is_window = int(low) < int(high) <= grey_max
+            if not is_window:
                 return connection.respond(400, "low and high are no greys of the slice")
-            return reply(connection, _png(rgb, *window), "image/png", HEADERS)
+            # 8 bits, as browsers show them, with the slice's full depth between the two greys.
+            if (int(low), int(high)) != (0, 255) or rgb.dtype != np.uint8:
+                greys = np.arange(grey_max + 1)
+                shown = np.clip((greys - int(low)) * (255.0 / (int(high) - int(low))), 0, 255)
+                rgb = np.rint(shown).astype(np.uint8)[rgb]
+            # A low compression: the bytes do not leave this computer.
+            is_encoded, data = cv2.imencode(
+                ".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]
+            )
+            assert is_encoded
+            return reply(connection, data.tobytes(), "image/png", HEADERS)
         page = _pages().get(name)
         if page is None:
             return connection.respond(404, "there is no such page")
@@ -300,29 +318,6 @@ def _send_text(connection: Any, text: str) -> None:
 
 def _described(error: VfplanError) -> dict[str, Any]:
     return {"error": {"code": error.code, "message": str(error)}}
-
-
-def _window_of(query: dict[str, list[str]], grey_max: int) -> tuple[int, int] | None:
-    """The greys that are asked for as black and as white; `None` for what is no window."""
-    low = query.get("low", ["0"])[0]
-    high = query.get("high", [str(grey_max)])[0]
-    if not (low.isascii() and low.isdigit() and high.isascii() and high.isdigit()):
-        return None
-    if len(low) > 6 or len(high) > 6 or not int(low) < int(high) <= grey_max:
-        return None
-    return int(low), int(high)
-
-
-def _png(rgb: np.ndarray, low: int, high: int) -> bytes:
-    """The slice as a PNG of 8 bits, as browsers show it, with its full depth between two greys."""
-    if (low, high) != (0, 255) or rgb.dtype != np.uint8:
-        greys = np.arange(np.iinfo(rgb.dtype).max + 1)
-        brightness = np.clip((greys - low) * (255.0 / (high - low)), 0, 255)
-        rgb = np.rint(brightness).astype(np.uint8)[rgb]
-    # A low compression: the bytes do not leave this computer.
-    encoded, data = cv2.imencode(".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    assert encoded
-    return data.tobytes()
 
 
 def _pages() -> dict[str, tuple[bytes, str]]:

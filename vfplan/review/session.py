@@ -222,22 +222,19 @@ class Session:
         plan = self.current.plan
         if "outcome" not in plan:
             outcome = self._plan()
-            plan["outcome"] = replace(outcome, findings=self._with_slice_asked(outcome.findings))
+            # Whether this review shows the slice; an earlier one may have.
+            findings = []
+            for finding in outcome.findings:
+                if finding.code != "slice-not-shown":
+                    findings.append(finding)
+            if self.source.is_slice_missing:
+                text = (
+                    "The slice is not shown, so neither the line's ends nor other ink can be seen. "
+                    "Open the bundle with its slice: --slice IMAGE."
+                )
+                findings.append(doubt("slice-not-shown", "extract", text))
+            plan["outcome"] = replace(outcome, findings=tuple(findings))
         return plan["outcome"]
-
-    def _with_slice_asked(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """The findings, and whether this review shows the slice; an earlier review may have."""
-        kept = []
-        for finding in findings:
-            if finding.code != "slice-not-shown":
-                kept.append(finding)
-        if self.source.is_slice_missing:
-            text = (
-                "The slice is not shown, so neither the line's ends nor other ink can be seen. "
-                "Open the bundle with its slice: --slice IMAGE."
-            )
-            kept.append(doubt("slice-not-shown", "extract", text))
-        return tuple(kept)
 
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON holds it."""
@@ -398,7 +395,14 @@ class Session:
         of_curve = state.geometry.all_findings
         if not state.geometry.strokes:
             return Outcome(None, of_curve)
-        if self.source.fixture is not None and not self._is_changed():
+        # What no step changed is approved as it is in the bundle.
+        first = self._states[0]
+        before, after = first.geometry.strokes, state.geometry.strokes
+        is_changed = state.fit is not first.fit or len(before) != len(after)
+        for stroke, other in zip(before, after, strict=False):
+            if stroke.points is not other.points:
+                is_changed = True
+        if self.source.fixture is not None and not is_changed:
             return Outcome(self.source.fixture, self.source.fixture.findings)
         curve = self.curve()
         if not state.fit.markers:
@@ -418,17 +422,6 @@ class Session:
                 message = error.message.replace(", or give --markers-as-given", "")
                 return Outcome(None, of_curve, _sentence(message), error.code)
         return Outcome(planned.fixture, (*of_curve, *planned.findings))
-
-    def _is_changed(self) -> bool:
-        """Whether any step changed the curve or the markers of the source."""
-        state, first = self.current, self._states[0]
-        if state.fit is not first.fit:
-            return True
-        before, after = first.geometry.strokes, state.geometry.strokes
-        if len(before) != len(after):
-            return True
-        pairs = zip(before, after, strict=True)
-        return any(stroke.points is not other.points for stroke, other in pairs)
 
     def curve(self) -> Fixture:
         """The curve in the image's pixels, as `vfplan extract` would write it."""

@@ -75,7 +75,20 @@ def write_sheet(content: SheetInput, path: Path) -> None:
 def draw_sheet(content: SheetInput) -> Sheet:
     """Draw the sheet of what is to be reviewed."""
     sheet = Paper()
-    y = _draw_head(sheet, content)
+    # The verdict, in white on black where it is more than a look, and what is reviewed.
+    y = float(MARGIN)
+    if content.unanswered or content.missing_slice:
+        lines = len(paper.wrapped(content.verdict, CONTENT_WIDTH - 32, TITLE))
+        bar = slice(MARGIN - 10, MARGIN + lines * TITLE.line_height + 10)
+        sheet.canvas[bar, MARGIN : PAGE_WIDTH - MARGIN] = BLACK
+        y = sheet.paragraph(MARGIN + 16, y, content.verdict, CONTENT_WIDTH - 32, TITLE, WHITE)
+        y += 12
+    else:
+        y = sheet.paragraph(MARGIN, y, content.verdict, CONTENT_WIDTH, TITLE)
+    words = f"Review sheet of {content.title}."
+    if content.side is not None:
+        words += f" The slice is seen from {content.side}."
+    y = sheet.paragraph(MARGIN, y + 4, words, CONTENT_WIDTH, BODY, GREY) + 14
     if content.rgb is None:
         free_x, free_y, y = draw_views(sheet, content, y)
         draw_facts(sheet, content, free_x, free_y, PAGE_WIDTH - MARGIN - free_x)
@@ -102,22 +115,6 @@ def draw_sheet(content: SheetInput) -> Sheet:
         x = PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, FOOT, number, BODY, GREY, page=page)
     return Sheet(sheet.image(), tuple(sheet.boxes))
-
-
-def _draw_head(sheet: Paper, content: SheetInput) -> float:
-    """The verdict, and what is reviewed."""
-    if content.unanswered or content.missing_slice:
-        lines = len(paper.wrapped(content.verdict, CONTENT_WIDTH - 32, TITLE))
-        bar = slice(MARGIN - 10, MARGIN + lines * TITLE.line_height + 10)
-        sheet.canvas[bar, MARGIN : PAGE_WIDTH - MARGIN] = BLACK
-        y = sheet.paragraph(MARGIN + 16, MARGIN, content.verdict, CONTENT_WIDTH - 32, TITLE, WHITE)
-        y += 12
-    else:
-        y = sheet.paragraph(MARGIN, MARGIN, content.verdict, CONTENT_WIDTH, TITLE)
-    words = f"Review sheet of {content.title}."
-    if content.side is not None:
-        words += f" The slice is seen from {content.side}."
-    return sheet.paragraph(MARGIN, y + 4, words, CONTENT_WIDTH, BODY, GREY) + 14
 
 
 def _png(pixels: NDArray[np.uint8]) -> bytes:

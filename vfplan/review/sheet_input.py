@@ -137,19 +137,16 @@ class SheetInput:
             then = "answer 1 finding"
         elif self.unanswered:
             then = f"answer {self.unanswered} findings"
-        return f"Look at {self._what_to_look_at}, then {then}"
-
-    @property
-    def _what_to_look_at(self) -> str:
-        """The ends of the lines; no program can tell whether something covers one."""
-        if self.rgb is None:
-            return "the three views"
+        # No program can tell whether something covers an end.
         ends = sum(len(stroke.end_points) for stroke in self.strokes)
-        if ends > 2:
-            return f"all {ends} ends"
-        if ends == 2:
-            return "both ends of the line"
-        return "the whole line"
+        places = "the whole line"
+        if self.rgb is None:
+            places = "the three views"
+        elif ends == 2:
+            places = "both ends of the line"
+        elif ends > 2:
+            places = f"all {ends} ends"
+        return f"Look at {places}, then {then}"
 
 
 def of_plan(plan: PlanResult, title: str) -> SheetInput:
@@ -203,6 +200,7 @@ def of_fixture(
         The image is not the one that the curve was drawn on.
     """
     from vfplan.planning import ExtractSettings
+    from vfplan.registration.registration import describe_side
 
     if image is not None:
         check_slice(fixture, image)
@@ -210,6 +208,11 @@ def of_fixture(
     pen = ""
     if drawn and "curve" not in fixture.provenance.inputs:
         pen = str(fixture.provenance.settings.get("colour", ExtractSettings().colour))
+    # From where the robot sees the slice, where the bundle says how it lies.
+    side = None
+    axes = _pixel_axes(fixture, image)
+    if axes is not None and fixture.registration is not None:
+        side = describe_side(-np.cross(axes[:, 0], axes[:, 1]))
     reviewed = ""
     if fixture.reviewed is not None:
         reviewed = f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
@@ -219,7 +222,7 @@ def of_fixture(
         findings=fixture.findings,
         reviewed=reviewed,
         margin_m=_margin_of(fixture, None),
-        side=_side_of(fixture, image),
+        side=side,
         frame=fixture.frame,
         pen=pen,
     )
@@ -249,12 +252,21 @@ def of_fixture(
             place = _place_in_patient(image)
             points = points @ place[:, :2].T + place[:, 2]
         tre95_m = registration.tre95_curve_m(points)
+    # The size of a pixel: by the markers, else as the image or the bundle says.
+    metres_per_px = None
+    spacing_mm = image.pixel_spacing_mm
+    if spacing_mm is None and fixture.image is not None:
+        spacing_mm = fixture.image.pixel_spacing_mm
+    if axes is not None:
+        metres_per_px = _size_of(axes)
+    elif spacing_mm is not None:
+        metres_per_px = float(np.sqrt(spacing_mm[0] * spacing_mm[1])) * 1e-3
     record = replace(
         record,
         rgb=image.rgb,
         strokes=strokes,
         account=account,
-        metres_per_px=_metres_per_px(fixture, image),
+        metres_per_px=metres_per_px,
         markers=_markers_on_slice(fixture, image),
         tre95_m=tre95_m,
         margin_m=_margin_of(fixture, tre95_m),
@@ -403,28 +415,6 @@ def _pixel_axes(fixture: Fixture, image: PlannedImage | None) -> Array | None:
 def _size_of(axes: Array) -> float:
     """The geometric mean of a pixel's sides [m]."""
     return float(np.sqrt(np.prod(np.linalg.svd(axes)[1])))
-
-
-def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
-    axes = _pixel_axes(fixture, image)
-    if axes is not None:
-        return _size_of(axes)
-    spacing = image.pixel_spacing_mm
-    if spacing is None and fixture.image is not None:
-        spacing = fixture.image.pixel_spacing_mm
-    if spacing is None:
-        return None
-    return float(np.sqrt(spacing[0] * spacing[1])) * 1e-3
-
-
-def _side_of(fixture: Fixture, image: PlannedImage | None) -> str | None:
-    """From where the robot sees the slice; `None` where nobody knows how it lies."""
-    from vfplan.registration.registration import describe_side
-
-    axes = _pixel_axes(fixture, image)
-    if axes is None or fixture.registration is None:
-        return None
-    return describe_side(-np.cross(axes[:, 0], axes[:, 1]))
 
 
 def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarker, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.fixture import Fixture, Stroke
+from vfplan.fixture import Fixture
 from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
@@ -324,11 +324,29 @@ def _of_bundle(
     if slice_path is not None:
         slice_path = Path(slice_path)
         slice_image = _slice_of(fixture, slice_path, path, extraction)
-    _refuse_unplaced(fixture, slice_image, path)
+    record = fixture.registration
+    is_planar = record is not None and record.source_frame == "image"
+    is_placed = slice_image is not None and slice_image.T_patient_image is not None
+    if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
+        raise InputError(
+            "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
+            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png",
+            where=str(path),
+            code="no-slice-registration",
+        )
     drawn = strokes_on_slice(fixture, slice_image)
     image = slice_image
     if image is None:
-        image = _blank_ground(fixture, drawn)
+        # A blank picture of the slice's size.
+        spacing = None
+        if fixture.image is None:
+            points = np.concatenate([stroke.points for stroke in drawn])
+            width, height = (points.max(axis=0) + 50).astype(int).tolist()
+        else:
+            width, height = fixture.image.width_px, fixture.image.height_px
+            spacing = fixture.image.pixel_spacing_mm
+        rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
+        image = PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
 
     # The curve on the slice, and the pen's ink if it was drawn by a pen.
     ink = None
@@ -342,7 +360,16 @@ def _of_bundle(
     # The markers of its registration, and how it was rendered.
     fit = Fit((), planning, image.pixel_spacing_mm)
     if fixture.registration is not None:
-        planning = _settings_of(fixture, planning)
+        # Rendered and registered as the bundle is, unless the caller says otherwise.
+        of_bundle = {"model": record.model}
+        if fixture.rendering is not None:
+            of_bundle["stiffness"] = tuple(float(k) for k in fixture.rendering.stiffness)
+            of_bundle["contact_radius"] = float(fixture.rendering.contact_radius)
+            of_bundle["point_radius"] = float(fixture.rendering.point_radius)
+        usual = FixtureSettings()
+        for name, value in of_bundle.items():
+            if getattr(planning, name) == getattr(usual, name):
+                planning = replace(planning, **{name: value})
         fit = _fit_of_bundle(fixture, image, planning)
     return Source(
         path=path,
@@ -376,33 +403,6 @@ def _slice_of(
     return image
 
 
-def _refuse_unplaced(fixture: Fixture, image: PlannedImage | None, path: Path) -> None:
-    """Refuse a bundle whose curve cannot be drawn on a slice."""
-    record = fixture.registration
-    is_planar = record is not None and record.source_frame == "image"
-    is_placed = image is not None and image.T_patient_image is not None
-    if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
-        raise InputError(
-            "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
-            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png",
-            where=str(path),
-            code="no-slice-registration",
-        )
-
-
-def _blank_ground(fixture: Fixture, strokes: tuple[Stroke, ...]) -> PlannedImage:
-    """A blank picture of the slice's size."""
-    spacing = None
-    if fixture.image is None:
-        points = np.concatenate([stroke.points for stroke in strokes])
-        width, height = (points.max(axis=0) + 50).astype(int).tolist()
-    else:
-        width, height = fixture.image.width_px, fixture.image.height_px
-        spacing = fixture.image.pixel_spacing_mm
-    rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
-    return PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
-
-
 def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSettings) -> Fit:
     """The markers of a bundle's registration on the slice."""
     from vfplan.markers import Correspondences
@@ -415,20 +415,6 @@ def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSetti
     for marker in fit.markers:
         markers.append(replace(marker, is_used=marker.label not in left_out))
     return replace(fit, markers=tuple(markers))
-
-
-def _settings_of(fixture: Fixture, settings: FixtureSettings) -> FixtureSettings:
-    """How the bundle was rendered and registered, unless the caller says otherwise."""
-    usual = FixtureSettings()
-    of_bundle = {"model": fixture.registration.model}
-    if fixture.rendering is not None:
-        of_bundle["stiffness"] = tuple(float(k) for k in fixture.rendering.stiffness)
-        of_bundle["contact_radius"] = float(fixture.rendering.contact_radius)
-        of_bundle["point_radius"] = float(fixture.rendering.point_radius)
-    for name, value in of_bundle.items():
-        if getattr(settings, name) == getattr(usual, name):
-            settings = replace(settings, **{name: value})
-    return settings
 
 
 def _sides(image: PlannedImage) -> dict[str, str] | None:

@@ -315,7 +315,20 @@ def exclude(session: Session, step: Step) -> State:
     """
     state = session.current
     ink = _needs_ink(session)
-    exclude = (*state.exclude, _box(session, step))
+    # The whole pixels of the box that lie on the slice.
+    u, v, width, height = _numbers(step, "box", 4)
+    image = session.source.image
+    first_u, first_v = max(0, math.floor(u)), max(0, math.floor(v))
+    last_u = min(image.width_px, math.ceil(u + width))
+    last_v = min(image.height_px, math.ceil(v + height))
+    if last_u <= first_u or last_v <= first_v:
+        raise SettingError(
+            f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
+            "slice. Draw it over the slice.",
+            code="box-empty",
+            numbers={"width_px": width, "height_px": height},
+        )
+    exclude = (*state.exclude, (first_u, first_v, last_u - first_u, last_v - first_v))
     if len(exclude) > MAX_EXCLUDED:
         raise SettingError(
             f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them.",
@@ -338,23 +351,6 @@ def exclude(session: Session, step: Step) -> State:
         strokes.append(stroke.measured_in(exclude[-1], ink))
     geometry = replace(geometry, strokes=tuple(strokes), ink=ink)
     return state.changed(geometry=geometry, exclude=exclude)
-
-
-def _box(session: Session, step: Step) -> tuple[int, int, int, int]:
-    """The whole pixels of a box that lie on the slice."""
-    u, v, width, height = _numbers(step, "box", 4)
-    image = session.source.image
-    first_u, first_v = max(0, math.floor(u)), max(0, math.floor(v))
-    last_u = min(image.width_px, math.ceil(u + width))
-    last_v = min(image.height_px, math.ceil(v + height))
-    if last_u <= first_u or last_v <= first_v:
-        raise SettingError(
-            f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
-            "slice. Draw it over the slice.",
-            code="box-empty",
-            numbers={"width_px": width, "height_px": height},
-        )
-    return first_u, first_v, last_u - first_u, last_v - first_v
 
 
 def take(session: Session, step: Step) -> State:

@@ -349,7 +349,13 @@ class MendedStroke(Stroke):
         count = len(self.points)
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
-        points = _meeting(points, drawn[[0, -1]], keeps_start, keeps_end)
+        # Shifted so that they meet the curve's points at either end, over eight pixels.
+        points = points.copy()
+        fade = np.exp(-0.5 * (np.arange(len(points)) / 3.0) ** 2)
+        if keeps_start:
+            points += fade[:, None] * (drawn[0] - points[0])
+        if keeps_end:
+            points += fade[::-1, None] * (drawn[-1] - points[-1])
         # Knots on the new stretch, but for its ends.
         if knot_at is None:
             spacing = self.length / max(len(self.knots), 1)
@@ -426,18 +432,3 @@ def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None)
 def _eased(share: NDArray) -> NDArray[np.float64]:
     """From 0 to 1 with no slope and no bend at either end (the quintic smooth step)."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-
-
-def _meeting(
-    points: NDArray, ends: NDArray, keeps_start: bool, keeps_end: bool
-) -> NDArray[np.float64]:
-    """The points shifted so that they meet the curve's at either end, over eight pixels."""
-    points = points.copy()
-    step = np.arange(len(points))
-    if keeps_start:
-        fade = np.exp(-0.5 * (step / 3.0) ** 2)
-        points += fade[:, None] * (ends[0] - points[0])
-    if keeps_end:
-        fade = np.exp(-0.5 * (step[::-1] / 3.0) ** 2)
-        points += fade[:, None] * (ends[1] - points[-1])
-    return points

@@ -118,7 +118,19 @@ def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     points = content.points_m
     if content.triangles is not None and len(content.triangles) <= MAX_DRAWN:
-        _draw_triangles(canvas, view, points, content.triangles)
+        # From the back to the front, darker the more a triangle is turned away.
+        corners = points[content.triangles]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1)
+        facing = np.abs(normals[:, view.side.toward]) / np.maximum(lengths, 1e-30)
+        light = 0.35 + 0.6 * facing[:, None]
+        colours = np.rint(light * (255 + np.array(LINE_COLOUR)) / 2).astype(int).tolist()
+        flat = view.project(points)
+        for k in np.argsort(view.depth(corners.mean(axis=1))):
+            outline = paper.fixed_point(flat[content.triangles[k]])
+            cv2.fillConvexPoly(canvas, outline, colours[k], cv2.LINE_AA, paper.SHIFT)
+            if len(content.triangles) <= MAX_OUTLINED:
+                cv2.polylines(canvas, [outline], True, LINE_COLOUR, 1, cv2.LINE_AA, paper.SHIFT)
         return canvas
     drawn = points[:: max(1, len(points) // MAX_DRAWN)]
     depth = view.depth(drawn)
@@ -131,24 +143,6 @@ def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
     for place, colour in zip(view.project(drawn[order]), colours.tolist(), strict=True):
         paper.draw_disc(canvas, place, radius, colour)
     return canvas
-
-
-def _draw_triangles(
-    canvas: NDArray[np.uint8], view: View, points: Array, triangles: NDArray[np.int32]
-) -> None:
-    """Draw from the back to the front, darker the more a triangle is turned away."""
-    corners = points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    facing = np.abs(normals[:, view.side.toward]) / np.maximum(lengths, 1e-30)
-    light = 0.35 + 0.6 * facing[:, None]
-    colours = np.rint(light * (255 + np.array(LINE_COLOUR)) / 2).astype(int).tolist()
-    flat = view.project(points)
-    for k in np.argsort(view.depth(corners.mean(axis=1))):
-        outline = paper.fixed_point(flat[triangles[k]])
-        cv2.fillConvexPoly(canvas, outline, colours[k], cv2.LINE_AA, paper.SHIFT)
-        if len(triangles) <= MAX_OUTLINED:
-            cv2.polylines(canvas, [outline], True, LINE_COLOUR, 1, cv2.LINE_AA, paper.SHIFT)
 
 
 def _draw_marks(sheet: Paper, box: Box, view: View, content: SheetInput) -> None:
