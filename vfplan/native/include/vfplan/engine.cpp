@@ -1,6 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The rules compiled once, for sources that include vfplan/engine.hpp with VFPLAN_COMPILED defined.
+// The rules and the bundle reader compiled once, for sources that include them with VFPLAN_COMPILED
+// defined. Without exceptions there is no reader.
 #ifndef VFPLAN_COMPILED
 #define VFPLAN_COMPILED
 #endif
@@ -10,3 +11,12 @@
 
 // What they declare:
 #include "vfplan/engine_impl.hpp"
+
+#ifdef __cpp_exceptions
+#include "vfplan/bundle/fixture.hpp"
+
+vfplan::bundle::Content vfplan::bundle::read_payload(View payload, std::uint64_t file_length,
+                                                     Findings& findings) {
+    return detail::read_and_check(payload, file_length, findings);
+}
+#endif

@@ -106,13 +106,12 @@ struct Bundle {
     Seal seal;
 };
 
-/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
-///
-/// Findings that are strict throw BundleError at the first error; others collect what there is, and
-/// the content is what could be read.
-inline Content read_payload(View payload, std::uint64_t file_length, Findings& findings) {
+namespace detail {
+
+/// What `read_payload` does.
+inline Content read_and_check(View payload, std::uint64_t file_length, Findings& findings) {
     try {
-        detail::Reader reader(payload, file_length, findings);
+        Reader reader(payload, file_length, findings);
         Content content = reader.read();
         check(content, findings);
         return content;
@@ -121,6 +120,21 @@ inline Content read_payload(View payload, std::uint64_t file_length, Findings& f
         return {};
     }
 }
+
+}  // namespace detail
+
+/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
+///
+/// Findings that are strict throw BundleError at the first error. Others collect what there is, and
+/// the content is what could be read. This is most of the reader: with VFPLAN_COMPILED only
+/// vfplan/engine.cpp compiles it.
+#ifdef VFPLAN_COMPILED
+Content read_payload(View payload, std::uint64_t file_length, Findings& findings);
+#else
+inline Content read_payload(View payload, std::uint64_t file_length, Findings& findings) {
+    return detail::read_and_check(payload, file_length, findings);
+}
+#endif
 
 namespace detail {
 
