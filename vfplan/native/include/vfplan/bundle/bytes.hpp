@@ -39,8 +39,8 @@ inline bool is_utf8(std::string_view text) {
             if ((next & 0xC0) != 0x80) return false;
             code = code << 6 | (next & 0x3F);
         }
-        constexpr std::array<std::uint32_t, 5> least{0, 0, 0x80, 0x800, 0x10000};
-        if (code < least[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) {
+        constexpr std::array<std::uint32_t, 5> lowest{0, 0, 0x80, 0x800, 0x10000};
+        if (code < lowest[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) {
             return false;
         }
     }

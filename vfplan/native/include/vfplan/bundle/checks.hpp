@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "vfplan/base/vec.hpp"
 #include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/schema.hpp"
@@ -219,50 +220,17 @@ inline void check_leak(const Content& content, Findings& findings) {
 /// What two values that were computed in two ways may differ by [m].
 inline constexpr double same_place_m = 1e-6;
 
-/// A point of the plane across the ignored axis [m].
-struct Flat {
-    double x = 0, y = 0;
-};
-
-inline double distance(Flat a, Flat b) { return std::hypot(a.x - b.x, a.y - b.y); }
-
-/// That plane, seen with the axis pointing to the viewer: x to the right, y upwards.
-class ViewPlane {
-  public:
-    explicit ViewPlane(const std::vector<double>& axis) {
-        // x is across the axis and the coordinate that is least along it.
-        std::size_t least = 0;
-        for (std::size_t k = 1; k < 3; ++k) {
-            if (std::abs(axis[k]) < std::abs(axis[least])) least = k;
-        }
-        for (std::size_t k = 0; k < 3; ++k)
-            x_[k] = (k == least ? 1.0 : 0.0) - axis[least] * axis[k];
-        const double length = std::sqrt(x_[0] * x_[0] + x_[1] * x_[1] + x_[2] * x_[2]);
-        for (double& part : x_) part /= length;
-        for (std::size_t k = 0; k < 3; ++k) {
-            const std::size_t i = (k + 1) % 3, j = (k + 2) % 3;
-            y_[k] = axis[i] * x_[j] - axis[j] * x_[i];
-        }
-    }
-    /// Point `i` of a table of coordinates.
-    [[nodiscard]] Flat of(const std::vector<double>& points, std::size_t i) const {
-        Flat flat;
-        for (std::size_t k = 0; k < 3; ++k) {
-            flat.x += x_[k] * points[3 * i + k];
-            flat.y += y_[k] * points[3 * i + k];
-        }
-        return flat;
-    }
-
-  private:
-    std::array<double, 3> x_{}, y_{};
-};
+/// Point `i` of a table of coordinates in the plane across the ignored axis, which is seen with the
+/// axis pointing to the viewer [m].
+inline Vec2 flat_point(const Slice& plane, const std::vector<double>& points, std::size_t i) {
+    return plane.project({{points[3 * i], points[3 * i + 1], points[3 * i + 2]}});
+}
 
 /// A line or an arc from vertex to vertex.
 class FlatPiece {
   public:
-    FlatPiece(Flat from, Flat to, double bulge) : from_(from), to_(to) {
-        const double chord = distance(from, to);
+    FlatPiece(Vec2 from, Vec2 to, double bulge) : from_(from), to_(to) {
+        const double chord = norm(to - from);
         // Below this an arc is as straight as rounding lets one tell.
         constexpr double straight = 1e-8;
         length_ = chord;
@@ -272,8 +240,8 @@ class FlatPiece {
         sweep_ = 4 * std::atan(std::abs(bulge));
         length_ = radius_ * sweep_;
         const double offset = (1 - bulge * bulge) / (4 * bulge);  // of the centre, in chords
-        centre_.x = (from.x + to.x) / 2 - offset * (to.y - from.y);
-        centre_.y = (from.y + to.y) / 2 + offset * (to.x - from.x);
+        const Vec2 left{{from[1] - to[1], to[0] - from[0]}};
+        centre_ = 0.5 * (from + to) + offset * left;
     }
 
     [[nodiscard]] double length() const { return length_; }
@@ -282,30 +250,28 @@ class FlatPiece {
     struct Foot {
         double way, distance;
     };
-    [[nodiscard]] Foot foot_of(Flat p) const {
+    [[nodiscard]] Foot foot_of(Vec2 p) const {
         return turn_ == 0 ? foot_on_line(p) : foot_on_arc(p);
     }
 
   private:
-    [[nodiscard]] Foot foot_on_line(Flat p) const {
-        const double dx = to_.x - from_.x, dy = to_.y - from_.y, square = dx * dx + dy * dy;
+    [[nodiscard]] Foot foot_on_line(Vec2 p) const {
+        const Vec2 chord = to_ - from_;
+        const double square = dot(chord, chord);
         double share = 0;
-        if (square > 0) {
-            share = std::clamp(((p.x - from_.x) * dx + (p.y - from_.y) * dy) / square, 0.0, 1.0);
-        }
-        return {share * length_, distance(p, {from_.x + share * dx, from_.y + share * dy})};
+        if (square > 0) share = std::clamp(dot(p - from_, chord) / square, 0.0, 1.0);
+        return {share * length_, norm(p - (from_ + share * chord))};
     }
-    [[nodiscard]] Foot foot_on_arc(Flat p) const {
-        const double ax = from_.x - centre_.x, ay = from_.y - centre_.y;
-        const double bx = p.x - centre_.x, by = p.y - centre_.y;
-        double angle = std::atan2(turn_ * (ax * by - ay * bx), ax * bx + ay * by);
+    [[nodiscard]] Foot foot_on_arc(Vec2 p) const {
+        const Vec2 a = from_ - centre_, b = p - centre_;
+        double angle = std::atan2(turn_ * (a[0] * b[1] - a[1] * b[0]), dot(a, b));
         if (angle < 0) angle += 2 * std::acos(-1.0);
-        if (angle <= sweep_) return {radius_ * angle, std::abs(std::hypot(bx, by) - radius_)};
-        const double first = distance(p, from_), last = distance(p, to_);
+        if (angle <= sweep_) return {radius_ * angle, std::abs(norm(b) - radius_)};
+        const double first = norm(p - from_), last = norm(p - to_);
         return first <= last ? Foot{0, first} : Foot{length_, last};
     }
 
-    Flat from_, to_, centre_;
+    Vec2 from_, to_, centre_;
     double length_ = 0, radius_ = 0, sweep_ = 0;
     int turn_ = 0;  // 1 to the left, -1 to the right, 0 a line
 };
@@ -322,7 +288,7 @@ class Walk {
 
     /// How many of the points are followed, one after the other; all of them where the pieces lead
     /// there, and one more where they also end there.
-    [[nodiscard]] std::size_t follow(const std::vector<Flat>& points) {
+    [[nodiscard]] std::size_t follow(const std::vector<Vec2>& points) {
         if (!closed_) return follow_from({0, 0}, points);
         std::size_t followed = 0;
         for (const Place& start : starts(points.front())) {
@@ -341,18 +307,18 @@ class Walk {
 
     /// Where a closed stroke may begin, as its first point does not say: several places where it
     /// crosses itself there.
-    [[nodiscard]] std::vector<Place> starts(Flat first) const {
+    [[nodiscard]] std::vector<Place> starts(Vec2 first) const {
         // Two strands that cross meet in four pieces at most; a file with more is no drawn curve.
-        constexpr std::size_t most = 8;
+        constexpr std::size_t max_places = 8;
         std::vector<Place> places;
-        for (std::size_t k = 0; k < pieces_.size() && places.size() < most; ++k) {
+        for (std::size_t k = 0; k < pieces_.size() && places.size() < max_places; ++k) {
             const FlatPiece::Foot foot = pieces_[k].foot_of(first);
             if (foot.distance <= tolerance_) places.push_back({k, foot.way});
         }
         return places;
     }
 
-    [[nodiscard]] std::size_t follow_from(Place start, const std::vector<Flat>& points) {
+    [[nodiscard]] std::size_t follow_from(Place start, const std::vector<Vec2>& points) {
         at_ = start;
         pieces_left_ = pieces_.size();
         to_go_ = 0;
@@ -363,7 +329,7 @@ class Walk {
     }
 
     /// Goes on to the next point; false if the pieces do not lead there.
-    [[nodiscard]] bool advance(Flat p) {
+    [[nodiscard]] bool advance(Vec2 p) {
         const FlatPiece::Foot here = pieces_[at_.piece].foot_of(p);
         const double ahead = here.way - at_.way;
         if (here.distance <= tolerance_ && ahead >= -2 * tolerance_ && ahead <= longest_way_) {
@@ -401,17 +367,19 @@ class Walk {
 /// The pieces of a stroke of so many vertices, from vertex `first` on.
 inline std::vector<FlatPiece> flat_pieces(const std::vector<double>& vertices,
                                           const std::vector<double>& bulges, std::size_t first,
-                                          std::size_t count, bool closed, const ViewPlane& plane) {
+                                          std::size_t count, bool closed, const Slice& plane) {
     std::vector<FlatPiece> pieces;
     for (std::size_t i = 0; i + 1 < count; ++i) {
-        pieces.emplace_back(plane.of(vertices, first + i), plane.of(vertices, first + i + 1),
-                            bulges[first + i]);
+        pieces.emplace_back(flat_point(plane, vertices, first + i),
+                            flat_point(plane, vertices, first + i + 1), bulges[first + i]);
     }
     const std::size_t last = first + count - 1;
     if (closed) {
-        pieces.emplace_back(plane.of(vertices, last), plane.of(vertices, first), bulges[last]);
+        pieces.emplace_back(flat_point(plane, vertices, last), flat_point(plane, vertices, first),
+                            bulges[last]);
     } else if (count == 1) {
-        pieces.emplace_back(plane.of(vertices, first), plane.of(vertices, first), 0);
+        pieces.emplace_back(flat_point(plane, vertices, first), flat_point(plane, vertices, first),
+                            0);
     }
     return pieces;
 }
@@ -419,7 +387,8 @@ inline std::vector<FlatPiece> flat_pieces(const std::vector<double>& vertices,
 /// The points, which are certified, and the lines and arcs, which are rendered, are one curve.
 inline void check_one_curve(const Content& content, Findings& findings) {
     if (!content.has_group("/pieces")) return;
-    const ViewPlane plane(content.at("/rendering/ignore_axis").f8);
+    const std::vector<double>& axis = content.at("/rendering/ignore_axis").f8;
+    const Slice plane(Vec3{{axis[0], axis[1], axis[2]}});
     const std::vector<double>& points = content.at("/points").f8;
     const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
     const std::vector<double>& bulges = content.at("/pieces/bulges").f8;
@@ -434,9 +403,9 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         const bool is_closed = closed[s] != 0;
         const std::size_t first_vertex = vertex, first_point = point;
         while (vertex < stroke_of_vertex.size() && stroke_of_vertex[vertex] == number) ++vertex;
-        std::vector<Flat> places;
+        std::vector<Vec2> places;
         while (point < stroke_of_point.size() && stroke_of_point[point] == number) {
-            places.push_back(plane.of(points, point++));
+            places.push_back(flat_point(plane, points, point++));
         }
         const auto pieces =
             flat_pieces(vertices, bulges, first_vertex, vertex - first_vertex, is_closed, plane);

@@ -164,11 +164,11 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     const bool array = kind == simple && rank > 0;
     require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
             "corrupt.shape", row, {"has a dataspace of kind ", kind, ", rank ", rank});
-    std::vector<std::uint64_t> sides, most;
+    std::vector<std::uint64_t> sides, max_sides;
     for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
-    for (std::uint64_t i = 0; i < rank * flags; ++i) most.push_back(body.number(8));
+    for (std::uint64_t i = 0; i < rank * flags; ++i) max_sides.push_back(body.number(8));
     body.expect_end();
-    require(flags == 0 || sides == most, "unsafe.layout", row, {"can grow"},
+    require(flags == 0 || sides == max_sides, "unsafe.layout", row, {"can grow"},
             "Write an array of fixed size");
     return sides;
 }
@@ -301,9 +301,9 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
     require(std::isfinite(low) && std::isfinite(high), "corrupt.value", row,
             {"holds a number that is not finite"}, "Write finite numbers");
     const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
-    const double least = std::max(-cap, row.min), most = std::min(cap, row.max);
-    require(low >= least && high <= most, "corrupt.range", row,
-            {"runs from ", low, " to ", high, "; ", least, " to ", most, " allowed"});
+    const double lowest = std::max(-cap, row.min), highest = std::min(cap, row.max);
+    require(low >= lowest && high <= highest, "corrupt.range", row,
+            {"runs from ", low, " to ", high, "; ", lowest, " to ", highest, " allowed"});
     require(low > row.above, "corrupt.range", row,
             {"is ", low, "; more than ", row.above, " wanted"});
 }

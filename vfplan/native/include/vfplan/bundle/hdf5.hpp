@@ -169,11 +169,12 @@ struct Named : std::vector<T> {
             std::find_if(this->begin(), this->end(), [&](const T& t) { return t.name == name; });
         return found == this->end() ? nullptr : &*found;
     }
-    void add(const ByteReader& body, T one, std::uint64_t most, const std::string& noun) {
+    void add(const ByteReader& body, T one, std::uint64_t max_count, const std::string& noun) {
         body.require(find(one.name) == nullptr,
                      {"has two ", noun, " of the name ", Quoted{one.name}});
         this->push_back(std::move(one));
-        body.require(this->size() <= most, {"has more than ", most, " ", noun}, "unsafe.cap");
+        body.require(this->size() <= max_count, {"has more than ", max_count, " ", noun},
+                     "unsafe.cap");
     }
 };
 
@@ -295,7 +296,7 @@ inline void read_messages(ByteReader block, Object& object,
 
 /// The object header at an address, with all blocks that it goes on in.
 inline Object read_object(File& file, std::uint64_t address, std::string path) {
-    constexpr std::size_t most_blocks = 64;
+    constexpr std::size_t max_blocks = 64;
     Object object;
     object.path = std::move(path);
     ByteReader head(file.within(address, 16, object.path), object.path);  // no header is shorter
@@ -313,7 +314,7 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
     read_messages(ByteReader(block.from(front), object.path), object, more);
     for (std::size_t i = 0; i < more.size(); ++i) {
-        head.require(i < most_blocks, {"has too many header blocks"}, "unsafe.cap");
+        head.require(i < max_blocks, {"has too many header blocks"}, "unsafe.cap");
         const auto [start, length] = more[i];
         const View chunk = file.claim_checked(start, length, object.path);
         head.require(chunk.begins("OCHK"), {"has a header block without a signature"});

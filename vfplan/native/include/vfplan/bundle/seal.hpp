@@ -280,9 +280,10 @@ inline void check_texts(View seal) {
         static_cast<std::size_t>(head_size + number_at(seal, 144, 2) + number_at(seal, 146, 2));
     const std::size_t room = seal.size() - tail_size;
     require(end <= room, {"has a seal into which its texts do not fit"});
-    const auto* least = std::find_if(seal_sizes.begin(), seal_sizes.end(),
-                                     [&](std::uint32_t size) { return size >= end + tail_size; });
-    require(*least == seal.size(), {"has a seal that is longer than its texts need"});
+    const auto* shortest =
+        std::find_if(seal_sizes.begin(), seal_sizes.end(),
+                     [&](std::uint32_t size) { return size >= end + tail_size; });
+    require(*shortest == seal.size(), {"has a seal that is longer than its texts need"});
     const auto flags = number_at(seal, 10, 2);
     require((flags & ~std::uint64_t{3}) == 0 && seal.part(end, room - end).all_zero(),
             {"has a seal that holds something unknown"});

@@ -73,9 +73,9 @@ inline std::string next_key(std::istream& file, const std::string& where) {
 ///
 /// Refuses a file that holds anything else but empty lines and comments (#).
 inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
-    constexpr std::size_t most = 1 << 20;
+    constexpr std::size_t max_bytes = 1 << 20;
     const Bytes data = read_file(path);
-    if (data.size() > most)
+    if (data.size() > max_bytes)
         detail::refuse("input", path.string(), {"is too long for a file of keys"},
                        "Give the public keys that `vfplan keygen` wrote");
     std::istringstream file(std::string(data.begin(), data.end()));

@@ -47,8 +47,8 @@ class RollingBall {
   private:
     static constexpr std::size_t samples = 128;
     static constexpr double max_points_looked_at = 1e8;  // at points: about a second
-    static constexpr double same = 1e-6;       // of R: points nearer than that count as one
-    static constexpr double most_turn = 0.42;  // tangent of half of 0.8: beyond, it is a rim
+    static constexpr double same = 1e-6;      // of R: points nearer than that count as one
+    static constexpr double max_turn = 0.42;  // tangent of half of 0.8: beyond, it is a rim
 
     /// Side of a cell that holds about eight points of a surface.
     static double cell_of_few(const Cloud<D>& cloud) {
@@ -151,8 +151,8 @@ class RollingBall {
     }
     /// Diameter of the least circle round a triangle of these sides.
     static double circumdiameter(double a, double b, double c) noexcept {
-        const double most = std::max({a, b, c}), half = (a + b + c) / 2;
-        if (2 * most * most >= a * a + b * b + c * c) return most;  // obtuse
+        const double longest = std::max({a, b, c}), half = (a + b + c) / 2;
+        if (2 * longest * longest >= a * a + b * b + c * c) return longest;  // obtuse
         return a * b * c / (2 * std::sqrt(half * (half - a) * (half - b) * (half - c)));
     }
     /// The point that the ball touches first when its middle turns about `pivot`, from `arm` along
@@ -160,7 +160,7 @@ class RollingBall {
     const Vec<D>* first_touched(const Vec<D>& pivot, double arm, const Vec<D>& n, const Vec<D>& t,
                                 double& turn, const Vec<D>* held = nullptr) const {
         const Vec<D>* found = nullptr;
-        turn = most_turn;
+        turn = max_turn;
         for (const Vec<D>& p : near_) {
             const Vec<D> d = p - pivot;
             const double a = dot(d, n), b = dot(d, t);

@@ -22,7 +22,7 @@ class Grid {
     Grid(const Cloud<D>& cloud, double cell, std::uint32_t* slots = nullptr) : box_(cloud.box()) {
         double extent = 0;
         for (int k = 0; k < D; ++k) extent = std::max(extent, box_.high.c[k] - box_.low.c[k]);
-        cell_ = std::max(cell, extent / most_cells_an_axis);
+        cell_ = std::max(cell, extent / max_cells_an_axis);
         double cells = 1;
         for (int k = 0; k < D; ++k) {
             count_[k] = index(box_.high.c[k], k) + 1;
@@ -73,7 +73,7 @@ class Grid {
     }
 
   private:
-    static constexpr double most_cells_an_axis = 1 << 20;
+    static constexpr double max_cells_an_axis = 1 << 20;
     static constexpr double points_a_row = 32;  // about as long to look at as a row to find
 
     std::int64_t index(double c, int k) const noexcept {
@@ -82,11 +82,11 @@ class Grid {
     /// Cells of axis k that [x - reach, x + reach] touches; one more each way against rounding.
     bool range(const Vec<D>& x, double reach, int k, std::int64_t& first,
                std::int64_t& last) const noexcept {
-        const double most = static_cast<double>(count_[k]);
+        const double cells = static_cast<double>(count_[k]);
         const double at = (x.c[k] - box_.low.c[k]) / cell_, around = reach / cell_ + 1e-6;
-        if (!(at + around >= 0 && at - around <= most)) return false;  // NaN: nowhere
-        first = static_cast<std::int64_t>(std::clamp(std::floor(at - around), 0.0, most - 1));
-        last = static_cast<std::int64_t>(std::clamp(std::floor(at + around), 0.0, most - 1));
+        if (!(at + around >= 0 && at - around <= cells)) return false;  // NaN: nowhere
+        first = static_cast<std::int64_t>(std::clamp(std::floor(at - around), 0.0, cells - 1));
+        last = static_cast<std::int64_t>(std::clamp(std::floor(at + around), 0.0, cells - 1));
         return true;
     }
     double square_to_cell(const Vec<D>& x, std::int64_t i, int k) const noexcept {

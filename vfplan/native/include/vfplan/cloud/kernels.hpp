@@ -184,8 +184,9 @@ inline Width widest() noexcept {
 /// The loops for a width; one that the processor lacks falls back to the widest it has.
 template <int D>
 Kernels<D> kernels(Width width = Width::automatic) noexcept {
-    const Width most = widest();
-    if (width == Width::automatic || static_cast<int>(width) > static_cast<int>(most)) width = most;
+    const Width available = widest();
+    if (width == Width::automatic || static_cast<int>(width) > static_cast<int>(available))
+        width = available;
 #if VFPLAN_WIDE
     if (width == Width::eight) return detail::lanes8::table<D>();
     if (width == Width::four) return detail::lanes4::table<D>();

@@ -152,9 +152,9 @@ class TriangleQuery {
                 [&](const Disc& disc) noexcept {
                     const Vec3 w = disc.middle - x;
                     const double share = dot(w, v) / (length * length);
-                    const double near = R_ + disc.size();
+                    const double reach_of_disc = R_ + disc.size();
                     const Vec3 sideways = w - std::min(std::max(share, 0.0), hit.t) * v;
-                    return dot(sideways, sideways) <= near * near &&
+                    return dot(sideways, sideways) <= reach_of_disc * reach_of_disc &&
                            disc.distance2(middle) <= half * half;
                 },
                 [&](std::uint32_t i) noexcept {

@@ -23,22 +23,25 @@ struct Foot {
 
 class SmoothBody {
   public:
-    static constexpr double slight = 0.866;    // the cosine of the sharpest edge that is smoothed
-    static constexpr double most_rise = 0.05;  // of R: how far the body may be from its triangles
+    /// The cosine of the sharpest edge that is smoothed.
+    static constexpr double slight = 0.866;
+    /// How far the body may be from its triangles, as a share of R.
+    static constexpr double max_rise_share = 0.05;
 
-    SmoothBody(const Mesh& mesh, double radius) : facets_(mesh.size()), most_(most_rise * radius) {
+    SmoothBody(const Mesh& mesh, double radius)
+        : facets_(mesh.size()), max_rise_(max_rise_share * radius) {
         link(mesh);
         for (bool has_changed = true; has_changed;) {
             gather_normals(mesh);
             has_changed = false;
             for (std::uint32_t i = 0; i < facets_.size(); ++i) has_changed |= set_rise(mesh, i);
         }
-        for (const FacetShape& b : facets_) rise_ = std::max(rise_, b.most);
+        for (const FacetShape& b : facets_) rise_ = std::max(rise_, b.max_rise);
     }
 
     /// How far the body is from the triangles at most [m]; 0 where no edge is smoothed.
     double rise() const noexcept { return rise_; }
-    double rise(std::uint32_t i) const noexcept { return facets_[i].most; }
+    double rise(std::uint32_t i) const noexcept { return facets_[i].max_rise; }
     /// Number of facets that are too coarse to be smoothed: the body would be more than R / 20 from
     /// them. The proxy feels them as they are.
     std::size_t coarse_facets() const noexcept { return coarse_facets_; }
@@ -85,7 +88,7 @@ class SmoothBody {
     struct FacetShape {
         std::array<Vec3, 3> n;               // the body's normals at the corners
         std::array<double, 3> rise{};        // 4 times its height over the middle of side k [m]
-        double most = 0;                     // its largest height over the triangle [m]
+        double max_rise = 0;                 // its largest height over the triangle [m]
         std::array<std::uint32_t, 3> fan{};  // names the fan of triangles around each corner
         // The triangle across side k, where the body is smooth there.
         std::array<std::uint32_t, 3> beside{Mesh::none, Mesh::none, Mesh::none};
@@ -169,7 +172,7 @@ class SmoothBody {
         const Vec3 a = cross(s.ab, s.ac), b = cross(t.ab, t.ac);
         const double c = dot(a, b), both = norm(a) * norm(b);
         return c > slight * both ||
-               (c > 0.3 * both && std::min(height_of(s), height_of(t)) < most_ / 100);
+               (c > 0.3 * both && std::min(height_of(s), height_of(t)) < max_rise_ / 100);
     }
     /// The height of a triangle over its longest side [m].
     static double height_of(const Triangle& t) {
@@ -235,19 +238,19 @@ class SmoothBody {
         FacetShape& b = facets_[i];
         const Triangle& t = mesh[i];
         const Vec3 up = along(cross(t.ab, t.ac), 1);
-        const double least = height_of(t) < most_ / 100 ? 0.3 : slight;
+        const double least = height_of(t) < max_rise_ / 100 ? 0.3 : slight;
         bool fits = true;
-        b.most = 0;
+        b.max_rise = 0;
         for (int k = 0; k < 3; ++k) {
             const int l = (k + 1) % 3;
             b.rise[k] = dot(corner(t, l) - corner(t, k), b.n[l] - b.n[k]) / 2;
-            b.most = std::max(b.most, std::abs(b.rise[k]) / 3);
+            b.max_rise = std::max(b.max_rise, std::abs(b.rise[k]) / 3);
             fits = fits && dot(b.n[k], up) > least;
         }
-        if (fits && b.most <= most_) return false;
+        if (fits && b.max_rise <= max_rise_) return false;
         if (fits) {
             ++coarse_facets_;
-            coarsest_sagitta_ = std::max(coarsest_sagitta_, b.most);
+            coarsest_sagitta_ = std::max(coarsest_sagitta_, b.max_rise);
         }
         bool cut = false;
         for (int k = 0; k < 3; ++k)
@@ -259,7 +262,7 @@ class SmoothBody {
     }
 
     std::vector<FacetShape> facets_;
-    double most_, rise_ = 0;
+    double max_rise_, rise_ = 0;
     std::size_t coarse_facets_ = 0;
     double coarsest_sagitta_ = 0;
 };
@@ -285,10 +288,10 @@ class SmoothContact {
     /// not free or would lead further from the HIP. Then `hold` has to be called anew.
     bool settle(const TriangleQuery& query, Vec3& x, const Vec3& h, const Vec3& start) noexcept {
         if (!(body_.rise() > 0)) return false;
-        const double far = max_distance(h, start);
+        const double max_left = max_distance(h, start);
         for (Vec3 y = x; !query.is_budget_spent() && solve(query, x, h, y);) {
             std::uint32_t missing = Mesh::none;
-            if (!(norm(h - y) <= far && is_free(query, x, y, missing))) return false;
+            if (!(norm(h - y) <= max_left && is_free(query, x, y, missing))) return false;
             if (missing == Mesh::none) {
                 x = y;
                 drop_others(y);

@@ -218,11 +218,11 @@ struct Triangle {
         const double s = bb * p - cc * q, t = aa * q - cc * p, area = aa * bb - cc * cc;
         if (s > 0 && t > 0 && s + t < area) return a + (s / area) * ab + (t / area) * ac;
         Vec3 best;
-        double least = never;
+        double nearest2 = never;
         const auto side = [&](const Vec3& from, const Vec3& way, double along, double square) {
             const double share = along > 0 ? (along < square ? along / square : 1.0) : 0.0;
             const Vec3 at = from + share * way, off = y - at;
-            if (const double d = dot(off, off); d < least) least = d, best = at;
+            if (const double d = dot(off, off); d < nearest2) nearest2 = d, best = at;
         };
         side(a, ab, p, aa);
         side(a, ac, q, bb);
