@@ -23,6 +23,7 @@ from vfplan.replaying.findings import finding
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session import Session
 from vfplan.session.events import Event
+from vfplan.session.session import BLOCK
 
 MAX_POINTS = 32
 """Largest number of points that the ball removes in a tick. Each goes and another appears, and the
@@ -30,9 +31,6 @@ engine takes 64 changes a tick."""
 
 NEIGHBOURS = 12
 """Number of neighbours from which the normal of a point is taken: two rings around it."""
-
-PROGRESS_TICKS = 1000
-"""Number of ticks between two reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,8 +180,8 @@ def burr(
             if event is not None and k + 1 < len(session.hip):
                 engine.edit(event.remove, event.add)
                 events.append(event)
-        if k % PROGRESS_TICKS == PROGRESS_TICKS - 1:
-            done(PROGRESS_TICKS)
+        if k % BLOCK == BLOCK - 1:
+            done(BLOCK)
 
     # The session again with these edits, as a controller would have it.
     replayed = replay(fixture, session, rule="robust", events=events)

@@ -39,9 +39,6 @@ OUTLINE_GAP_PX = 3.0
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
 """Distance [px of the picture] between the outline and the arrow heads along it."""
 
-USUAL_WIDTH_PX = 4.0
-"""Width [px of the slice] of a pen if nobody knows it."""
-
 RING_PT = 3 * TEXT_PT
 """Diameter [pt] of the ring around a place that a refusal speaks of."""
 
@@ -228,7 +225,8 @@ def side(direction: NDArray) -> str:
 def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     """An outline along the ink, the direction, and both ends by name."""
     points = stroke.points
-    width = USUAL_WIDTH_PX
+    # A curve that was given as points has no ink.
+    width = 0.0
     if stroke.width is not None:
         width = stroke.width
     distance = width / 2 + OUTLINE_GAP_PX / scale

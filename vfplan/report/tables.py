@@ -6,11 +6,9 @@ import re
 from html import escape
 from typing import Any, NamedTuple
 
+from vfplan.display import MAX_LISTED
 from vfplan.fixture import Fixture
 from vfplan.replaying.episodes import episode_count
-
-LONG_GROUP = 20
-"""Largest number of rows of settings that stand beside another group, on half of the page."""
 
 
 class Quantity(NamedTuple):
@@ -262,8 +260,9 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
             is_large = isinstance(value, (dict, list)) and len(value) > 3
             if value is not None and not is_large:
                 rows.append([escape(str(name)), code(value)])
+        # A long group takes the whole width of the page.
         kind = "group"
-        if len(rows) > LONG_GROUP:
+        if len(rows) > MAX_LISTED:
             kind = "long"
         heading = escape(group.replace("_", " "))
         text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'

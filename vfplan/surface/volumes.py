@@ -15,13 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VfplanError, requires_extra
-from vfplan.io.files import MAX_DECOMPRESSED_BYTES, decompress, first_decompressed, read_bytes
+from vfplan.io.files import (
+    MAX_DECOMPRESSED_BYTES,
+    MAX_SETTINGS_BYTES,
+    decompress,
+    first_decompressed,
+    read_bytes,
+)
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
 from vfplan.surface.slicing import SAME_M
 
-MAX_HEADER_BYTES = 1 << 20
-"""Largest size of a header with its extensions [bytes]. Slicer writes some thousand a segment."""
 SIGNS_OF_SPACE = {
     "left-posterior-superior": (1, 1, 1),
     "lps": (1, 1, 1),
@@ -88,9 +92,9 @@ def read_nrrd(path: Path) -> LabelVolume:
         from nrrd.reader import _determine_datatype
 
     # An empty line ends the header.
-    end = data.find(b"\n\n", 0, MAX_HEADER_BYTES) + 2
+    end = data.find(b"\n\n", 0, MAX_SETTINGS_BYTES) + 2
     if end < 2:
-        end = data.find(b"\r\n\r\n", 0, MAX_HEADER_BYTES) + 4
+        end = data.find(b"\r\n\r\n", 0, MAX_SETTINGS_BYTES) + 4
         if end < 4:
             raise InputError(
                 "has no NRRD header that ends. Export it again.",
@@ -285,7 +289,7 @@ def max_nifti_bytes(head: bytes, where: str) -> int:
     dimensions = min(max(numbers[0], 1), 7)
     voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
     require_size(voxels, where)  # A voxel has 1 to 8 bytes.
-    return min(8 * voxels + MAX_HEADER_BYTES, MAX_DECOMPRESSED_BYTES)
+    return min(8 * voxels + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES)
 
 
 def nifti_place(image: Any, where: str) -> NDArray:
