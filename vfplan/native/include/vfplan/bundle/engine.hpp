@@ -41,8 +41,8 @@ inline Rule best_rule(const Fixture& fixture) {
 inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
     const Rule rule = asked ? *asked : best_rule(fixture);
     if (!fixture.rendering)
-        reject("frame " + fixture.frame +
-               " without rendering parameters: `vfplan register` makes a fixture of a curve");
+        reject("the fixture is in frame " + fixture.frame +
+               " and without rendering parameters. Make a fixture of a curve: vfplan register");
     const Rendering& r = *fixture.rendering;
     Parameters p;
     p.contact_radius = r.contact_radius;
@@ -60,11 +60,11 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
 /// Throws std::invalid_argument where a tick of `work` [s] is longer than a loop of 1 kHz can wait.
 inline void check_tick_time(double work) {
     if (work > max_tick_time)
-        reject("a tick may take " + six_digits(1e6 * work) + " us, at most " +
-               six_digits(1e6 * max_tick_time) +
-               " us are given: too many points or pieces around one place, or "
-               "max_iterations too "
-               "high; Use::replay takes it");
+        reject(
+            "a tick may take " + six_digits(1e6 * work) + " us, at most " +
+            six_digits(1e6 * max_tick_time) +
+            " us are given at 1 kHz: too many points or pieces around one place, or max_iterations "
+            "too high. Give fewer points there or a smaller max_iterations, or Use::replay.");
 }
 
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
@@ -85,8 +85,8 @@ inline void check_work(const Fixture& fixture, const Parameters& p) {
 inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
         reject(
-            "the fixture guides: make_guide makes the guide, and of forbidden() an engine is "
-            "made");
+            "the fixture guides. Make its guide with make_guide, and an engine of what forbidden() "
+            "gives.");
     if (p.rule != Rule::exact) {
         const std::vector<double> points = fixture.forbidden();
         if (use == Use::real_time) {
@@ -102,7 +102,9 @@ inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) 
 /// The guide of a fixture with guidance, which takes hold once the tip is in its tube. Throws
 /// std::invalid_argument where there is none, or its tube runs into itself.
 inline Guide make_guide(const Fixture& fixture) {
-    if (!fixture.guidance) throw std::invalid_argument("vfplan: the fixture has no guidance");
+    if (!fixture.guidance)
+        reject(
+            "the fixture has no guidance. Plan one with a guide, or make an Engine of this one.");
     const Guidance& g = *fixture.guidance;
     GuideParameters p;
     p.radius = g.radius;

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <limits>
 #include <new>
+#include <string>
 #include <vector>
 
 #include "vfplan/base/vec.hpp"
@@ -81,7 +82,8 @@ class Cloud {
 inline void check_coordinates(const double* xyz, std::size_t n) {
     for (std::size_t i = 0; i < 3 * n; ++i)
         if (!(std::abs(xyz[i]) <= largest_coordinate))
-            reject("points must be finite and within 1e6 m");
+            reject("point " + std::to_string(i / 3) + " has the coordinate " + shown(xyz[i]) +
+                   " m. Give finite coordinates of at most 1e6 m.");
 }
 
 /// The cloud of n points of three coordinates each, as seen in `space`. Throws
@@ -89,8 +91,9 @@ inline void check_coordinates(const double* xyz, std::size_t n) {
 /// finite or beyond 1e6 m.
 template <class S>
 Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n) {
-    if (n == 0) reject("a cloud needs at least one point");
-    if (n >= std::numeric_limits<std::uint32_t>::max()) reject("at most 2^32 - 2 points");
+    if (n == 0) reject("the cloud has no point. Give at least one.");
+    if (n >= std::numeric_limits<std::uint32_t>::max())
+        reject("the cloud has " + std::to_string(n) + " points. Give at most 2^32 - 2.");
     check_coordinates(xyz, n);
     Cloud<S::dimension> cloud(n);
     for (std::size_t i = 0; i < n; ++i)

@@ -31,12 +31,13 @@ struct Surface {
 
 /// Throws std::invalid_argument on a surface that no engine takes.
 inline void check(const Surface& s) {
-    if (s.k == 0) reject("a mesh needs at least one triangle");
-    for (std::size_t i = 0; i < 3 * s.n; ++i)
-        if (!(std::abs(s.points[i]) <= largest_coordinate)) reject("points must be within 1e6 m");
+    if (s.k == 0) reject("the mesh has no triangle. Give at least one.");
+    check_coordinates(s.points, s.n);
     for (std::size_t i = 0; i < 3 * s.k; ++i)
         if (s.triangles[i] < 0 || static_cast<std::size_t>(s.triangles[i]) >= s.n)
-            reject("triangles name points that are not there");
+            reject("triangle " + std::to_string(i / 3) + " names point " +
+                   std::to_string(s.triangles[i]) + " of " + std::to_string(s.n) +
+                   ", which are numbered from 0. Name points that are there.");
 }
 
 /// The rows of a triangle's three corners in the surface.
@@ -187,7 +188,7 @@ class Refinement {
 
     [[noreturn]] static void reject_as_too_many() {
         reject("the samples of this mesh are more than " + std::to_string(max_samples) +
-               ": take them further apart, or render its triangles");
+               ". Take them further apart, or render its triangles.");
     }
 
     double longest_side_, cover_;
