@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
 from vfplan.geometry import ROUNDING
+from vfplan.geometry.splines import spline_through
 
 PLACES_A_STEP = 8
 """Number of places on the spline, from one measured point to the next, where its error is taken."""
@@ -85,12 +86,7 @@ class SmoothRun:
     @classmethod
     def through(cls, points: Vector, periodic: bool) -> SmoothRun:
         """The run along the cubic spline through (M, 2) points."""
-        from scipy.interpolate import CubicSpline
-
-        ends = "not-a-knot"
-        if periodic and len(points) > 3:
-            ends = "periodic"
-        spline = CubicSpline(np.arange(len(points)), points, bc_type=ends)
+        spline = spline_through(points, periodic and len(points) > 3)
         t = np.linspace(0, len(points) - 1, PLACES_A_STEP * (len(points) - 1) + 1)
         velocity = spline(t, 1)
         return cls(spline(t), velocity / np.linalg.norm(velocity, axis=1)[:, None])

@@ -38,7 +38,6 @@ iterations, 0.1 τ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +45,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
+from vfplan.geometry.splines import Spline, spline_through
 
 Array = NDArray[np.float64]
 
@@ -259,7 +259,7 @@ def sample_curve(
 class CurveSpline:
     """The cubic spline through a fine curve's points, over their index, and dense values of it."""
 
-    spline: Callable[[Array], Array]
+    spline: Spline
     # (D,) dense float indices.
     parameter: Array
     # (D,) [m].
@@ -270,14 +270,9 @@ class CurveSpline:
     @classmethod
     def through(cls, points: Array, closed: bool) -> CurveSpline:
         """The curve through points (M, 3)."""
-        from scipy.interpolate import CubicSpline
-
-        ends = "not-a-knot"
         if closed:
             points = np.vstack([points, points[:1]])
-            if len(points) > 3:
-                ends = "periodic"
-        spline = CubicSpline(np.arange(len(points)), points, bc_type=ends)
+        spline = spline_through(points, periodic=closed and len(points) > 3)
         t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
         first, second = spline(t, 1), spline(t, 2)
         speed = np.linalg.norm(first, axis=1)
@@ -337,7 +332,7 @@ def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:
     bends = []
     for stretch in np.split(is_tight, np.flatnonzero(np.diff(is_tight) > 1) + 1):
         worst = int(stretch[np.argmax(curve.kappa[stretch])])
-        place = curve.spline(curve.parameter[worst])
+        place = curve.spline(curve.parameter[[worst]])[0]
         bends.append(
             TightBend(
                 arclength_m=float(curve.arc[worst]),

@@ -300,11 +300,11 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
 
 def sigma_findings(registration: Registration) -> list[Finding]:
     """Residuals that are larger than the stated sigmas allow, by a chi-square test."""
-    from scipy.special import chdtrc
-
     unit_m = registration.fit.problem.sigma_unit_m
     if unit_m is None:
         return []
+    from scipy.special import chdtrc
+
     ratio = registration.sigma_m / unit_m
     if chdtrc(registration.dof, registration.dof * ratio**2) >= GOOD_SET_PROBABILITY:
         return []

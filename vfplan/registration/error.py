@@ -23,11 +23,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vfplan.registration.distributions import f_exceeds, f_quantile
 from vfplan.registration.models import Array, homogeneous, marker_rows
 
 if TYPE_CHECKING:
@@ -87,14 +89,12 @@ def pointwise_bound(covariances: Array, dof: int) -> Array:
     (Σλ)²/Σλ² and `dof` degrees of freedom. That is exact where the eigenvalues that are not 0 are
     equal, as they are for the affine model.
     """
-    from scipy.special import fdtri
-
     eigenvalues = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
     total = eigenvalues.sum(axis=1)
     squares = (eigenvalues**2).sum(axis=1)
     freedom = np.full_like(total, 3.0)
     np.divide(total**2, squares, out=freedom, where=squares > 0)
-    return np.sqrt(total * fdtri(freedom, float(dof), PROBABILITY))
+    return np.sqrt(total * f_quantile(freedom, dof, PROBABILITY))
 
 
 def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
@@ -104,8 +104,6 @@ def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
     pointwise_m: (M,) the points' own bounds [m]
     dof: degrees of freedom of the standard deviation
     """
-    from scipy.special import fdtr
-
     if not pointwise_m.max() > 0:
         return 1.0  # An exact fit has no error to bound.
     p = rows.shape[2]
@@ -120,7 +118,7 @@ def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
     largest = np.sort(largest).reshape(-1, 16).mean(axis=1)
 
     def probability(kappa: float) -> float:
-        return float(fdtr(p, dof, kappa**2 / (p * largest)).mean())
+        return 1 - float(f_exceeds(p, dof, kappa**2 / (p * largest)).mean())
 
     low, high = 0.0, 1.0
     while probability(high) < PROBABILITY:
@@ -137,12 +135,11 @@ def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
 @cache
 def _directions(p: int) -> Array:
     """(p, DIRECTIONS) unit vectors, evenly over the sphere."""
-    from scipy.special import ndtri
-
     # Multiples of the square roots of primes, one a parameter, are Richtmyer's sequence.
     primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37])
     steps = np.arange(1, DIRECTIONS + 1)[:, None]
     uniform = np.mod(steps * np.sqrt(primes[:p]) + 0.5, 1.0)
-    normal = ndtri(uniform)
+    quantile = NormalDist().inv_cdf
+    normal = np.reshape([quantile(share) for share in uniform.flat], uniform.shape)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.ascontiguousarray(normal.T)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.registration.distributions import f_quantile
 from vfplan.registration.models import Affine, Array, Orthogonal, marker_rows, root_of_inverse
 from vfplan.registration.problem import MAX_CONDITION, Problem
 
@@ -122,14 +124,13 @@ def studentised_f(fit: Fit) -> Array:
     return f
 
 
+@cache
 def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> float:
     """F of 3 and `dof` degrees of freedom that any of n good markers exceeds so seldom.
 
     The probability is shared evenly among the markers (Bonferroni).
     """
-    from scipy.special import fdtri
-
-    return float(fdtri(3.0, float(dof), 1 - probability / n))
+    return float(f_quantile(3, dof, 1 - probability / n))
 
 
 def _solve_blocks(blocks: Array, vectors: Array) -> Array:

@@ -12,6 +12,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
+from vfplan.registration.distributions import f_exceeds
 from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model
 from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem
@@ -64,8 +65,6 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     An order is one of them unless the given one fits better by an F that equally good orders reach
     once in a hundred sets. The likeliest comes first.
     """
-    from scipy.special import fdtrc
-
     everyone = registration.fit.problem
     judge = everyone
     if registration.pixel_spacing is not None and isinstance(everyone.model, Affine):
@@ -86,12 +85,13 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     as_given = _sums_of_squares(judge, [tuple(range(n))])[0]
     others = _sums_of_squares(judge, list(orders))
     fre = np.sqrt(_sums_of_squares(everyone, list(orders), weighted=False) / n)
+    named = list(orders.items())
     mistakes = []
-    for (order, action), square, fre_rms_m in zip(orders.items(), others, fre, strict=True):
-        # The given order does not fit clearly better than this one.
-        if fdtrc(dof, dof, square / as_given) > GOOD_SET_PROBABILITY:
-            p_value = float(fdtrc(dof, dof, as_given / square))
-            mistakes.append(LabelMistake(order, action, float(fre_rms_m), p_value))
+    # The given order does not fit clearly better than these ones.
+    for k in np.flatnonzero(f_exceeds(dof, dof, others / as_given) > GOOD_SET_PROBABILITY):
+        order, action = named[k]
+        p_value = float(f_exceeds(dof, dof, as_given / others[k]))
+        mistakes.append(LabelMistake(order, action, float(fre[k]), p_value))
     mistakes.sort(key=lambda mistake: mistake.p_value)
     return mistakes
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vfplan.registration.distributions import f_exceeds
 from vfplan.registration.fit import fit_model, studentised_f
 from vfplan.registration.models import Affine, Array, homogeneous, marker_rows
 from vfplan.registration.problem import Problem
@@ -49,8 +50,6 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
     `None` for markers in space, for fewer than six, and for an exact fit. All markers count, also
     those that a robust fit left out.
     """
-    from scipy.special import fdtrc
-
     problem = registration.fit.problem
     n = len(problem.s)
     # Fewer than twice as many markers as an affine map needs leave hardly a residual to judge by.
@@ -69,11 +68,11 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
     squares = float((problem.weights * (problem.y - mapped) ** 2).sum())
     squares = max(squares, problem.rounding_floor_m**2)
     f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
-    p_value = float(fdtrc(2.0, float(dof), f))
+    p_value = float(f_exceeds(2, dof, f))
 
     # The probability that any marker of a good set is as much of an outlier as the worst one here.
     f_of_markers = np.nan_to_num(studentised_f(affine))
-    outlier_probability = n * float(fdtrc(3.0, float(affine.dof - 3), f_of_markers.max()))
+    outlier_probability = n * float(f_exceeds(3, affine.dof - 3, f_of_markers.max()))
     return PerspectiveTest(
         p_value=p_value,
         fle_rms_m=float(np.sqrt(3 * squares / dof)),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.fixture import Frame, RegistrationRecord
+from vfplan.registration.distributions import f_quantile
 from vfplan.registration.error import (
     TargetError,
     error_rows,
@@ -370,8 +371,6 @@ def fit_registration(
 
 def is_mirrored(fit: Fit) -> bool:
     """Whether markers in space fit a mirror image clearly better than the model, by an F test."""
-    from scipy.special import fdtri
-
     problem: Problem = fit.problem
     if not isinstance(problem.model, Orthogonal):
         return bool(np.linalg.det(fit.m[:, :3]) < 0)
@@ -380,7 +379,7 @@ def is_mirrored(fit: Fit) -> bool:
     error = y - homogeneous(flipped) @ problem.model.solve(flipped, y, w).T
     mirrored = max(float((w * error**2).sum()), problem.rounding_floor_m**2)
     # A flat layout fits both ways, so only a mirror image that fits far better counts.
-    limit = float(fdtri(float(fit.dof), float(fit.dof), 1 - MIRRORED_PROBABILITY))
+    limit = float(f_quantile(fit.dof, fit.dof, 1 - MIRRORED_PROBABILITY))
     return fit.variance * fit.dof > limit * mirrored
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt
+from vfplan.registration.distributions import f_exceeds
 from vfplan.registration.fit import RARE_PROBABILITY, fit_model, fit_similarity
 from vfplan.registration.models import Affine
 from vfplan.registration.registration import Registration
@@ -86,8 +87,6 @@ def stretch_findings(registration: Registration) -> list[Finding]:
 
     By the F test of an affine map against a similarity.
     """
-    from scipy.special import fdtrc
-
     problem, used = registration.fit.problem, registration.used
     affine = Affine(2)
     if problem.model.dimension != 2 or 3 * used.sum() <= affine.parameters:
@@ -103,7 +102,7 @@ def stretch_findings(registration: Registration) -> list[Finding]:
     square_squares = square.variance * square.dof
     more = square.dof - free.dof
     f = ((square_squares - free_squares) / more) / (free_squares / free.dof)
-    if fdtrc(more, free.dof, max(f, 0.0)) > RARE_PROBABILITY:
+    if f_exceeds(more, free.dof, max(f, 0.0)) > RARE_PROBABILITY:
         return []
     text = (
         f"By the markers a pixel is {long / short:.3g} times as long as wide. Look for a column "
