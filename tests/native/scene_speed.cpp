@@ -62,10 +62,13 @@ void measure(const char* name, int rounds) {
 
     Cloud cloud;
     for (std::size_t i = 0; i < n; ++i)
-        cloud.points.push_back({points[3 * i], points[3 * i + 1], file[2] == 1 ? 0 : points[3 * i + 2]});
-    const std::map<std::string, double> settings{
-        {"contact_radius", file[3]}, {"outer_radius", file[4]}, {"band", file[5]},
-        {"point_radius", 0},         {"gain", 1}};
+        cloud.points.push_back(
+            {points[3 * i], points[3 * i + 1], file[2] == 1 ? 0 : points[3 * i + 2]});
+    const std::map<std::string, double> settings{{"contact_radius", file[3]},
+                                                 {"outer_radius", file[4]},
+                                                 {"band", file[5]},
+                                                 {"point_radius", 0},
+                                                 {"gain", 1}};
     PaperRule peer(cloud, settings);
 
     double peer_time = 1e300, paper_time = 1e300;

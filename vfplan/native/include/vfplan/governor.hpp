@@ -38,8 +38,8 @@ struct GovernorLimits {
     double stiffness = 1000.0;       ///< K of the fixture's spring, its largest [N/m]
     double mass = 1.0;               ///< least moving mass at the tip, the arm's alone [kg]
     double period = 1e-3;            ///< of one tick [s]
-    double torque_step[max_joints];  ///< largest |change of torque| of each joint [N m], or none
-    double torque_max[max_joints];   ///< largest |torque| of each joint [N m], or none
+    double torque_step[max_joints];  ///< largest |change of torque| of each joint [N m], or `none`
+    double torque_max[max_joints];   ///< largest |torque| of each joint [N m], or `none`
 
     GovernorLimits() {
         std::fill_n(torque_step, max_joints, none);
@@ -49,16 +49,16 @@ struct GovernorLimits {
     double least_passive_step() const noexcept {
         return 0.5 * force_max * period * std::sqrt(stiffness / mass);
     }
-    /// The same of a force that turns round at force_max: a way twice as long.
+    /// The same of a force that turns round at force_max, and has twice the way to go.
     double least_reversing_step() const noexcept { return 2 * least_passive_step(); }
 };
 
 /// What a tick of the governor has to say; bits, 0 when all is well.
 enum GovernorStatus : std::uint8_t {
-    bad_force = 1,     ///< force not finite or beyond 1e6 N: taken for none, and faded out
-    bad_jacobian = 2,  ///< Jacobian not finite or beyond 1e6 m: force and torques fade out
-    no_jacobian = 4,   ///< torques are limited, but without a Jacobian only forces were
-    torque_lags = 8,   ///< the arm turns faster than its torques may follow: torque() is not J^T F
+    bad_force = 1,     ///< the force is not finite or beyond 1e6 N, counts as none and fades out
+    bad_jacobian = 2,  ///< the Jacobian is not finite or beyond 1e6 m; force and torques fade out
+    no_jacobian = 4,   ///< torques have limits, but without a Jacobian only forces were limited
+    torque_lags = 8,   ///< the arm turns faster than its torques may follow; torque() is not J^T F
     overdrawn = 16,    ///< the force held back gave more than the spring had stored
 };
 
@@ -104,7 +104,7 @@ class Governor {
                          limits.torque_max[j] < GovernorLimits::none;
     }
 
-    /// Nothing commanded, nothing given: as the arm is when its controller starts.
+    /// Nothing is commanded and nothing was given, as when the controller of an arm starts.
     void reset() noexcept { *this = Governor(limits_, by_torque_); }
 
     /// The next tick of an arm that takes forces.
@@ -115,7 +115,8 @@ class Governor {
 
     /// The next tick of an arm that takes torques.
     ///
-    /// `jacobian`: 3 x `joints`, row after row, of the point the force acts on; joints <= 16.
+    /// `jacobian` is that of the point on which the force acts: 3 x `joints`, row after row, with
+    /// 16 joints at most.
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
         const int n = std::clamp(joints, 0, max_joints);
         if (n == 0 || !is_sound(jacobian, 3 * n)) {
@@ -132,19 +133,22 @@ class Governor {
     const double* torque() const noexcept { return torque_; }
     /// What forces held back since the reset have given, had each pushed the mass freely [J].
     double energy_given() const noexcept { return closed_given_ + given(); }
-    /// What the springs held that they were released from [J]: at least energy_given unless
+    /// What the springs held that they were released from [J]. It is at least energy_given unless
     /// overdrawn.
     double energy_stored() const noexcept { return closed_stored_ + stored(); }
 
   private:
     /// Limits are aimed at from a little below, so that no rounding of a sum crosses them.
     static constexpr double below = 1 - 1e-9;
-    /// The same, closer: of a limit that a force already aimed at `below` of.
+    /// The same from less below, for the limit of a force that was already aimed at `below` of it.
     static constexpr double nearly = 1 - 5e-10;
+    /// By how much the energy given may exceed the energy stored before it counts as overdrawn: the
+    /// sums are those of whole ticks.
+    static constexpr double energy_tolerance = 1.01;
     /// Largest force [N], and entry of a Jacobian [m], that counts as a number.
     static constexpr double largest = 1e6;
 
-    /// 3 x `joints`, row after row; without one, no joints.
+    /// A Jacobian of 3 x `joints`, row after row. Where there is none, it has no joints.
     struct Jacobian {
         const double* values = nullptr;
         int joints = 0;
@@ -197,7 +201,7 @@ class Governor {
         const Vec3 target = clipped(wanted, jacobian);
         if (!accept(target, jacobian) && !ramp_towards(target, jacobian)) g.status |= torque_lags;
         account_energy(target);
-        if (given() > 1.01 * stored()) g.status |= overdrawn;
+        if (given() > energy_tolerance * stored()) g.status |= overdrawn;
         g.force = force_;
         g.held_back = norm(wanted - force_);
         return g;
@@ -253,7 +257,8 @@ class Governor {
         return true;
     }
 
-    /// Torques towards J^T F where the Jacobian has changed by more than a step of them allows.
+    /// Moves the torques towards J^T F where the Jacobian has changed by more than their steps
+    /// allow.
     void torques_towards(const Jacobian& jacobian) noexcept {
         double change[max_joints];
         for (int j = 0; j < jacobian.joints; ++j)
@@ -277,7 +282,8 @@ class Governor {
         for (int j = 0; j < n; ++j) torque_[j] = torque_[j] + share * change[j];
     }
 
-    /// A force that lags behind its target pushes, as if on a mass that nothing else holds.
+    /// Counts the energy of a force that lags behind its target: it pushes as if on a mass that
+    /// nothing else holds.
     void account_energy(const Vec3& target) noexcept {
         const Vec3 lag = force_ - target;
         if (lag == Vec3{}) {
@@ -298,7 +304,7 @@ class Governor {
     bool by_torque_ = false;
     Vec3 force_, before_, momentum_;
     double torque_[max_joints] = {};
-    double stretched_ = 0;  // [N] the most that the spring was, since the force lags
+    double stretched_ = 0;  // the largest force of the spring since the force lags [N]
     double closed_given_ = 0, closed_stored_ = 0;
 };
 

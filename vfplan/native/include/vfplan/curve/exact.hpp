@@ -675,8 +675,7 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
         return std::max(roundings * p.R(), roundings_a_band * rounding);
     }
 
-    CurveRule(Curve curve, const Parameters& p)
-        : GuardedRule(p.R(), p.band, std::move(curve), p) {}
+    CurveRule(Curve curve, const Parameters& p) : GuardedRule(p.R(), p.band, std::move(curve), p) {}
 
     std::size_t bytes() const noexcept {
         return motion().curve().bytes() + motion().query().bytes();

@@ -13,16 +13,20 @@
 
 namespace vfplan {
 
-// A drawn line as it is handed to the engine: lines and arcs from vertex to vertex, as DXF has
-// them. Two pieces share their vertex, so a stroke has no gap.
+// A drawn line is handed to the engine as lines and arcs from vertex to vertex, as DXF has them.
+// Two pieces share their vertex, so a stroke has no gap.
 
-/// Lines and arcs from vertex to vertex. A bulge is tan(sweep / 4): 0 for a line, positive where
-/// the arc turns left, seen with the ignored axis pointing to the viewer; at most a half circle.
+/// Lines and arcs from vertex to vertex. A bulge is tan(sweep / 4). It is 0 for a line, and above 0
+/// where the arc turns left, seen with the ignored axis pointing to the viewer. An arc is at most a
+/// half circle.
 struct Stroke {
     std::vector<double> vertices;  ///< x y z of each in turn [m]
     std::vector<double> bulges;    ///< of the piece from each vertex to the next; one each
-    bool closed = false;           ///< the last piece leads back to the first vertex
+    bool closed = false;           ///< whether the last piece leads back to the first vertex
 };
+
+/// tan(pi / 8), the bulge of a quarter circle.
+inline constexpr double quarter_bulge = 0.41421356237309515;
 
 /// Throws std::invalid_argument on strokes that no engine takes.
 inline void check(const std::vector<Stroke>& strokes) {
@@ -55,8 +59,8 @@ struct Piece {
 
     Vec3 centre() const noexcept { return from - radius * out; }
 
-    /// Where descent of |x - c| ends that begins at c on the piece; `side`: -1 and 1 where that is
-    /// the beginning or the end of the piece, 0 where it is between.
+    /// Where descent of |x - c| ends that begins at c on the piece. `side` is -1 at the beginning
+    /// of the piece, 1 at its end, and 0 between.
     struct PieceDescent {
         Vec3 at;
         int side;
@@ -88,7 +92,7 @@ struct Piece {
         return along(dot(w, out) * entering - dot(w, entering) * out, 1);
     }
 
-    /// A point between a and b on the piece; near a for a small share.
+    /// The point of the piece at about `share` of the way from a to b.
     Vec3 between(const Vec3& a, const Vec3& b, double share) const noexcept {
         const Vec3 c = a + share * (b - a);
         if (radius == 0) return c;
@@ -122,13 +126,15 @@ inline Piece straight(const Vec3& p, const Vec3& q) noexcept {
     return s;
 }
 
-/// The arc from p to q that leaves p along t (`enters`: that arrives in q along t).
+/// The arc from p to q that leaves p along t, or, with `enters`, that arrives in q along t.
 inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noexcept {
+    // An arc that turns by less than twice this is a line [rad].
+    constexpr double straight_angle = 1e-6;
     Piece s = straight(p, q);
     const double lengthwise = dot(q - p, t);
     const Vec3 aside = (q - p) - lengthwise * t;
     const double off = norm(aside);
-    if (off < 1e-6 * s.length) return s;  // turns by less than 2e-6 rad
+    if (off < straight_angle * s.length) return s;
     s.radius = 0.5 * s.length * s.length / off;
     const Vec3 inwards = (enters ? -1.0 / off : 1.0 / off) * aside;  // towards the centre, at t
     const double half = std::min(1.0, off / s.length);
@@ -170,12 +176,11 @@ struct PlanarPiece {
     }
 };
 
-/// Halves an arc until it is a quarter circle at most; a piece of no length is none.
+/// Halves an arc until it is a quarter circle at most. A piece of no length is left out.
 inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
                               std::vector<PlanarPiece>& pieces) {
-    constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): the bulge of a quarter circle
     if (a == b) return;
-    if (std::abs(bulge) <= quarter) {
+    if (std::abs(bulge) <= quarter_bulge) {
         pieces.emplace_back(a, b, bulge);
         return;
     }

@@ -15,23 +15,26 @@
 
 namespace vfplan {
 
-// A drawn curve as the hand is to feel it: through its points, in order, by circular arcs that meet
-// with one tangent where these stay within `smoothed` of the straight lines between the points, by
-// those lines elsewhere (corners, points far apart).
+// A drawn curve as the hand is to feel it. It goes through its points, in order, by circular arcs
+// that meet with one tangent. Where the arcs would leave the straight lines between the points by
+// more than `smoothed`, as at a corner or between points far apart, it follows those lines.
 
-/// A curve that never branches: pieces one after the other.
+/// A curve that never branches. Its pieces stand one after the other.
 struct Strand {
     std::size_t first = 0, count = 0;  ///< its pieces
     bool closed = false;
     double length = 0;  ///< [m]
 };
 
-/// One curve or several, made once; all that follows is noexcept and allocates nothing.
+/// One curve or several. It is made once; all that asks it afterwards is noexcept and allocates
+/// nothing.
 class Path {
   public:
-    /// How far arcs may lie beside the lines between the points [m].
+    /// How far arcs may lie beside the lines between the points [m]: a hundredth of a tube that is
+    /// felt as narrow.
     static constexpr double smoothed = 1e-5;
-    /// Points nearer than this to the one before are left out [m].
+    /// Points nearer than this to the one before are left out [m]. A direction from one to the
+    /// other would be rounding.
     static constexpr double shortest = 1e-9;
     static constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
 
@@ -52,8 +55,8 @@ class Path {
         end(s);
     }
 
-    /// Adds lines and arcs across an axis, halved until they are at most `longest` [m], but into
-    /// `most_parts` at most: how wide a tube may be is looked for at their ends.
+    /// Adds lines and arcs across an axis. They are halved until they are at most `longest` [m],
+    /// but into `max_parts` at most. How wide a tube may be is looked for at their ends.
     void add(const Stroke& stroke, const Vec3& axis, double longest) {
         std::vector<Vec3> p(stroke.bulges.size());
         for (std::size_t i = 0; i < p.size(); ++i) {
@@ -67,7 +70,7 @@ class Path {
         Strand s{pieces_.size(), 0, stroke.closed, 0};
         for (std::size_t i = 0; i < sides; ++i)
             cut(p[i], p[(i + 1) % p.size()], stroke.bulges[i], axis,
-                std::max(longest, length / most_parts), s.length);
+                std::max(longest, length / max_parts), s.length);
         end(s);
     }
 
@@ -78,8 +81,10 @@ class Path {
     /// The piece after (`side` 1) or before (-1) piece i of a strand; `none` beyond its ends.
     std::size_t next_piece(const Strand& s, std::size_t i, int side) const noexcept {
         const std::size_t last = s.first + s.count - 1;
-        if (side > 0) return i < last ? i + 1 : s.closed ? s.first : none;
-        return i > s.first ? i - 1 : s.closed ? last : none;
+        if (side > 0 && i < last) return i + 1;
+        if (side < 0 && i > s.first) return i - 1;
+        if (!s.closed) return none;
+        return side > 0 ? s.first : last;
     }
 
     /// The point of a strand at an arc length from 0 to its length [m].
@@ -89,11 +94,11 @@ class Path {
         const auto after =
             std::upper_bound(first, first + std::ptrdiff_t(s.count), arc,
                              [](double a, const Piece& p) noexcept { return a < p.start; });
-        const Piece& p = after == first ? *first : *(after - 1);
+        const Piece& p = *(after == first ? first : after - 1);
         return p.ahead(std::clamp(arc - p.start, 0.0, p.length));
     }
 
-    /// Largest distance between two corners of the box about all curves, at least their own [m].
+    /// Diagonal of the box about all curves [m]. No two of their places are further apart.
     double extent() const noexcept {
         Vec3 low = pieces_.front().from, high = low;
         for (const Piece& p : pieces_)
@@ -127,7 +132,7 @@ class Path {
         return best;
     }
 
-    /// Pieces in a row that lie within a ball: what is far off is passed over at once.
+    /// Pieces in a row that lie within a ball, so that those far off are passed over at once.
     struct Ball {
         std::size_t first, last;
         Vec3 middle;
@@ -139,23 +144,25 @@ class Path {
     }
 
   private:
+    /// Number of pieces in a ball. It costs or saves time and changes no answer.
     static constexpr std::size_t block = 16;
-    static constexpr double most_parts = 1e5;
-    static constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): a quarter circle's bulge
+    /// Into how many parts one stroke is cut at most.
+    static constexpr double max_parts = 1e5;
 
     void end(Strand& s) {
         s.count = pieces_.size() - s.first;
         if (s.count == 0) reject("a curve needs 2 points that differ, a closed one 3");
         strands_.push_back(s);
-        for (std::size_t i = s.first; i < pieces_.size(); i += block) bound(i, s.first + s.count);
+        for (std::size_t i = s.first; i < pieces_.size(); i += block)
+            add_ball(i, s.first + s.count);
     }
-    /// A line or an arc of a half circle at most; one of no length is none.
+    /// Adds a line or an arc of a half circle at most, in parts. One of no length is left out.
     void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
              double& length) {
         const double chord = norm(b - a);
         if (!(chord > shortest)) return;
         const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
-        if (std::abs(bulge) > quarter || chord > longest) {
+        if (std::abs(bulge) > quarter_bulge || chord > longest) {
             const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
             const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
             cut(a, middle, half, axis, longest, length);
@@ -167,8 +174,8 @@ class Path {
         push(detail::bend(a, b, begins, false), length);
     }
 
-    /// Unit tangents at the points: of the circle through each and its neighbours; 0 where the
-    /// curve turns back on itself.
+    /// The unit tangent at each point, of the circle through it and its neighbours. It is 0 where
+    /// the curve turns back on itself.
     static std::vector<Vec3> tangents(const std::vector<Vec3>& p, bool closed) {
         const std::size_t n = p.size();
         std::vector<Vec3> t(n);
@@ -181,12 +188,17 @@ class Path {
         const auto mirror = [](const Vec3& chord, const Vec3& beside) {
             return (2 * dot(chord, beside) / dot(chord, chord)) * chord - beside;
         };
-        t[0] = n > 2 ? mirror(p[1] - p[0], t[1]) : vfplan::along(p[1] - p[0], 1);
-        t[n - 1] = n > 2 ? mirror(p[n - 1] - p[n - 2], t[n - 2]) : t[0];
+        if (n == 2) {
+            t[0] = t[1] = vfplan::along(p[1] - p[0], 1);
+        } else {
+            t[0] = mirror(p[1] - p[0], t[1]);
+            t[n - 1] = mirror(p[n - 1] - p[n - 2], t[n - 2]);
+        }
         return t;
     }
 
-    /// Two arcs of equal tangent lengths (Bolton, "Biarc curves", 1975), or one straight line.
+    /// Joins two points by two arcs of equal tangent lengths (Bolton, "Biarc curves", 1975), or by
+    /// a straight line.
     void join(const Vec3& p, const Vec3& t, const Vec3& q, const Vec3& u, double& length) {
         const Vec3 v = q - p;
         const double vv = dot(v, v), ahead = std::min(dot(t, v), dot(u, v));
@@ -205,15 +217,17 @@ class Path {
         }
         push(detail::straight(p, q), length);
     }
+    /// How far an arc lies beside its chord, nearly [m].
     static double sagitta(const Piece& s) noexcept {
-        return s.radius > 0 ? s.length * s.length / (8 * s.radius) : 0;
+        if (s.radius == 0) return 0;
+        return s.length * s.length / (8 * s.radius);
     }
     void push(Piece s, double& length) {
         s.start = length;
         length += s.length;
         pieces_.push_back(s);
     }
-    void bound(std::size_t first, std::size_t end) {
+    void add_ball(std::size_t first, std::size_t end) {
         Ball b{first, std::min(first + block, end), {}, 0};
         for (std::size_t i = b.first; i < b.last; ++i)
             b.middle = b.middle + (1.0 / double(b.last - b.first)) * pieces_[i].from;
@@ -227,14 +241,14 @@ class Path {
     std::vector<Ball> balls_;
 };
 
-// How wide a tube around a curve may be before it runs into itself: in a turn that is tighter than
-// the tube is wide, or beside another strand. There the curve would not say where in it a tip is.
+// A tube around a curve may be so wide that it runs into itself, in a turn that is tighter than the
+// tube is wide, or beside another strand. A tip there would be near two places of the curve.
 
 /// Where a tube of some radius runs into itself.
 struct TubeObstacle {
     bool found = false;
-    bool turn = false;  ///< in a turn of the curve; else beside another strand
-    double width = 0;   ///< between the two places [m]: a tube of half of it fits
+    bool turn = false;  ///< whether it is a turn of the curve, and not another strand
+    double width = 0;   ///< between the two places [m]; a tube of half of it fits
     std::size_t strand = 0;
     double arc = 0;  ///< along that strand [m]
     Vec3 at;
@@ -246,31 +260,37 @@ class TubeCheck {
   public:
     TubeCheck(const Path& path, double radius) : path_(path), radius_(radius) {}
 
-    /// Turns in which `share` of half a circle's length of the curve spans less than the circle's.
+    /// The tightest turn in which a part of the curve, as long as `share` of a half circle of the
+    /// tube's radius, spans less than that part of the circle would.
     TubeObstacle tight_turns(double share) const {
         TubeObstacle worst;
         for (std::size_t s = 0; s < path_.strands().size(); ++s) tight_turns(s, share, worst);
         return worst;
     }
 
+    /// The narrowest turn or pair of strands in which the tube runs into itself.
     TubeObstacle first_obstacle() const {
         TubeObstacle worst = tight_turns(1);
         const auto& balls = path_.balls();
-        for (std::size_t a = 0; a < balls.size(); ++a)
-            for (std::size_t b = a; b < balls.size(); ++b)
-                if (norm(balls[a].middle - balls[b].middle) - balls[a].radius - balls[b].radius <
-                    2 * radius_)
+        for (std::size_t a = 0; a < balls.size(); ++a) {
+            for (std::size_t b = a; b < balls.size(); ++b) {
+                const double middles = norm(balls[a].middle - balls[b].middle);
+                if (middles - balls[a].radius - balls[b].radius < 2 * radius_)
                     adjacent_strands(balls[a], balls[b], worst);
+            }
+        }
         return worst;
     }
 
   private:
-    /// Strands that come nearer than this meet or cross, which a tip on one of them does not feel.
-    static constexpr double meet = 1e-6;  // [m]
-    /// A circle through points is a polygon or arcs of nearly its radius.
-    static constexpr double rounded = 1e-3;
+    /// Strands that come nearer than this meet or cross [m], which a tip on one of them does not
+    /// feel.
+    static constexpr double crossing_distance = 1e-6;
+    /// Share by which a turn may be too tight: a circle that was given by points is a polygon, or
+    /// arcs, of nearly its radius.
+    static constexpr double turn_tolerance = 1e-3;
 
-    static void keep(TubeObstacle& worst, const TubeObstacle& one) {
+    static void keep_narrower(TubeObstacle& worst, const TubeObstacle& one) {
         if (!worst.found || one.width < worst.width) worst = one;
     }
     double half_circle() const { return std::numbers::pi * radius_; }
@@ -280,13 +300,13 @@ class TubeCheck {
         const double reach = share * half_circle();
         const double span = 2 * radius_ * std::sin(0.5 * std::numbers::pi * share);
         if (!s.closed && s.length < reach) return;
-        if (s.closed &&
-            s.length < 2 * half_circle() * (1 - rounded)) {  // within the tube as a whole
+        if (s.closed && s.length < 2 * half_circle() * (1 - turn_tolerance)) {
+            // The tube is as wide as the whole curve.
             const Vec3& at = path_[s.first].from;
-            return keep(worst, {true, true, s.length / std::numbers::pi, strand, 0, at});
+            return keep_narrower(worst, {true, true, s.length / std::numbers::pi, strand, 0, at});
         }
         std::size_t j = s.first;
-        double behind = 0;  // a closed curve's length, once j has passed its first point
+        double behind = 0;  // length of a closed curve, once j has passed its first point [m]
         for (std::size_t i = s.first; i < s.first + s.count; ++i) {
             const double goal = path_[i].start + reach;
             if (!s.closed && goal > s.length) return;
@@ -296,34 +316,42 @@ class TubeCheck {
                 if (next < j) behind += s.length;
                 j = next;
             }
-            const Vec3 far = path_[j].ahead(goal - behind - path_[j].start);
-            const double width = norm(far - path_[i].from);
-            if (width >= span * (1 - rounded)) continue;
+            const Vec3 other_end = path_[j].ahead(goal - behind - path_[j].start);
+            const double width = norm(other_end - path_[i].from);
+            if (width >= span * (1 - turn_tolerance)) continue;
             const Vec3 at = path_[i].from;
-            keep(worst, {true, true, width, strand, path_[i].start, at});
+            keep_narrower(worst, {true, true, width, strand, path_[i].start, at});
         }
     }
 
-    /// Two strands, or one that comes back: the places where they are nearest to each other.
+    /// Looks for the places where two strands, or two parts of one that comes back, are nearest to
+    /// each other.
     void adjacent_strands(const Path::Ball& a, const Path::Ball& b, TubeObstacle& worst) const {
         for (std::size_t i = a.first; i < a.last; ++i)
             for (std::size_t j = std::max(b.first, i + 1); j < b.last; ++j) {
-                const double d = apart(i, j);
-                if (!(d < 2 * radius_) || !far_along(i, j) || !is_local_minimum(i, j, d)) continue;
-                const double width = crossing(i, j);
-                if (width <= meet || width >= 2 * radius_) continue;
+                const double d = distance(i, j);
+                if (!(d < 2 * radius_)) continue;
+                if (!is_far_along(i, j) || !is_local_minimum(i, j, d)) continue;
+                const double width = distance_around(i, j);
+                if (width <= crossing_distance || width >= 2 * radius_) continue;
                 const std::size_t s = strand(i);
-                keep(worst, {true, false, width, s, path_[i].start, path_[i].from});
+                keep_narrower(worst, {true, false, width, s, path_[i].start, path_[i].from});
             }
     }
-    double apart(std::size_t i, std::size_t j) const { return norm(path_[i].from - path_[j].from); }
-    bool far_along(std::size_t i, std::size_t j) const {
+    /// Between the beginnings of two pieces [m].
+    double distance(std::size_t i, std::size_t j) const {
+        return norm(path_[i].from - path_[j].from);
+    }
+    /// Whether two pieces are parts of two strands, or half a circle apart along the same one.
+    bool is_far_along(std::size_t i, std::size_t j) const {
         const std::size_t s = strand(i);
         if (s != strand(j)) return true;
-        const double way = std::abs(path_[i].start - path_[j].start);
         const Strand& t = path_.strands()[s];
-        return (t.closed ? std::min(way, t.length - way) : way) >= half_circle();
+        double way = std::abs(path_[i].start - path_[j].start);
+        if (t.closed) way = std::min(way, t.length - way);
+        return way >= half_circle();
     }
+    /// The number of the strand that a piece is part of.
     std::size_t strand(std::size_t piece) const {
         std::size_t s = 0;
         while (piece >= path_.strands()[s].first + path_.strands()[s].count) ++s;
@@ -334,13 +362,13 @@ class TubeCheck {
         for (const int side : {-1, 1}) {
             const std::size_t k = path_.next_piece(path_.strands()[strand(i)], i, side);
             const std::size_t l = path_.next_piece(path_.strands()[strand(j)], j, side);
-            if (k != Path::none && apart(k, j) < d) return false;
-            if (l != Path::none && apart(i, l) < d) return false;
+            if (k != Path::none && distance(k, j) < d) return false;
+            if (l != Path::none && distance(i, l) < d) return false;
         }
         return true;
     }
-    /// Distance of the pieces around two places.
-    double crossing(std::size_t i, std::size_t j) const {
+    /// Distance of the pieces around the beginnings of two pieces [m].
+    double distance_around(std::size_t i, std::size_t j) const {
         double least = std::numeric_limits<double>::infinity();
         for (const std::size_t k : adjoining_pieces(i))
             for (const std::size_t l : adjoining_pieces(j))
@@ -351,12 +379,15 @@ class TubeCheck {
     std::array<std::size_t, 2> adjoining_pieces(std::size_t i) const {
         return {i, path_.next_piece(path_.strands()[strand(i)], i, -1)};
     }
-    /// Distance of the chords of two pieces (Ericson, "Real-Time Collision Detection", 5.1.9).
+    /// Distance of the chords of two pieces [m] (Ericson, "Real-Time Collision Detection", 5.1.9).
     static double between(const Piece& p, const Piece& q) {
         const Vec3 a = p.to - p.from, b = q.to - q.from, r = p.from - q.from;
         const double aa = dot(a, a), bb = dot(b, b), ab = dot(a, b), ar = dot(a, r), br = dot(b, r);
         const double det = aa * bb - ab * ab;
-        double s = det > 1e-12 * aa * bb ? std::clamp((ab * br - ar * bb) / det, 0.0, 1.0) : 0;
+        // Chords with a smaller determinant are parallel: one end is as good as any other place.
+        constexpr double parallel = 1e-12;
+        double s = 0;
+        if (det > parallel * aa * bb) s = std::clamp((ab * br - ar * bb) / det, 0.0, 1.0);
         const double t = std::clamp((ab * s + br) / bb, 0.0, 1.0);
         s = std::clamp((ab * t - ar) / aa, 0.0, 1.0);
         return norm(r + s * a - t * b);
@@ -368,12 +399,12 @@ class TubeCheck {
 
 }  // namespace detail
 
-/// The narrowest place for a tube of `radius` [m] around the curves; none found: it fits.
+/// The narrowest place for a tube of `radius` [m] around the curves. Where none is found, it fits.
 inline TubeObstacle narrowest(const Path& path, double radius) {
     return detail::TubeCheck(path, radius).first_obstacle();
 }
 
-/// The tightest bend where a quarter of a circle of `radius` [m] does not fit: the tube is wider
+/// The tightest bend where a quarter of a circle of `radius` [m] does not fit. The tube is wider
 /// there than the bend, and a tip in it may cut the corner.
 inline TubeObstacle tight_bend(const Path& path, double radius) {
     return detail::TubeCheck(path, radius).tight_turns(0.5);
@@ -382,10 +413,16 @@ inline TubeObstacle tight_bend(const Path& path, double radius) {
 /// The widest tube of which `test` (narrowest or tight_bend) finds nothing, to 1 % [m]; at most
 /// `radius`, of which it does.
 inline double widest(const Path& path, double radius, TubeObstacle (*test)(const Path&, double)) {
-    double fits = 0, too_wide = radius;
-    while (too_wide - fits > 0.01 * too_wide && too_wide > 1e-9) {
+    constexpr double precision = 0.01;      // of the radius
+    constexpr double smallest_tube = 1e-9;  // [m]
+    double fits = 0;
+    double too_wide = radius;
+    while (too_wide - fits > precision * too_wide && too_wide > smallest_tube) {
         const double middle = 0.5 * (fits + too_wide);
-        (test(path, middle).found ? too_wide : fits) = middle;
+        if (test(path, middle).found)
+            too_wide = middle;
+        else
+            fits = middle;
     }
     return fits;
 }
