@@ -7,6 +7,9 @@ import math
 MAX_LISTED = 20
 """Things of one kind that a text or a report lists one by one; of more, their number."""
 
+MAX_DRAWN = 4000
+"""Number of points of a cloud or of a path that a picture draws. More look the same."""
+
 MM = 1e3
 """Millimetres in a metre."""
 

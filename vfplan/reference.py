@@ -27,9 +27,7 @@ from numpy.typing import ArrayLike
 from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
 from vfplan.engine.parameters import MAX_COORDINATE, ProxyParameters, Vector, check_points
 from vfplan.errors import SettingError
-
-CANCELLED = 1e-12
-"""A sum of eq. (1) below this share of its weights has no direction: it is rounding."""
+from vfplan.geometry import ROUNDING
 
 
 class PaperProxy:
@@ -162,7 +160,8 @@ def normal_vector(p: Vector, proxy: Vector, r1: float, r3: float) -> Vector:
     phi = wendland(r, r1, r3)
     nk = (away / r[:, None] * phi[:, None]).sum(axis=0)
     length = np.linalg.norm(nk)
-    if length <= CANCELLED * phi.sum():
+    # A sum of eq. (1) that cancels to rounding has no direction.
+    if length <= ROUNDING * phi.sum():
         return np.zeros(3)
     return nk / length
 

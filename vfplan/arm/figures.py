@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm import Rehearsal
-from vfplan.display import MM
-from vfplan.figures.style import MAX_DRAWN, subplots
+from vfplan.display import MAX_DRAWN, MM
+from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.quantities import CONTACT_M, row_norms
 

@@ -16,14 +16,11 @@ from vfplan.bench.meshes import BallMesh, BoxMesh
 from vfplan.bench.record import Array
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.planning.tolerance import DEPTH, Choice
+from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet
 
 R = 5e-3
 """Contact radius [m], as in the paper."""
-
-SPEED_M_S = 0.1
-"""Speed of the HIP [m/s]: that of a brisk hand."""
 
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
          ("omega", "beside"))  # fmt: skip

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
+from vfplan.bench.record import SMALLEST_ERROR_M
 from vfplan.bench.summary import is_tick_stage
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import BRIDGED, CONTACT, FORCE, HIP, PROXY, RULE
@@ -27,8 +28,8 @@ COLUMNS = 4
 SMALLEST_PX = 1e-4
 """The smallest error drawn in pixels."""
 
-SMALLEST_UM = 1e-3
-"""The smallest error drawn in micrometres, a nanometre; below it is rounding."""
+SMALLEST_UM = 1e6 * SMALLEST_ERROR_M
+"""The smallest error drawn in micrometres. Below it is rounding."""
 
 FRONT_COLOUR = "#c8c8c8"
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 WIDTH_PX = 640
 """Width of the drawn slice at scale 1 [px]."""
 
-HEIGHT_PX = 480
+HEIGHT_PX = 3 * WIDTH_PX // 4
 """Height of the drawn slice at scale 1 [px]."""
 
 SUBPIXELS = 8

@@ -44,7 +44,7 @@ STIFFNESS = 1000.0
 NUMPY_WORK = 4e7
 """Number of points times ticks up to which the NumPy reference runs in good time."""
 
-BRUTE_WORK = 4e8
+BRUTE_WORK = 10 * NUMPY_WORK
 """Number of points times ticks up to which a look at every point in every tick does."""
 
 CONTACT_DEPTH_M = 0.1e-3

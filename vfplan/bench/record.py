@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
+from vfplan.geometry import ROUNDING_M
 from vfplan.replaying import timing
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ Setting = str | float | int | bool | None
 Record = dict[str, Any]
 Advance = Callable[[int], None]
 
-SMALLEST_ERROR_M = 1e-9
+SMALLEST_ERROR_M = ROUNDING_M
 """Errors below a nanometre [m] are rounding, and count as equal."""
 
 FEWEST_REPEATS = 3

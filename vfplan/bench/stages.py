@@ -17,10 +17,17 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from vfplan.bench.peers import Peer
-from vfplan.bench.record import Advance, Record, judge_chosen, mark_pareto, measure_runs
+from vfplan.bench.record import (
+    FEWEST_REPEATS,
+    Advance,
+    Record,
+    judge_chosen,
+    mark_pareto,
+    measure_runs,
+)
 from vfplan.bench.summary import summaries
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.io.json_types import to_json_types
 from vfplan.io.staging import write_whole
 from vfplan.planning.tolerance import choose
@@ -32,7 +39,7 @@ Bar = Callable[[str, int], AbstractContextManager[Advance]]
 REPEATS = 7
 """Number of timed rounds; the medians of seven spread by some percent."""
 
-QUICK_REPEATS = 3
+QUICK_REPEATS = FEWEST_REPEATS
 """The same in a quick run."""
 
 TOLERANCE_M = 1e-5
@@ -43,9 +50,6 @@ BUDGET_US = 1000.0
 
 FORMAT = "vfplan-bench"
 VERSION = "1.0"
-
-MAX_BYTES = 256 * 2**20
-"""Size of the largest document that is read; `bench all` writes less than a megabyte."""
 
 
 def bench(
@@ -170,7 +174,7 @@ def read_document(path: str | Path) -> dict[str, Any]:
     """
     where = str(path)
     try:
-        document = json.loads(read_whole(Path(path), MAX_BYTES).decode("utf-8"))
+        document = json.loads(read_whole(Path(path), MAX_TEXT_BYTES).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"is not JSON: {error}. Give a bench.json", where=where, code="not-json"

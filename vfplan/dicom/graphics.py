@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from vfplan.dicom.dataset import memory_file, open_dataset
 from vfplan.errors import CurveError, ImageError
+from vfplan.geometry import CORNER_PX
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
-CORNER_PX = 0.5
-"""Pixels from a pixel's corner to its centre, along either axis."""
 IS_SMOOTH = {"POLYLINE": False, "INTERPOLATED": True}
 """The types of graphic that are lines, and whether each is curved between its points."""
 

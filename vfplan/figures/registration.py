@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MM, nice_length
+from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, MARGIN_IN, MAX_DRAWN, WIDTH_PX, on_slice
+from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, on_slice
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:

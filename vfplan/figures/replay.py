@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.display import MM
-from vfplan.figures.style import MAX_DRAWN, subplots
+from vfplan.display import MAX_DRAWN, MM
+from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
 from vfplan.geometry.polyline import ring_of
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY

@@ -30,9 +30,6 @@ WIDTH_PX = 6 * DPI
 MARGIN_IN = 0.45
 """Height [in] of the margin beside a slice that holds one row of a legend."""
 
-MAX_DRAWN = 4000
-"""Number of points of a cloud or of a path that a picture draws. More look the same."""
-
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
 SETTINGS = {}
 for name, value in mpl.rcParamsDefault.items():

@@ -8,6 +8,12 @@ ROWS_AT_ONCE = 10_000
 """Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
 changes no result."""
 
+ROUNDING_M = 1e-9
+"""Distance [m] below which two places are one: a nanometre, far below what any part resolves."""
+
+CORNER_PX = 0.5
+"""Distance from a pixel's corner to its centre, along u and along v [px]."""
+
 ROUNDING = 1e-12
 """Largest rounding of a length, as a share of the longest one: some thousand steps of float64."""
 

@@ -12,9 +12,6 @@ Array = NDArray[np.float64]
 # Number of nearest corners whose triangles are compared.
 CORNERS = 4
 
-# Distances [m] below a nanometre are rounding.
-ROUNDING_M = 1e-9
-
 
 class NearestOnMesh:
     """Finds the nearest place among the triangles that meet in a point's nearest corners.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.geometry import ROUNDING_M
 from vfplan.registration.fit import RARE_PROBABILITY
 from vfplan.registration.models import (
     Array,
@@ -23,7 +24,7 @@ from vfplan.registration.models import (
     rms_length,
     root_of_inverse,
 )
-from vfplan.registration.nearest import ROUNDING_M, NearestOnMesh
+from vfplan.registration.nearest import NearestOnMesh
 from vfplan.registration.registration import Registration
 
 # Largest number of touched points. A tracked tip that slides for a minute gives fewer.

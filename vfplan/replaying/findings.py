@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.replaying.quantities import ROUNDING_M
+from vfplan.geometry import ROUNDING_M
 from vfplan.replaying.recording import JUMP_M_S
 from vfplan.robot import Robot, read_robot
 

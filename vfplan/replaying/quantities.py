@@ -14,16 +14,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.geometry import ROUNDING_M
 from vfplan.session import TickBlock
 from vfplan.session.result import concatenate_ticks
 
 Array = NDArray[np.float64]
 
-ROUNDING_M = 1e-9
-"""Lengths below this are rounding [m], as that of p + (x - p)."""
-
 CONTACT_M = ROUNDING_M
-"""A penetration above this is contact [m]."""
+"""A penetration above this is contact [m]. Below it is the rounding of p + (x - p)."""
 
 SUMS = (
     "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",

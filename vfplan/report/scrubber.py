@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MM
+from vfplan.display import MAX_DRAWN, MM
 from vfplan.figures.replay import axis_names, plane_basis
-from vfplan.figures.style import MAX_DRAWN, WIDTH_PX
+from vfplan.figures.style import WIDTH_PX
 from vfplan.fixture import Fixture
 from vfplan.replaying import Replay
 from vfplan.replaying.quantities import row_norms

@@ -13,10 +13,8 @@ import numpy as np
 
 from vfplan import fixture as curve
 from vfplan.engine.parameters import Vector
+from vfplan.geometry import ROUNDING
 from vfplan.scenes.primitives import Arcs, Pieces, Segments
-
-STRAIGHT = 1e-12
-"""An arc that bends less than this share of its chord is a segment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +218,7 @@ def _arc_from(p: Vector, tangent: Vector, q: Vector) -> Link:
     normal = np.array([-tangent[1], tangent[0]])
     chord = q - p
     side = chord @ normal
-    if abs(side) < STRAIGHT * np.hypot(*chord):
+    if abs(side) < ROUNDING * np.hypot(*chord):
         return Link(p, q, np.zeros(2), 0.0, 0.0, 0.0)
     signed = (chord @ chord) / (2 * side)
     centre = p + signed * normal

@@ -36,7 +36,7 @@ WANDER_M = 1.6 * RADIUS
 """Half of the width of the box in which the long walk stays [m]. It is more than R on either side,
 and in a wider box the walk may miss the cloud for many ticks."""
 
-WANDER_STEP_M = 1e-4
+WANDER_STEP_M = RADIUS / 50
 """Standard deviation of a step of the long walk along each axis [m], 0.1 m/s at 1 kHz."""
 
 EngineFactory = Callable[[Contact], ProxyEngine]

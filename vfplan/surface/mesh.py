@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
-from vfplan.registration.nearest import ROUNDING_M
+from vfplan.geometry import ROUNDING_M
 from vfplan.surface.outline import Outline
 from vfplan.surface.stack import Stack
 

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MissingExtra, SettingError
+from vfplan.geometry import CORNER_PX
 from vfplan.io.files import parse_decimal
 
 PixelOrigin = Literal["centre", "corner"]
 ORIGINS = ("centre", "corner")
 """Where ImageJ's zero may lie on the first pixel."""
-CORNER_PX = 0.5
-"""Distance from a pixel's corner to its centre along u and v [px]."""
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
 LINES = ("POLYLINE", "FREELINE")
 UNCLEAR_FORMAT = 228

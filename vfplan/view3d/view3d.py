@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from vfplan.display import nice_length
+from vfplan.display import MAX_DRAWN, nice_length
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.polyline import ring_of
@@ -23,9 +23,6 @@ from vfplan.session import TickBlock
 from vfplan.view3d.opengl import ready_pyvista
 
 Array = NDArray[np.float64]
-
-MAX_POINTS = 5000
-"""Points of a cloud that are drawn; of a larger one every n-th. More only slow the view down."""
 
 SLICE = "#8a8a8a"
 """Grey of the slice's border, and of the slice in the legend."""
@@ -147,7 +144,7 @@ class Stage:
 
     def _add_cloud(self) -> None:
         fixture = self._fixture
-        stride = -(-len(fixture.points) // MAX_POINTS)
+        stride = -(-len(fixture.points) // MAX_DRAWN)
         point_size = 5.0
         if stride > 1:
             point_size = 3.0
