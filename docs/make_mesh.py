@@ -142,13 +142,13 @@ def main(*bones: str) -> None:
     )
     for name, points, faces, hips, truth in (*scenes(), *(bone(Path(path)) for path in bones)):
         finer, finer_faces = refined(points, faces, R / 10)
-        native = ProxyParameters.make(finer, contact_radius=R).native(None)
+        native = ProxyParameters.make(points, contact_radius=R).native(None)
         exact = judge(vfplan.ProxyEngine.on(points, faces, R), hips, truth)
         band = mesh_band(finer, finer_faces, R)
         robust = judge(vfplan.ProxyEngine(finer, R, band), hips, truth)
         exact_mark = " "
         robust_mark = "*"
-        if _core.by_triangles(finer, finer_faces, native):
+        if _core.by_triangles(points, faces, native):
             exact_mark = "*"
             robust_mark = " "
         print(
