@@ -96,18 +96,29 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         else:
             inner = np.flatnonzero(whole)
             path = smooth[inner[0] : inner[-1] + 1]
+    deviation = deviation_of(residual, whole, smooth_px, noisy, mode)
+    return _centre_line(
+        ink, line, spline, profiles, smooth, valid, whole, ends, deviation, smooth_px
+    )
+
+
+def deviation_of(
+    residual: NDArray, known: NDArray[np.bool_], smooth_px: float, noisy: bool, mode: str
+) -> NDArray[np.float64]:
+    """(M,) standard deviation of a spline across the line [px], but for gaps and ends.
+
+    residual: (M,) how far what was measured lies off the spline [px]; 0 where nothing was
+    known: (M,) bool, where something was measured
+    """
     # Neighbouring residuals hang together, so that smoothing averages fewer of them. The equivalent
     # kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-    noise = np.sqrt((residual**2).sum() / whole.sum())
+    noise = np.sqrt((residual**2).sum() / known.sum())
     if noisy:
         noise *= tuned.CORRELATED_NOISY
     noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
     # What neighbouring residuals have in common is a corner that the spline cuts.
     cut = filters.gaussian(residual, smooth_px, mode)
-    deviation = np.hypot(noise, cut)
-    return _centre_line(
-        ink, line, spline, profiles, smooth, valid, whole, ends, deviation, smooth_px
-    )
+    return np.hypot(noise, cut)
 
 
 def skeleton_line(line: Candidate) -> MeasuredStroke:

@@ -206,7 +206,7 @@ def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, numbe
             mended = MendedStroke.of(strokes[0])
             return replace(settled, strokes=(mended,), findings=extracted.findings)
     line = geometry.ink.trace(route.points, route.closed)
-    return replace(settled, strokes=(MendedStroke.from_ink(line, route.closed),), findings=())
+    return replace(settled, strokes=(MendedStroke.of(line),), findings=())
 
 
 def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:

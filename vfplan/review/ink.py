@@ -6,19 +6,19 @@ runs. The path is moved onto the ink nearest to it, and measured there as extrac
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.centreline import fit_spline, is_noisy, onward, without_ink_ahead
+from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
 from vfplan.curve.coverage import Ink, find_ink, sample
 from vfplan.curve.ends import find_ends
 from vfplan.curve.pen import Pen
 from vfplan.curve.profiles import add_brightness, places_across, read_profiles
 from vfplan.curve.region import Box, Region
+from vfplan.fixture import Stroke
 from vfplan.geometry.polyline import evenly, normals, values_at
 from vfplan.review.profiles import (
     faded,
@@ -38,37 +38,18 @@ REACH_PX = 8.0
 CLOSE_PX = 3.0
 """Distance [px] from the ink within which a path lies once it was moved there."""
 
+HAND_SIGMA_PX = 1.0
+"""Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel."""
+
 BORDER_POINTS = 3
 """Points beside a stretch without ink whose profiles that stretch may cut: a pen's width."""
 
+INK_SIGMA_PX = 0.05
+"""Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
+no scatter along the line shows."""
+
 BRANCH_SIGMA_PX = 0.3
 """Deviation [px] of the line where other ink joins it and it is carried past."""
-
-
-@dataclass(frozen=True)
-class Followed:
-    """A path, moved onto the ink where there is any.
-
-    Parameters
-    ----------
-    points
-        (M, 2) pixels (u, v), about one a pixel.
-    sigma
-        (M,) standard deviation across the path [px]; meaningless where there is no ink.
-    has_ink
-        (M,) bool, whether ink was measured there.
-    """
-
-    points: NDArray[np.float64]
-    sigma: NDArray[np.float64]
-    has_ink: NDArray[np.bool_]
-
-    @property
-    def is_confirmed(self) -> NDArray[np.bool_]:
-        """(M,) bool, whether ink shows the point; not beside ink that ends, as under a cover."""
-        from scipy.ndimage import binary_erosion
-
-        return binary_erosion(self.has_ink, iterations=BORDER_POINTS, border_value=True)
 
 
 class SliceInk:
@@ -155,8 +136,8 @@ class SliceInk:
 
     def measure(
         self, path: NDArray, closed: bool, reach_px: float, pen_px: float | None = None
-    ) -> Followed:
-        """Move a path onto the ink near it; where there is none it stays as it is.
+    ) -> Stroke:
+        """The stroke along the ink near a path; where there is none it stays as it is, edited.
 
         Parameters
         ----------
@@ -169,14 +150,14 @@ class SliceInk:
         pen_px
             The pen's width; `None`: as wide as most of the ink along the path.
         """
-        from scipy.ndimage import binary_dilation
+        from scipy.ndimage import binary_dilation, binary_erosion
 
         points = path
         for reach in (reach_px, max(0.5 * reach_px, CLOSE_PX), CLOSE_PX, CLOSE_PX):
             points = evenly(points, closed)
             offset, has_ink, width = self.nearest(points, closed, reach)
             if not has_ink.any():
-                return _without_ink(path, closed)
+                return drawn_by_hand(path, closed)
             usual = pen_px
             if usual is None:
                 usual = float(np.median(width[has_ink]))
@@ -203,36 +184,35 @@ class SliceInk:
                         self.found, points[at], normal, profiles, offset[at]
                     )
             if alone.sum() < tuned.MIN_PROFILES:
-                return _without_ink(path, closed)
+                return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.
             normal = normals(points, closed)
             spline = fit_spline(points + offset[:, None] * normal, alone, mass, smooth_px, closed)
             smooth = ((spline(np.arange(len(points))) - points) * normal).sum(axis=1)
-            residual = (offset - smooth)[alone]
+            residual = np.where(alone, offset - smooth, 0.0)
             points = points + faded(smooth, alone, closed)[:, None] * normal
             points, passed = past_branches(points, joined, alone)
-        noise = tuned.CORRELATED * float(np.sqrt(np.mean(residual**2)))
-        if noisy:
-            noise = tuned.CORRELATED_NOISY * float(np.sqrt(np.mean(residual**2)))
-        # The equivalent kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-        averaged = noise / np.sqrt(2 * np.sqrt(2) * smooth_px)
-        sigma = np.full(len(points), np.hypot(averaged, tuned.GRID_PX))
+        mode = "edge"
+        if closed:
+            mode = "wrap"
+        sigma = np.hypot(deviation_of(residual, alone, smooth_px, noisy, mode), INK_SIGMA_PX)
         sigma[passed] = BRANCH_SIGMA_PX
-        return Followed(points, sigma, alone | passed)
+        # A point beside ink that ends, as under a cover, is not confirmed by that ink.
+        has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
+        sigma[~has_ink] = HAND_SIGMA_PX
+        return Stroke(points, closed, sigma, edited=~has_ink)
 
-    def draw(
-        self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]
-    ) -> Followed:
+    def draw(self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]) -> Stroke:
         """Measure a path that a hand drew; a free end near the end of its ink moves there.
 
         free: whether the (first, last) end is free, and does not lie on another line
         """
         line = self.measure(path, closed, reach_px)
-        if closed or not any(free) or not line.has_ink.any():
+        if closed or not any(free) or line.edited.all():
             return line
         return self._to_its_ends(line, free, self.width_along(line.points, False), reach_px)
 
-    def trace(self, path: NDArray, closed: bool) -> Followed:
+    def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
         from scipy.ndimage import gaussian_filter1d
 
@@ -242,13 +222,13 @@ class SliceInk:
         path = gaussian_filter1d(np.asarray(path, float), tuned.SMOOTH_PX, axis=0, mode=mode)
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
-        if closed or not line.has_ink.any():
+        if closed or line.edited.all():
             return line
         return self._to_its_ends(line, (True, True), width, tuned.TAPER_REACH_PX)
 
     def _to_its_ends(
-        self, line: Followed, free: tuple[bool, bool], width: float, reach_px: float
-    ) -> Followed:
+        self, line: Stroke, free: tuple[bool, bool], width: float, reach_px: float
+    ) -> Stroke:
         """The line with each free end where its ink ends, if that is within reach."""
         before = onward(line.points[::-1])[::-1]
         carried = np.vstack([before, line.points, onward(line.points)])
@@ -276,7 +256,8 @@ class SliceInk:
         return float(np.median(width[has_ink]))
 
 
-def _without_ink(path: NDArray, closed: bool) -> Followed:
-    """The path as it is."""
+def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
+    """The stroke along a path that no ink confirms."""
     points = evenly(path, closed)
-    return Followed(points, np.ones(len(points)), np.zeros(len(points), bool))
+    count = len(points)
+    return Stroke(points, closed, np.full(count, HAND_SIGMA_PX), edited=np.ones(count, bool))

@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError, SettingError, VfplanError
-from vfplan.fixture import Stroke
 from vfplan.io.files import now_utc
 from vfplan.planning import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
-from vfplan.review.ink import REACH_PX, SliceInk
+from vfplan.review.ink import REACH_PX, SliceInk, drawn_by_hand
 from vfplan.review.markers import Marker, fit_of, pairs_of_table
 from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
-from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, MendedStroke
+from vfplan.review.strokes import JOIN_PX, MendedStroke
 
 Step = dict[str, Any]
 MAX_CLICKS = 500
@@ -198,13 +197,10 @@ def draw(session: Session, step: Step) -> State:
             stroke = geometry.strokes[number].redraw(path, geometry.ink)
             return state.changed(geometry=geometry.with_stroke(number, stroke))
     if geometry.ink is None:
-        sigma = np.full(len(path), HAND_SIGMA_PX)
-        edited = np.ones(len(path), bool)
-        stroke = MendedStroke.of(Stroke(path, closed, sigma, edited=edited))
+        line = drawn_by_hand(path, closed)
     else:
-        stroke = MendedStroke.from_ink(
-            geometry.ink.draw(path, closed, REACH_PX, (True, True)), closed
-        )
+        line = geometry.ink.draw(path, closed, REACH_PX, (True, True))
+    stroke = MendedStroke.of(line)
     strokes: tuple[MendedStroke, ...] = (stroke,)
     if adds:
         strokes = (*geometry.strokes, stroke)
@@ -361,7 +357,7 @@ def take(session: Session, step: Step) -> State:
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
         raise _malformed(step, "as", '"curve" or "part"')
-    stroke = MendedStroke.from_ink(ink.trace(route.points, route.closed), route.closed)
+    stroke = MendedStroke.of(ink.trace(route.points, route.closed))
     strokes: tuple[MendedStroke, ...] = (stroke,)
     if meaning == "part":
         strokes = (*state.geometry.strokes, stroke)

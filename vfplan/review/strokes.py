@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
-from vfplan.geometry.polyline import arc_lengths, evenly
-from vfplan.review.ink import REACH_PX, Followed, SliceInk
+from vfplan.geometry.polyline import arc_lengths
+from vfplan.review.ink import HAND_SIGMA_PX, REACH_PX, SliceInk, drawn_by_hand
 from vfplan.review.paths import nearest_point, spline_through
 
 KNOTS = 30
@@ -22,9 +22,6 @@ KNOTS = 30
 
 MIN_KNOT_SPACING_PX = 10.0
 """Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap."""
-
-HAND_SIGMA_PX = 1.0
-"""Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel."""
 
 JOIN_PX = 12.0
 """Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
@@ -68,13 +65,6 @@ class MendedStroke(Stroke):
             viewed=np.zeros(len(stroke.points), bool),
             knots=spread_knots(stroke.points, stroke.closed),
         )
-
-    @classmethod
-    def from_ink(cls, line: Followed, closed: bool) -> MendedStroke:
-        """A stroke of a path that was moved onto the ink; edited where there was none."""
-        confirmed = line.is_confirmed
-        sigma = np.where(confirmed, line.sigma, HAND_SIGMA_PX)
-        return cls.of(Stroke(line.points, closed, sigma, edited=~confirmed))
 
     @property
     def knots_px(self) -> NDArray[np.float64]:
@@ -338,19 +328,14 @@ class MendedStroke(Stroke):
             )
         # Measured: moved onto the ink, and joined to the points on either side.
         if ink is None:
-            points = evenly(drawn, False)
-            edited = np.ones(len(points), bool)
-            sigma = np.full(len(points), HAND_SIGMA_PX)
+            line = drawn_by_hand(drawn, False)
         else:
             line = ink.draw(drawn, False, REACH_PX, (free_start, free_end))
-            points = line.points
-            edited = ~line.is_confirmed
-            sigma = np.where(edited, HAND_SIGMA_PX, line.sigma)
         count = len(self.points)
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
         # Shifted so that they meet the curve's points at either end, over eight pixels.
-        points = points.copy()
+        points = line.points.copy()
         fade = np.exp(-0.5 * (np.arange(len(points)) / 3.0) ** 2)
         if keeps_start:
             points += fade[:, None] * (drawn[0] - points[0])
@@ -366,8 +351,8 @@ class MendedStroke(Stroke):
         stretch = MendedStroke(
             points=points,
             closed=False,
-            sigma=sigma,
-            edited=edited,
+            sigma=line.sigma,
+            edited=line.edited,
             width=self.width,
             viewed=np.zeros(len(points), bool),
             knots=inner,
