@@ -62,9 +62,7 @@ def cmake_dir() -> Path:
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version
-
-        value: Any = version("vfplan")
+        value: Any = importlib.import_module("vfplan._core").__version__
     elif name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
     elif name in _MODULES:

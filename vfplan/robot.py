@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 
 SHIPPED = ("franka", "fr3")
 VERSIONS = ("1.0", "1.1")
+SCHEMAS = Path(__file__).parent / "schemas"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     if choice is None or str(choice) == "none":
         return None
     if str(choice) in SHIPPED:
-        text = (files("vfplan.schemas") / "robots" / f"{choice}.toml").read_text("utf-8")
+        text = (SCHEMAS / "robots" / f"{choice}.toml").read_text("utf-8")
     else:
         choices = f"{', '.join(SHIPPED)}, none or a robot file"
         try:
@@ -121,7 +121,7 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
         )
     if version is None:
         version = VERSIONS[-1]
-    schema = json.loads((files("vfplan.schemas") / f"robot-{version}.json").read_text("utf-8"))
+    schema = json.loads((SCHEMAS / f"robot-{version}.json").read_text("utf-8"))
     known = schema["properties"]
     for name in schema["required"]:
         if name not in values:

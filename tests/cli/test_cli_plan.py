@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -36,6 +38,25 @@ def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     assert fixture.frame == "robot_base"
     assert fixture.stiffness.tolist() == [1000.0] * 3
     assert sorted(tmp_path.iterdir()) == [tmp_path / "f-sheet.png", path]
+
+
+def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
+    """Each of these costs more time than extracting the sample's curve."""
+    words = [str(word) for word in ("plan", IMAGE, PIXELS, ROBOT, "-o", "f.h5", "--no-sheet")]
+    code = (
+        "import atexit, sys; from vfplan.cli.main import cli; "
+        f"atexit.register(lambda: print(*sys.modules)); cli({words!r})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert (tmp_path / "f.h5").exists()
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert {"numpy", "cv2", "h5py"} <= loaded
+    assert not loaded & {
+        "scipy", "skimage", "matplotlib", "pydicom", "jsonschema", "cryptography",
+        "numpy.f2py", "numpy.polynomial", "importlib.metadata", "importlib.resources",
+    }  # fmt: skip
 
 
 def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import Any, Literal
 
 Content = dict[str, Any]
@@ -79,7 +79,7 @@ class Row:
 @cache
 def document(version: str = VERSION) -> dict[str, Any]:
     """The whole of `bundle-VERSION.json`."""
-    file = resources.files("vfplan.schemas").joinpath(f"bundle-{version}.json")
+    file = Path(__file__).parents[1] / "schemas" / f"bundle-{version}.json"
     return json.loads(file.read_text("utf-8"))
 
 
