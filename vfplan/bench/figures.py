@@ -1,8 +1,8 @@
 """Work-precision diagrams of a bench: error down, time across, drawn from its JSON alone.
 
 One figure a stage, one panel a scene, one curve a method, one colour a rule. A marker stands at the
-median time, its whisker ends at p99.9. The grey staircase is the Pareto front; the star is the
-chosen setting; dotted lines are the tolerance and the budget of a tick.
+median time, its whisker ends at p99.9. The grey staircase is the Pareto front; the white
+star is the chosen setting; dotted lines are the tolerance and the budget of a tick.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from matplotlib.ticker import NullFormatter
 from vfplan.bench.record import SMALLEST_ERROR_M
 from vfplan.bench.summary import is_tick_stage
 from vfplan.figures.style import new_figure, save_png, style
-from vfplan.palette import BRIDGED, CONTACT, FORCE, HIP, PROXY, RULE
+from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
 COLUMNS = 4
 """Number of panels in a row."""
@@ -169,7 +169,7 @@ def draw_panel(
             top = place_of(result, stage, "error_max")[1]
             axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
             axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
-            axes.plot([x], [y], "*", ms=12, mfc=BRIDGED, mec="black", mew=0.8, zorder=6)
+            axes.plot([x], [y], "*", ms=12, mfc="white", mec="black", mew=0.8, zorder=6)
 
     if has_tolerance(stage, results):
         axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
@@ -238,9 +238,8 @@ def legend_handles(
         handles.append(Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method))
     handles.append(Line2D([], [], color=FRONT_COLOUR, lw=4, label="Pareto front"))
     if any(result.get("chosen") for result in results):
-        handles.append(
-            Line2D([], [], ls="", marker="*", ms=11, mfc=BRIDGED, mec="black", label="chosen")
-        )
+        star = Line2D([], [], ls="", marker="*", ms=11, mfc="white", mec="black", label="chosen")
+        handles.append(star)
     if has_tolerance(stage, results):
         label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
         handles.append(Line2D([], [], color="black", ls=":", label=label))
