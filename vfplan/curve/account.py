@@ -276,7 +276,8 @@ def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
         distance = np.abs(at - end.place)
         expected |= distance < curve.width
         fall = distance < end.fall + curve.width
-        if turn[fall].max() < tuned.MAX_TURN_DEG:  # A letter turns off, a drawn out pen goes on.
+        # A letter turns off, a drawn out pen goes on.
+        if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
             expected |= fall
     return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
 

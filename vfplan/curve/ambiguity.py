@@ -22,6 +22,7 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
     usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
+    usable &= profiles.inside.all(1)
     usable = np.flatnonzero(usable)
     if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))

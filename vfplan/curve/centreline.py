@@ -270,12 +270,15 @@ def _centre_line(
         raise _too_little_error(line, 0)
     dense = np.linspace(first, last, 4 * round(last - first) + 1)
     curve = spline(dense)
-    # A line that leaves the picture ends there, even if it would come back.
-    inside = ((curve > -0.5) & (curve < ink.size - 0.5)).all(1)
-    kept = max(runs(inside, False), key=len, default=inside[:0])
+    # A line that leaves the picture ends there, even if it would come back. It has not left while
+    # a side of it shows.
+    outside = np.maximum(-0.5 - curve, curve - (ink.size - 0.5)).max(1)
+    kept = max(runs(outside < line.width / 2, False), key=len, default=np.arange(0))
+    inside = np.flatnonzero(outside[kept] < 0)
+    if len(inside) < tuned.MIN_PROFILES:
+        raise _too_little_error(line, len(inside) // 4)
+    kept = kept[inside[0] : inside[-1] + 1]
     dense, curve = dense[kept], curve[kept]
-    if len(dense) < tuned.MIN_PROFILES:
-        raise _too_little_error(line, len(dense) // 4)
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
     count = max(4, round(arc[-1]))
     even = np.linspace(0, arc[-1], count + 1)
@@ -298,7 +301,7 @@ def _centre_line(
         last_end = replace(ends[1], sigma=float(np.hypot(ends[1].sigma, sideways[-1])))
         ends = (first_end, last_end)
     return MeasuredStroke(
-        points=spline(at),
+        points=np.clip(spline(at), -0.5, ink.size - 0.5),
         sigma=sigma,
         bridged=bridged,
         hidden=profiles.hidden[nearest],

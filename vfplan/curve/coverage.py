@@ -224,4 +224,4 @@ def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> NDArray[np.bool_
     inked = np.where(np.abs(across) < 1.5 * _gate() * along, unmixed, 0)
     smooth = cv2.GaussianBlur(inked, (0, 0), tuned.MASK_BLUR_PX)
     strongest = cv2.dilate(smooth, np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8))
-    return smooth > np.maximum(tuned.CHROMA_FLOOR, tuned.HALF * strongest)
+    return (strongest > tuned.CHROMA_FLOOR) & (smooth > tuned.HALF * strongest)

@@ -161,13 +161,17 @@ def _find_end(run: Run) -> End:
         observed = _taper_share((half - high) / (HIGH - tuned.HALF), blunt)
         tapered = np.minimum(tapered, observed)
 
+    # The shape of the tip decides, as far as it shows: the sides of a point end long before its
+    # middle.
+    flat, reach = 0.0, 1.0
+    if not rested:
+        flat, reach, pointed, shows = _tip_shape(run, width)
+        tapered = np.maximum(tapered, shows * pointed)
+
     # Each foot and each length of the fall counts by how well it fits the ink.
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
     likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
     likely = likely / likely.sum()
-    flat, reach = 0.0, 1.0
-    if not rested:
-        flat, reach = _tip_shape(run, width)
     back = tuned.ROUND_SHARE * width * reach
     middle = np.clip(foot - FALLS_PX / 2, high, low)
     blunt_place = middle - back * (1 - flat)
@@ -225,13 +229,16 @@ def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArra
     return likely / likely.sum()
 
 
-def _tip_shape(run: Run, width: float) -> tuple[float, float]:
-    """How flat the tip is, 0 to 1, and how far a round one reaches, over that of a half disc.
+def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
+    """The shape of a tip that is as wide as `width`, as far as a thin pen shows it.
+
+    Four numbers: how flat the tip is, 0 to 1; how far a round one reaches, over that of a half
+    disc; whether it is a point, 0 or 1; and how far a point would show, 0 to 1.
 
     A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
-    not. A tip whose disc is smaller than the line is broad, as OpenCV draws it, falls back farther.
-    Both sides are averaged, so that a line that does not leave its tip at a right angle looks the
-    same. Thin pens do not show it.
+    not, and a drawn out one ends far earlier. A tip whose disc is smaller than the line is broad,
+    as OpenCV draws it, falls back farther than a half disc. Both sides are averaged, so that a line
+    that does not leave its tip at a right angle looks the same.
     """
     side = tuned.TIP_SIDE
     band = tuned.TIP_BAND * width
@@ -239,18 +246,20 @@ def _tip_shape(run: Run, width: float) -> tuple[float, float]:
     left = _end_of_band(run, np.abs(run.x + side * width) <= band)
     right = _end_of_band(run, np.abs(run.x - side * width) <= band)
     if middle is None or left is None or right is None:
-        return 0.0, 1.0
+        return 0.0, 1.0, 0.0, 0.0
     falls_back = max((middle - (left + right) / 2) / width, 1e-6)
     flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
     # The radius of the disc through the middle of the tip and both sides; half of the line's ink
     # is left where that disc is half as broad as the line.
     radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
     reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
+    pointed = float(falls_back > tuned.POINT_BACK)
+    point_shows = float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1))
     from_width = tuned.FLAT_WIDTH_PX
     if run.noisy:
         from_width = tuned.FLAT_WIDTH_NOISY_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
-    return flat * shows, float(1 - (1 - reach) * shows)
+    return flat * shows, float(1 - (1 - reach) * shows), pointed, point_shows
 
 
 def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
