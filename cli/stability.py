@@ -18,10 +18,10 @@ from vfplan.cli.run import CommandResult, command, is_verbose, progress
 from vfplan.cli.units import count
 from vfplan.cli.values import FILE, DecimalNumber, WholeNumber
 
+from vfplan.bundle.schema import max_number
 from vfplan.io.files import naming_place
 from vfplan.io.json_types import to_json_types
 from vfplan.io.staging import write_whole
-from vfplan.planning.settings import MAX_STIFFNESS_N_PER_M
 
 REPORT_FILE = "stability.json"
 TABLE_FILE = "cases.csv"
@@ -53,7 +53,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Largest force [N].  [default: the robot's]"),
     option("--force-step-limit", "force_step_limit_n", type=ABOVE_0, metavar="N",
            help="Largest change of force in a tick [N].  [default: the robot's]"),
-    option("--stiffness", type=DecimalNumber(0, MAX_STIFFNESS_N_PER_M, min_open=True),
+    option("--stiffness", type=DecimalNumber(0, max_number("/rendering/stiffness"), min_open=True),
            metavar="N_PER_M",
            help="Stiffness K to judge [N/m].  [default: the bundle's, or 1000]"),
     option("--margin", type=DecimalNumber(min=1), metavar="FACTOR", default=1.25,

@@ -7,6 +7,7 @@ written down a second time in Python.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -105,6 +106,14 @@ def rows_by_path() -> dict[str, Row]:
 def max_size(symbol: str) -> int:
     """The largest size that a symbol of the shapes stands for."""
     return document()["sizes"][symbol]["max"]
+
+
+def max_number(path: str) -> float:
+    """The largest number that a bundle may hold at a path."""
+    largest = rows_by_path()[path].max
+    if largest is None:
+        return math.inf
+    return float(largest)
 
 
 def max_payload_bytes() -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vfplan.bundle.schema import max_number
 from vfplan.errors import ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
@@ -36,9 +37,6 @@ MAX_SPACING_RATIO = 2.0
 
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5
-
-# A pixel as large as the patient [mm].
-MAX_SPACING_MM = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +107,9 @@ def extract(
         max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
     )
     for spacing in image.pixel_spacing_mm or ():
-        if not MIN_SPACING_MM <= spacing <= MAX_SPACING_MM:
-            message = (
-                f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {MAX_SPACING_MM:g} mm"
-            )
+        largest = max_number("/image/pixel_spacing")
+        if not MIN_SPACING_MM <= spacing <= largest:
+            message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
             if settings.pixel_spacing_mm is not None:
                 raise SettingError(message, code="pixel-spacing-range")
             raise ImageError(message, where=str(path), code="pixel-spacing-range")

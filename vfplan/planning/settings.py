@@ -5,16 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from vfplan.bundle.schema import max_number
 from vfplan.errors import SettingError
-
-# A contact radius, or a tube, below the band of 10 µm cannot be rendered [m].
-MIN_RADIUS_M = 1e-5
-
-# The largest radius that a bundle holds [m].
-MAX_RADIUS_M = 1.0
-
-# The largest stiffness that a bundle holds [N/m].
-MAX_STIFFNESS_N_PER_M = 1e6
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
 MIN_ARCS_M = 1e-7
@@ -27,12 +19,6 @@ DEFAULT_ARCS_M = 1e-6
 
 # Speed [m/s] at which a guide's pull has fallen to 0, unless it is given.
 LEAD_SPEED_M_S = 0.02
-
-# The strongest pull that a bundle holds [N].
-MAX_PULL_N = 1000.0
-
-# The largest speed at which a pull has fallen to 0 [m/s].
-MAX_PULL_SPEED_M_S = 10.0
 
 AXES = (None, "normal", "x", "y", "z", "none")
 
@@ -191,12 +177,18 @@ class FixtureSettings:
 
     def __post_init__(self) -> None:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
+        from vfplan.engine.parameters import PAPER_BAND
+
         if isinstance(self.stiffness, (int, float)):
             object.__setattr__(self, "stiffness", (self.stiffness,))
-        _check_range("contact radius", self.contact_radius, MIN_RADIUS_M, MAX_RADIUS_M, "m")
-        _check_range("point radius", self.point_radius, 0.0, MAX_RADIUS_M, "m")
+        # A contact radius, or a tube, below the band cannot be rendered.
+        largest_m = max_number("/rendering@contact_radius_m")
+        _check_range("contact radius", self.contact_radius, PAPER_BAND, largest_m, "m")
+        largest_m = max_number("/rendering@point_radius_m")
+        _check_range("point radius", self.point_radius, 0.0, largest_m, "m")
         for stiffness in self.stiffness:
-            _check_range("stiffness", stiffness, 0.0, MAX_STIFFNESS_N_PER_M, "N/m")
+            largest = max_number("/rendering/stiffness")
+            _check_range("stiffness", stiffness, 0.0, largest, "N/m")
         if len(self.stiffness) not in (1, 3):
             raise SettingError(
                 f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3",
@@ -233,7 +225,8 @@ class FixtureSettings:
                     code="no-guide",
                 )
             return
-        _check_range("guide", 1e3 * self.guide_m, 1e3 * MIN_RADIUS_M, 1e3 * MAX_RADIUS_M, "mm")
+        largest_m = max_number("/guidance@radius_m")
+        _check_range("guide", 1e3 * self.guide_m, 1e3 * PAPER_BAND, 1e3 * largest_m, "mm")
         if min(self.stiffness) <= 0:
             raise SettingError(
                 "a guide of stiffness 0 does not hold the tip. Give a stiffness above 0",
@@ -253,11 +246,13 @@ class FixtureSettings:
             )
         if self.guide_pull:
             force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
-            if not (abs(force) <= MAX_PULL_N and 0 < speed <= MAX_PULL_SPEED_M_S):
+            max_force = max_number("/guidance@lead_force_n")
+            max_speed = max_number("/guidance@lead_speed_m_s")
+            if not (abs(force) <= max_force and 0 < speed <= max_speed):
                 raise SettingError(
                     f"guide pull is {force:g} N at {1e3 * speed:g} mm/s. Give "
-                    f"{-MAX_PULL_N:g} to {MAX_PULL_N:g} N, and above 0 to "
-                    f"{1e3 * MAX_PULL_SPEED_M_S:g} mm/s",
+                    f"{-max_force:g} to {max_force:g} N, and above 0 to "
+                    f"{1e3 * max_speed:g} mm/s",
                     code="guide-pull",
                 )
 
