@@ -29,9 +29,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 """The units of time that `--max-age` takes, with their names in `timedelta`."""
 
-LARGEST_PIXEL = 2**31
-"""A pixel's number in a rectangle stays below this, as in every image format."""
-
 
 def option(*names: str, **attributes: Any) -> Callable[[F], F]:
     """`click.option`, whose help shows the default where there is one."""
@@ -98,7 +95,8 @@ def parse_rectangle(text: str) -> tuple[int, ...]:
     for value in values:
         if not value.is_integer():
             raise ValueError(f"{text!r} holds a part of a pixel. Type whole numbers")
-        if abs(value) >= LARGEST_PIXEL:
+        # As in every image format, 32 bits hold a pixel's number and its sign.
+        if abs(value) >= 2**31:
             raise ValueError(
                 f"{text!r} holds a number that no image's pixels reach. Type smaller ones"
             )

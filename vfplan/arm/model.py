@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vfplan import _core
 from vfplan.arm.mjcf import compile_model, mujoco
 from vfplan.engine.parameters import number
 from vfplan.errors import InputError, SettingError
@@ -20,8 +21,8 @@ Array = NDArray[np.float64]
 ARMS = {"panda": "franka", "fr3": "fr3"}
 """Shipped arms, each with the robot file that has its limits."""
 
-MAX_JOINTS = 16
-"""Largest number of joints. A model with more is no arm."""
+MAX_JOINTS = _core.most_joints
+"""Largest number of joints that the engine takes. A model with more is no arm."""
 
 ARM_LENGTH_M = 0.3
 """Distance [m] that counts as much as one radian of turning in the inverse kinematics."""

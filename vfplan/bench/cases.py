@@ -18,9 +18,7 @@ from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet
-
-R = 5e-3
-"""Contact radius [m], as in the paper."""
+from vfplan.stability.contacts import RADIUS as R
 
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
          ("omega", "beside"))  # fmt: skip

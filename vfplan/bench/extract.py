@@ -18,9 +18,6 @@ from vfplan.bench import pictures
 from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed
 from vfplan.errors import CurveError
 
-DEFAULT_SCALE = 1.0
-"""Scale of the setting that counts as chosen."""
-
 
 def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
     """The runs of each pen and quality; the tolerance has no say here."""
@@ -42,7 +39,8 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
                 score = partial(score_points, truth=pictures.curve(), scale=scale)
                 for method, extract in METHODS.items():
                     run = partial(timed, partial(extract, picture))
-                    chosen = method == "ridge" and scale == DEFAULT_SCALE
+                    # The chosen setting is the slice as it is.
+                    chosen = method == "ridge" and scale == 1
                     settings = {"scale": scale}
                     runs.append(BenchRun(scene, method, settings, run, score, "px", chosen))
             yield runs

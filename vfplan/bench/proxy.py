@@ -36,10 +36,8 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
+from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.read import FINE_M
-
-STIFFNESS = 1000.0
-"""Stiffness of every engine [N/m]; errors in metres do not depend on it."""
 
 NUMPY_WORK = 4e7
 """Number of points times ticks up to which the NumPy reference runs in good time."""
@@ -89,13 +87,13 @@ def engine_on_points(
 ) -> tuple[Any, dict[str, Any]]:
     """An engine on the cloud of a case."""
     axis = case.scene.ignore_axis
-    return kind(case.scene.points, ignore_axis=axis, stiffness=STIFFNESS, **settings), {}
+    return kind(case.scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings), {}
 
 
 def engine_on_arcs(case: Case) -> tuple[Any, dict[str, Any]]:
     """Rule "exact" on lines and arcs through the cloud of a drawing."""
     pieces = fitted(case.scene)
-    engine = ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
+    engine = ProxyEngine.along(pieces, R, stiffness=DEFAULT_STIFFNESS)
     return engine, {"lines_and_arcs": pieces.count}
 
 
@@ -103,7 +101,7 @@ def exact_engine(case: Case) -> tuple[Any, dict[str, Any]]:
     """Rule "exact" on what the scene is made of: lines and arcs, or triangles."""
     if is_mesh(case.scene):
         corners, triangles = case.scene.mesh
-        engine = ProxyEngine.on(corners, triangles, R, stiffness=STIFFNESS)
+        engine = ProxyEngine.on(corners, triangles, R, stiffness=DEFAULT_STIFFNESS)
         return engine, {"triangles": len(triangles)}
     return engine_on_arcs(case)
 
@@ -170,7 +168,7 @@ def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> I
     axis = case.scene.ignore_axis
     for peer in peers:
         parameters = ProxyParameters.make(
-            points, rule="paper", ignore_axis=axis, stiffness=STIFFNESS
+            points, rule="paper", ignore_axis=axis, stiffness=DEFAULT_STIFFNESS
         )
         figures = {"points": len(points), "band_m": parameters.band}
         run = partial(peer.run, points, case.hips, parameters)
@@ -197,7 +195,7 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
         # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
         settings["spacing_m"] = scene.spacing
         points = scene.points
-        engine = ProxyEngine(points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS)
+        engine = ProxyEngine(points, ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS)
     else:
         settings |= {
             "spacing_m": choice.spacing_m,
@@ -205,7 +203,7 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
             "max_iterations": choice.max_iterations,
         }
         engine = ProxyEngine(
-            points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS, band=choice.band_m,
+            points, ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS, band=choice.band_m,
             max_iterations=choice.max_iterations,
         )  # fmt: skip
     figures["left_out"] = dict(engine.left_out)
@@ -239,8 +237,8 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
     errors = np.linalg.norm(proxy - truth, axis=1)
 
     # The error of the force, and of the ticks that an engine can follow.
-    force = case.scene.force(hips, proxy, STIFFNESS)
-    force_errors = np.linalg.norm(force - case.scene.force(hips, truth, STIFFNESS), axis=1)
+    force = case.scene.force(hips, proxy, DEFAULT_STIFFNESS)
+    force_errors = np.linalg.norm(force - case.scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
     followed = errors[case.followable]
     record = {
         "ticks": len(errors),

@@ -30,7 +30,8 @@ from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.io.json_types import to_json_types
 from vfplan.io.staging import write_whole
-from vfplan.planning.tolerance import choose
+from vfplan.planning.settings import FixtureSettings
+from vfplan.planning.tolerance import RATE_HZ, choose
 
 Stage = Literal["extract", "sample", "register", "proxy", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
@@ -42,10 +43,7 @@ REPEATS = 7
 QUICK_REPEATS = FEWEST_REPEATS
 """The same in a quick run."""
 
-TOLERANCE_M = 1e-5
-"""The tolerance of a plan without options [m]."""
-
-BUDGET_US = 1000.0
+BUDGET_US = 1e6 / RATE_HZ
 """Time for a tick of a 1 kHz controller [µs]."""
 
 FORMAT = "vfplan-bench"
@@ -56,7 +54,7 @@ def bench(
     stages: Iterable[Stage] = STAGES,
     *,
     quick: bool = False,
-    tolerance_m: float = TOLERANCE_M,
+    tolerance_m: float = FixtureSettings.tolerance_m,
     peers: Sequence[Peer] = (),
     progress: Bar = lambda label, total: nullcontext(lambda n: None),
 ) -> dict[str, Any]:

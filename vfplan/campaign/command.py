@@ -16,9 +16,6 @@ from vfplan.cli.values import FILE, MM_OR_ZERO, PNG, DecimalNumber, Numbers, Who
 from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
 
-LARGEST_SEED = 2**63 - 1
-"""Largest whole number that a block's file holds."""
-
 
 @command(
     "campaign",
@@ -32,7 +29,8 @@ LARGEST_SEED = 2**63 - 1
            help="Keep the trials in this folder; a later call continues there."),
     option("--trials", type=WholeNumber(1), metavar="N", default=1000,
            help="Number of trials, which are made in whole blocks of 64."),
-    option("--seed", type=WholeNumber(0, LARGEST_SEED), metavar="N", default=0,
+    # A block's file holds whole numbers of 64 bits with a sign.
+    option("--seed", type=WholeNumber(0, 2**63 - 1), metavar="N", default=0,
            help="Seed of the random numbers; the workers change nothing."),
     option("--fle-image", "fle_image_px", type=DecimalNumber(0), default=0, metavar="PX",
            help="RMS error of the pixel of a marker [px]."),

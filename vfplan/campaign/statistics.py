@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vfplan.registration.error import PROBABILITY
 
-CONFIDENCE = 0.95
-"""Share of intervals that hold the true value."""
+Array = NDArray[np.float64]
 
 
 def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
@@ -20,7 +19,7 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     """
     from scipy.special import betaincinv
 
-    tail = (1 - CONFIDENCE) / 2
+    tail = (1 - PROBABILITY) / 2
     low = 0.0
     if hits > 0:
         low = float(betaincinv(hits, trials - hits + 1, tail))
@@ -38,7 +37,7 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
     from scipy.stats import binom
 
     count = len(sorted_values)
-    tail = (1 - CONFIDENCE) / 2
+    tail = (1 - PROBABILITY) / 2
     index = min(count - 1, max(0, int(np.ceil(q * count)) - 1))
     low_index = int(binom.ppf(tail, count, q)) - 1
     high_index = int(binom.ppf(1 - tail, count, q))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_FILE_BYTES, MAX_SETTINGS_BYTES, read_whole
 from vfplan.io.staging import write_whole
 from vfplan.session import Session
 
@@ -27,9 +27,6 @@ FORMAT = "vfplan-campaign"
 VERSION = "1.0"
 QUESTION_FILE = "campaign.json"
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
-
-MAX_BYTES = 2**26
-"""Size of the largest file of a campaign that is read; a block of 64 trials is a thousandth."""
 
 
 def parquet() -> Any:
@@ -218,7 +215,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
 def read_question(folder: Path) -> dict[str, Any]:
     """The question that a campaign's folder holds; raises `InputError`."""
     path = folder / QUESTION_FILE
-    data = read_whole(path, MAX_BYTES)
+    data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         question = json.loads(data)
         is_sound = (
@@ -241,7 +238,7 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
     """The trials of a block as columns; raises `InputError` for a damaged one."""
     import pyarrow
 
-    data = read_whole(path, MAX_BYTES)
+    data = read_whole(path, MAX_FILE_BYTES)
     columns = {}
     try:
         table = parquet().read_table(BytesIO(data))

@@ -39,12 +39,9 @@ run time alone."""
 SAMPLED_TICKS = STRETCH_TICKS // 4
 """Of each so many ticks the distance of one is taken for that bound."""
 
-ROUGHNESS_M = 1e-5
-"""What sampling and the curve's own deviations may add to the depth between sampled ticks [m]."""
-
 MAX_DEPARTURE_M = 1e-5
 """A campaign renders the points of a fixture, and its lines and arcs may lie this far from them
-[m]."""
+[m]. As much may add to the depth between sampled ticks."""
 
 NEVER_TOUCHED_M = -1.0
 """The depth of a trial in which nothing was touched [m]."""
@@ -275,7 +272,7 @@ class Trials:
         true_engine = self._true_engine.native
         starts = np.arange(0, len(tool), STRETCH_TICKS)
         inside = self._radius - true_engine.distance(rendered[::SAMPLED_TICKS].copy())
-        bound = np.maximum.reduceat(dots(rendered - tool, normal), starts) + ROUGHNESS_M
+        bound = np.maximum.reduceat(dots(rendered - tool, normal), starts) + MAX_DEPARTURE_M
         bound += np.maximum.reduceat(inside, starts // SAMPLED_TICKS)
         bound -= self.fixture.contact_radius
         for k in np.argsort(-bound, kind="stable"):

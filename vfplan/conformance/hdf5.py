@@ -16,7 +16,8 @@ from vfplan._core import lookup3
 from vfplan.bundle.schema import Content, table
 from vfplan.bundle.write import as_stored, unit_and_frame
 
-UNDEFINED = 2**64 - 1
+UNDEFINED = int(np.iinfo(np.uint64).max)
+"""HDF5's address of nothing: all 64 bits are set."""
 DATATYPES = {
     "f8": bytes.fromhex("11203f00080000000000400034 0b0034ff030000".replace(" ", "")),
     "i4": bytes.fromhex("100800000400000000002000"),

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VfplanError, requires_extra
+from vfplan.geometry import UNIT_ROUNDED
 
 MAX_PARSED_BYTES = 24 << 20
 """Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time."""
 MAX_ITEMS = 200_000
 """Items of sequences that are parsed outside the sandbox: contours and frames."""
-UNIT_ROUNDED = 1e-3
-"""How far the length of a direction may be from 1, because decimals round it."""
 DEFLATED = b"1.2.840.10008.1.2.1.99"
 """The transfer syntax of a file that is compressed as a whole (PS3.5 A.5)."""
 ITEM = b"\xfe\xff\x00\xe0"

@@ -17,6 +17,10 @@ CORNER_PX = 0.5
 ROUNDING = 1e-12
 """Largest rounding of a length, as a share of the longest one: some thousand steps of float64."""
 
+UNIT_ROUNDED = 1e-3
+"""How far the length of a direction or a quaternion in a file may be from 1. Scanners and trackers
+that write three decimals stay within."""
+
 # What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
 __getattr__ = on_demand(
     __name__,

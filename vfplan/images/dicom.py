@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vfplan.dicom.dataset import group_value, memory_file, open_dataset, pixel_axes
 from vfplan.errors import ImageError
 from vfplan.images.headers import check_size, chosen_index
-from vfplan.io.sandbox import raise_limits, run_in_sandbox
+from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
 
 COLOUR_KINDS = ("RGB", "PALETTE COLOR")
 """Photometric interpretations in colour, besides those that begin with YBR."""
@@ -33,8 +33,8 @@ BYTES_PER_PIXEL = 48
 """Bytes of memory that a pixel may take while it is decoded, rescaled and windowed."""
 PIXELS_PER_SECOND = 2_000_000
 """Pixels a second that the slowest decoder reads at least."""
-PART_BYTES = 1 << 26
-"""Bytes of pixels that the child process hands over at a time."""
+PART_BYTES = MAX_ARRAY_BYTES // 4
+"""Bytes of pixels that the child process hands over at a time: a quarter of the largest array."""
 
 
 def read_dicom(

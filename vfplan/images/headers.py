@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal
 
 from vfplan.errors import ImageError
@@ -28,16 +29,21 @@ MAX_TIFF_PARTS = 4096
 MAX_JPEG_SCANS = 200
 """Scans of a JPEG. Each is a pass over the whole picture, and encoders write about ten."""
 
-WIDTH_TAG = 0x0100
-"""TIFF's tag of the number of columns."""
-HEIGHT_TAG = 0x0101
-"""TIFF's tag of the number of rows."""
-ORIENTATION_TAG = 0x0112
-"""EXIF's tag of the orientation, 1 to 8."""
 WHOLE_NUMBERS = {3: "H", 4: "I"}
 """TIFF's types of whole numbers, of 16 and of 32 bits, as `struct` names them."""
 
 DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
+
+
+class Tag(IntEnum):
+    """The tags of TIFF 6.0 and EXIF that are read."""
+
+    # The number of columns.
+    WIDTH = 0x0100
+    # The number of rows.
+    HEIGHT = 0x0101
+    # How the picture is turned, 1 to 8.
+    ORIENTATION = 0x0112
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,7 @@ def png_header(data: bytes, where: str, max_pixels: int) -> Header:
             exif = data[content : content + size]
             if exif[:4] in TIFF_BYTE_ORDERS:
                 tags = next(tiff_directories(exif), {})
-                orientation = tags.get(ORIENTATION_TAG, 1)
+                orientation = tags.get(Tag.ORIENTATION, 1)
         # A checksum of four bytes follows the content.
         position = content + size + 4
     if frames > 1:
@@ -161,7 +167,7 @@ def tiff_header(data: bytes, where: str, max_pixels: int) -> Header:
             raise ImageError(
                 f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant.", where=where
             )
-        check_size(tags.get(WIDTH_TAG, 0), tags.get(HEIGHT_TAG, 0), where, max_pixels)
+        check_size(tags.get(Tag.WIDTH, 0), tags.get(Tag.HEIGHT, 0), where, max_pixels)
     return Header("TIFF", pages)
 
 

@@ -25,9 +25,6 @@ NEWTON = (0x0B << 54) | (1 << 50)
 POLYNOMIAL = 0x42F0E1EBA9EA3693
 """Generator of the ECMA-182 CRC."""
 
-MASK = 2**64 - 1
-"""All 64 bits of the CRC."""
-
 
 class StatusCode(IntEnum):
     """The protocol's codes that this server sends."""
@@ -47,7 +44,7 @@ def crc_table() -> list[int]:
         crc = byte << 56
         for _ in range(8):
             has_top_bit = crc >> 63
-            crc = (crc << 1) & MASK
+            crc = (crc << 1) % 2**64
             if has_top_bit:
                 crc ^= POLYNOMIAL
         table.append(crc)
@@ -59,7 +56,7 @@ def crc64(data: bytes) -> int:
     table = crc_table()
     crc = 0
     for byte in data:
-        crc = ((crc << 8) & MASK) ^ table[(crc >> 56) ^ byte]
+        crc = ((crc << 8) % 2**64) ^ table[(crc >> 56) ^ byte]
     return crc
 
 

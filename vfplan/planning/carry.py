@@ -24,12 +24,12 @@ Array = NDArray[np.float64]
 # differ at 1e-13.
 DECIMALS = 9
 
-# Decimals of a vertex [m]. Processors differ at 1e-16 m; rounding turns a joint by 1e-7 rad at
-# most, which no rule takes for a corner.
-VERTEX_DECIMALS = 10
+# Decimals of a vertex [m], one more. Processors differ at 1e-16 m; rounding turns a joint by 1e-7
+# rad at most, which no rule takes for a corner.
+VERTEX_DECIMALS = DECIMALS + 1
 
-# What both roundings move a line or an arc by at most [m], for chords up to 1 m.
-ROUNDING_M = 1e-9
+# What both roundings move a line or an arc by at most [m], for chords up to 1 m: the last decimal.
+ROUNDING_M = 10.0**-DECIMALS
 
 # Share of a margin, gate or tube that lines and arcs may depart from the curve beside it.
 ARCS_SHARE_OF_MARGIN = 0.05

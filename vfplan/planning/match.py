@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed, CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
-from vfplan.fixture import Fixture
+from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
 from vfplan.io.files import naming_place
 from vfplan.planning.settings import FixtureSettings
 
@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from vfplan.registration import Registration
 
 # RMS distance of a layout's markers from their centre [m]: metres read as millimetres are below.
-MIN_LAYOUT_RADIUS_M = 5e-4
-
-# The same: millimetres read as metres are above.
-MAX_LAYOUT_RADIUS_M = 10.0
+# The smallest fixture's markers lie half its extent from their centre.
+MIN_LAYOUT_RADIUS_M = MIN_EXTENT_M / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +290,11 @@ def refuse_implausible(
         radius = float(np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean()))
         # Markers in one place, but for rounding, are left to the fit, which names them.
         is_spread = radius > 1e-9 * np.abs(positions).max()
-        if is_spread and not MIN_LAYOUT_RADIUS_M <= radius <= MAX_LAYOUT_RADIUS_M:
+        # Millimetres read as metres are above.
+        if is_spread and not MIN_LAYOUT_RADIUS_M <= radius <= MAX_COORDINATE_M:
             raise MarkerError(
                 f"the {name} markers lie {radius:.3g} m (rms) from their centre; "
-                f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_LAYOUT_RADIUS_M:g} m are allowed. Name their "
+                f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_COORDINATE_M:g} m are allowed. Name their "
                 "unit in the header, as x_m, x_cm or x_mm",
                 code="layout-size",
                 numbers={"radius_m": radius},

@@ -35,7 +35,7 @@ from vfplan.registration.models import Array, homogeneous, marker_rows
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
 
-# Probability that an error stays within its bound.
+# Probability that an error stays within its bound, and that an interval holds the true value.
 PROBABILITY = 0.95
 
 # Number of directions of the expectation. With this many κ is within 0.2 % of its limit.

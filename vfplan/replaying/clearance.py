@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from vfplan import _core
 from vfplan.engine.choosing import exact_shape
 from vfplan.engine.parameters import Rule
 from vfplan.fixture import Fixture, Pieces
+from vfplan.geometry import ROUNDING
 from vfplan.replaying.quantities import flattened, row_norms
 
 Array = NDArray[np.float64]
@@ -29,11 +31,11 @@ FEW_CELLS = CELLS_ACROSS**2
 the speed."""
 
 # A cell's key holds its three coordinates in 21 bits each, of which the highest is unused.
-KEY_STEP = 1 << 21
+KEY_STEP = 1 << np.iinfo(np.int64).bits // 3
 # Mask that removes the bit that a halved coordinate passes to its neighbour in the key.
 HALVED_KEY_MASK = ~(KEY_STEP >> 1 | KEY_STEP * KEY_STEP >> 1)
 
-HALF_DIAGONAL = 0.87
+HALF_DIAGONAL = math.sqrt(3) / 2 * (1 + ROUNDING)
 """Half a cube's diagonal in units of its side, rounded up."""
 
 

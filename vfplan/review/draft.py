@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import read_whole
+from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.io.staging import write_whole
 from vfplan.review.session import Session
 from vfplan.review.source import sha256_of
 
 FORMAT = "vfplan-draft"
 VERSION = "1.0"
-MAX_BYTES = 64 * 2**20
-"""Size of a draft at most; thousands of steps take some megabytes."""
 
 
 class Draft:
@@ -63,7 +61,7 @@ class Draft:
             return session
         where = str(self.path)
         advice = f"Move {self.path.name} away to begin anew."
-        text = read_whole(self.path, MAX_BYTES, InputError)
+        text = read_whole(self.path, MAX_TEXT_BYTES, InputError)
         try:
             draft = json.loads(text)
             steps, undone = draft["steps"], draft["undone"]

@@ -42,7 +42,7 @@ an end is larger than that."""
 ONE_GREY = 2
 """Range of greys, of 256, within which a ground counts as even; noise of a CT spans more."""
 
-INSETS_IN_A_ROW = 4
+INSETS_IN_A_ROW = CONTENT_WIDTH // INSET_PX
 INSET_STEP = (CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height

@@ -16,6 +16,7 @@ them. A bundle's path is relative to the folder of the events.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +33,7 @@ from vfplan.session.poses import Poses, read_poses
 
 HEADER = ["tick", "what", "x", "y", "z"]
 
-MAX_TICK = 2**53
+MAX_TICK = 2**sys.float_info.mant_dig
 """Ticks are counted exactly up to here, also by programs that have float64 alone."""
 
 MAX_POINT_NUMBER = np.iinfo(np.uint32).max + 1

@@ -47,7 +47,7 @@ MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 CHUNK_BYTES = 2**20
 """Bytes of a chunk. MCAP's own default; readers seek by whole chunks."""
 
-RESERVE_BYTES = 2**22
+RESERVE_BYTES = 4 * CHUNK_BYTES
 """Bytes that are reserved ahead: more than the last chunk and the index of an hour need."""
 
 

@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError
+from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import OpenedFile
 from vfplan.io.table import open_number_table
-from vfplan.session.session import MAX_COORDINATE_M, Array
+from vfplan.session.session import Array
 
 POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
-
-MAX_QUATERNION_ERROR = 1e-3
-"""How far a quaternion's length may be from 1. Trackers and recorders that write three decimals
-stay within."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +51,8 @@ def read_poses(path: str | Path) -> Poses:
 
     length = np.linalg.norm(pose[:, 3:], axis=1)
     good = np.isfinite(rows).all(axis=1)
-    good &= np.abs(length - 1) < MAX_QUATERNION_ERROR
-    good &= np.abs(pose[:, :3]).max(axis=1) <= MAX_COORDINATE_M
+    good &= np.abs(length - 1) < UNIT_ROUNDED
+    good &= np.abs(pose[:, :3]).max(axis=1) <= MAX_COORDINATE
     good[1:] &= np.diff(arrived) >= 0
     if not good.all():
         i = int(np.argmin(good))

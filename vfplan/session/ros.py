@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MissingExtra, SessionError, SettingError, requires_extra
-from vfplan.session.poses import MAX_QUATERNION_ERROR
+from vfplan.geometry import UNIT_ROUNDED
 from vfplan.session.session import BLOCK, Array, Samples
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
@@ -202,7 +202,7 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
 
     xyzw = [float(getattr(quaternion, axis)) for axis in "xyzw"]
     length = np.linalg.norm(xyzw)
-    if not abs(length - 1) < MAX_QUATERNION_ERROR:
+    if not abs(length - 1) < UNIT_ROUNDED:
         raise SessionError(
             f"a quaternion has length {length:.6g}. Record it with length 1",
             where=where,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
 
 Array = NDArray[np.float64]
@@ -17,10 +18,6 @@ Samples = tuple[Array, Array]
 BLOCK = 16384
 """Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
 sums then run in the same order on every run, and memory does not grow with the session."""
-
-MAX_COORDINATE_M = 1e6
-"""Largest coordinate [m]. Beyond it float64 loses the nanometre (`largest_coordinate` of the native
-core), and no engine answers."""
 
 MAX_TIME_S = 1e20
 """Largest time stamp [s]. No clock gives more, and the square of a difference stays finite."""
@@ -169,7 +166,7 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
     last_time = -np.inf
     for time, hip in blocks:
         # NaN is not <= anything, so it is not good either.
-        good = (np.abs(time) <= MAX_TIME_S) & (np.abs(hip) <= MAX_COORDINATE_M).all(axis=1)
+        good = (np.abs(time) <= MAX_TIME_S) & (np.abs(hip) <= MAX_COORDINATE).all(axis=1)
         if not good.all():
             k = int(np.argmin(good))
             x, y, z = hip[k]
@@ -180,7 +177,7 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
                 code = "sample-not-finite"
             raise SessionError(
                 f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Give "
-                f"finite positions within {MAX_COORDINATE_M:g} m",
+                f"finite positions within {MAX_COORDINATE:g} m",
                 where=where,
                 code=code,
                 numbers={"sample": count + k},
