@@ -54,7 +54,7 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     assert fixture.points.shape == (report["points"], 3)
     assert (fixture.points[:, 2] == 0).all()
     found = type("S", (), {"points_px": fixture.points[:, :2], "sigma_px": fixture.sigma,
-                           "length_px": stroke["length_px"]})  # fmt: skip
+                           "length": stroke["length_px"]})  # fmt: skip
     assert compare(found, CURVE).rms < 0.03
 
 

@@ -32,4 +32,4 @@ def test_an_old_bundle_elsewhere_is_refused_with_the_command_that_helps(vfplan_c
     assert run.code == 4
     assert "vfplan migrate" in run.error_line
     assert "0.1" in run.error_line
-    assert "seal is missing" in run.error_line
+    assert "has no seal" in run.error_line

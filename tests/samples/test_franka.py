@@ -17,7 +17,7 @@ import pytest
 from conftest import ROOT, missing
 
 import vfplan
-from vfplan.arm import Arm, Hand, run_loop, safety_stops
+from vfplan.arm import Arm, ArmHand, run_loop, safety_stops
 from vfplan.errors import SignatureError
 from vfplan.findings import doubt
 
@@ -197,7 +197,7 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
             limits,
             wanted,
             arm.ready,
-            Hand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M),
+            ArmHand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M),
         )
         errors[what] = {reflex["kind"] for reflex in safety_stops(arm, motion)}
         assert np.abs(motion.rendered).max() > 2
