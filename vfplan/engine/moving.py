@@ -5,6 +5,7 @@ The C++ class of `vfplan/moving.hpp` does the work. Both give the same bits.
 
 from __future__ import annotations
 
+import sys
 from numbers import Real
 from typing import Any
 
@@ -26,7 +27,7 @@ from vfplan.errors import SceneError
 RIGID_TOLERANCE = 1e-6
 """How far an entry of RᵀR may be from that of the unit matrix. A tracker's file has six digits."""
 
-MAX_TIME_S = 1e300
+MAX_TIME_S = sys.float_info.max / 2
 """Largest absolute time [s]. Differences of such times do not overflow."""
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 from typing import IO
 
 import numpy as np
 
-MAX_HEADER_BYTES = 10_000
-"""NumPy's own limit (`numpy.lib.format`, `max_header_size`)."""
+NUMPY_READER = inspect.signature(np.lib.format.read_array_header_1_0)
+MAX_HEADER_BYTES: int = NUMPY_READER.parameters["max_header_size"].default
+"""NumPy's own limit."""
 
 
 def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
