@@ -341,7 +341,7 @@ HOSTILE = [
     ("--events", EVENT + "0,remove,99999", "line 2: vfplan: remove: each a point"),
     ("--events", EVENT + "0,remove,-1", "line 3: '-1'"),
     ("--events", EVENT + "1,remove,1", "line 3: no event"),
-    ("--events", EVENT + "0,add,0,0,1e9", "line 2: vfplan: points must be"),
+    ("--events", EVENT + "0,add,0,0,1e9", "line 2: vfplan: point 0 has the coordinate 1e+09 m"),
     ("--events", EVENT + "0,add,0,0", "line 3: no event"),
     ("--events", EVENT + "0,exchange,none.h5", "none.h5"),
     ("--events", EVENT + "0,burn", "line 3: no event"),
@@ -511,7 +511,9 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
     bare = controller(curve)
     assert bare.returncode == 3  # says nothing of its rendering
     said = bare.stderr.splitlines()[-1]
-    assert said.startswith(f"{curve}: vfplan: frame robot_base without rendering")
+    assert said.startswith(
+        f"{curve}: vfplan: the fixture is in frame robot_base and without rendering"
+    )
     assert controller("--help").stdout.startswith("usage: controller FIXTURE.h5")
 
 

@@ -1,5 +1,7 @@
 """Where outlines lie: every series is right to a micrometre, or refused by name."""
 
+import sys
+
 import bones
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from bones import BENT
 from refusals import refuses
 from scipy.spatial import cKDTree
 
-from vfplan.errors import CurveError, InputError
+from vfplan.errors import CurveError, InputError, MissingExtra
 from vfplan.surface import SurfaceSettings, surface
+from vfplan.surface.outline import outline_of
 
 COARSE = SurfaceSettings(tolerance_m=1e-3)
 GAP = 5
@@ -275,3 +278,9 @@ def test_a_structure_is_chosen_by_name_or_number(tmp_path):
     assert "1 'femur', 2 'cyst'" in refused.value.message
     with refuses(InputError, "structure-empty", structure=2):
         surface(path, structure="cyst")
+
+
+def test_without_shapely_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "shapely", None)
+    with pytest.raises(MissingExtra, match=r"vfplan\[surface\]"):
+        outline_of([np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], 0.0, "outlines")

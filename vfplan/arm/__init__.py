@@ -17,6 +17,6 @@ __getattr__ = on_demand(
         "model": "ARMS Arm",
         "rehearsal": "Rehearsal rehearse",
         "loop": "ArmHand run_loop",
-        "safety_stops": "safety_stops",
+        "stops": "safety_stops",
     },
 )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vfplan.arm.loop import ArmHand, ArmMotion, run_loop
 from vfplan.arm.model import Arm, Posture
-from vfplan.arm.safety_stops import safety_stops
+from vfplan.arm.stops import safety_stops
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError

@@ -35,14 +35,19 @@ MAX_SIDE_PX = 48
 # thin ink to about as little.
 MIN_CONTRAST = 0.15
 
+# Smallest chroma of ink that is not blurred, of 255. It separates a mark from a label that touches
+# it.
+PURE_CHROMA = 100
+
 # Smallest brightness of white ink, of 255, in every channel.
 WHITE = 247
 
 # Largest number of small spots of one colour on a slice with marks. A colour picture has more.
 MAX_SPOTS = 400
 
-# Largest difference [px] of width and height between marks of one kind. Stamped ones differ by one.
-ALIKE_SIZE_PX = 2
+# Largest difference between marks of one kind, as a share of their width and height. Of small ones
+# 2 px are allowed.
+ALIKE_SIZE = 0.35
 
 # Smallest correlation of the pictures of two marks of one kind. Those of two digits have less.
 ALIKE_SHAPE = 0.9
@@ -230,16 +235,19 @@ def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:
     red, green, blue = cv2.split(image)
     darkest = cv2.min(cv2.min(red, green), blue)
     chroma = cv2.max(cv2.max(red, green), blue) - darkest
-    rows, columns = np.nonzero(chroma > 255 * MIN_CONTRAST)
+    min_chroma = 255 * MIN_CONTRAST
+    rows, columns = np.nonzero(chroma > min_chroma)
     # The angle of each coloured pixel on the circle of hues.
     r, g, b = image[rows, columns].astype(float).T
     hue = np.arctan2(np.sqrt(3) * (g - b), 2 * r - g - b)
     strength = chroma[rows, columns]
     for centre in common_hues(hue, strength):
         is_of_hue = np.abs(np.angle(np.exp(1j * (hue - centre)))) < np.pi / 8
-        mask = np.zeros_like(chroma)
-        mask[rows[is_of_hue], columns[is_of_hue]] = 1
-        yield from _marks_in_mask(mask)
+        for level in (min_chroma, PURE_CHROMA):
+            mask = np.zeros_like(chroma)
+            chosen = is_of_hue & (strength > level)
+            mask[rows[chosen], columns[chosen]] = 1
+            yield from _marks_in_mask(mask)
     yield from _marks_in_mask((darkest >= WHITE).astype(np.uint8))
 
 
@@ -280,8 +288,8 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
         # The spot with the most spots of about its own size around it.
         best = np.zeros(0, dtype=np.intp)
         for k in np.flatnonzero(is_mark):
-            is_alike = (np.abs(size - size[k]) <= ALIKE_SIZE_PX).all(axis=1)
-            alike = np.flatnonzero(is_mark & is_alike)
+            allowed = np.maximum(2, ALIKE_SIZE * size[k])
+            alike = np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
             if len(alike) > len(best):
                 best = alike
         if len(best) < 3:

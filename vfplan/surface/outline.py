@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError
+from vfplan.errors import CurveError, requires_extra
 from vfplan.vectors.curve import FINE_M
 
 if TYPE_CHECKING:
@@ -154,9 +154,11 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
     """The polygons that closed rings (M, 2) [m] of one slice bound.
 
     Also how many rings lie inside another and are taken for holes. Raises `CurveError` for a ring
-    without area, one that crosses itself or another, or one that is there twice.
+    without area, one that crosses itself or another, or one that is there twice, and `MissingExtra`
+    where shapely is not installed.
     """
-    from shapely import Polygon
+    with requires_extra("making a surface of outlines needs shapely", "surface"):
+        from shapely import Polygon
 
     polygons = [polygon_of(ring, where) for ring in rings]
     polygons.sort(key=lambda polygon: -polygon.area)
