@@ -206,10 +206,8 @@ def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, run, tmp_p
     browser.until("review.state.account[0].left_out")
 
 
-def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(
-    browser, run, tmp_path, pytestconfig
-):
-    """The bound on the screen follows the drag; with --full, within 150 ms by the page's clock."""
+def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, tmp_path):
+    """The bound on the screen follows the drag within 150 ms, as the page itself measures."""
     lines = MARKERS[0].read_text().splitlines()
     label, u, v = lines[4].split(",")
     lines[4] = f"{label},{float(u) + 4:.2f},{v}"
@@ -241,8 +239,7 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(
         f"bound {1e3 * before:.2f} -> {1e3 * after:.2f} mm, {np.median(waits):.0f} ms median wait"
     )
     assert len(waits) >= 2
-    if pytestconfig.getoption("--full"):
-        assert np.median(waits) < 150
+    assert np.median(waits) < 150
     assert hand.state("review.state.steps.length") == 1
 
 
@@ -597,10 +594,8 @@ def test_every_control_has_a_name_and_the_page_fits_its_window(browser, run, tmp
 
 
 @pytest.mark.slow
-def test_a_large_slice_with_many_findings_and_markers_stays_fluent(
-    browser, tmp_path, monkeypatch, pytestconfig
-):
-    """4096 x 4096 pixels, 100 findings, 40 markers: drags go on; with --full, above 30 frames/s."""
+def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_path, monkeypatch):
+    """4096 x 4096 pixels, 100 findings, 40 markers: drags above 30 frames a second."""
     rng = np.random.default_rng(1)
     picture = np.full((4096, 4096, 3), 60, np.uint8)
     picture += rng.integers(0, 40, picture.shape[:2], np.uint8)[..., None]
@@ -636,9 +631,7 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(
             browser, hand, hand.state("review.state.markers[7].place_px"), "marker"
         )
         print({kind: f"{rate:.0f} frames a second" for kind, rate in rates.items()})
-        assert min(rates.values()) > 2
-        if pytestconfig.getoption("--full"):
-            assert min(rates.values()) > 30
+        assert min(rates.values()) > 30
     finally:
         server.close()
 

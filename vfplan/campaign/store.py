@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_FILE_BYTES, MAX_SETTINGS_BYTES, read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
 from vfplan.io.staging import write_whole
 from vfplan.session import Session
 
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"
 QUESTION_FILE = "campaign.json"
+MAX_BLOCK_BYTES = MAX_TEXT_BYTES // 4
+"""Largest size of a block of trials that is read. One of 64 trials is a thousandth of it."""
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
 
 
@@ -238,7 +240,7 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
     """The trials of a block as columns; raises `InputError` for a damaged one."""
     import pyarrow
 
-    data = read_whole(path, MAX_FILE_BYTES)
+    data = read_whole(path, MAX_BLOCK_BYTES)
     columns = {}
     try:
         table = parquet().read_table(BytesIO(data))

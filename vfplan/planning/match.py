@@ -259,7 +259,9 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     spacing_mm = 1e3 * np.linalg.norm(axes, axis=0)
     if curve.image is not None and curve.image.pixel_spacing_mm is not None:
         given_mm = curve.image.pixel_spacing_mm
-        if not np.allclose(given_mm, spacing_mm, atol=0):
+        # Two decimals of one number differ by their rounding to single precision.
+        rounding = 8 * float(np.finfo(np.float32).eps)
+        if not np.allclose(given_mm, spacing_mm, rtol=rounding, atol=0):
             raise SettingError(
                 f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of "
                 f"the slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm. Leave "

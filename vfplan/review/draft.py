@@ -17,6 +17,8 @@ from vfplan.review.source import sha256_of
 
 FORMAT = "vfplan-draft"
 VERSION = "1.0"
+MAX_BYTES = MAX_TEXT_BYTES // 4
+"""Largest size of a draft. Thousands of steps take some megabytes."""
 
 
 class Draft:
@@ -61,7 +63,7 @@ class Draft:
             return session
         where = str(self.path)
         advice = f"Move {self.path.name} away to begin anew."
-        text = read_whole(self.path, MAX_TEXT_BYTES, InputError)
+        text = read_whole(self.path, MAX_BYTES, InputError)
         try:
             draft = json.loads(text)
             steps, undone = draft["steps"], draft["undone"]

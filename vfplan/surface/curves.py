@@ -70,6 +70,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     drawing that is not closed.
     """
     from vfplan.curve import load_libraries
+    from vfplan.images.headers import MAX_TIFF_PARTS
     from vfplan.images.read import read_image
     from vfplan.planning import ExtractSettings, extract
 
@@ -78,12 +79,12 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     for path in sorted(folder.iterdir()):
         if path.is_file():
             files.append(path)
-    if len(files) < 2:
+    if not 2 <= len(files) <= MAX_TIFF_PARTS:
         raise InputError(
-            f"holds {len(files)} files. Give two slices or more.",
+            f"holds {len(files)} files. Give 2 to {MAX_TIFF_PARTS} slices.",
             where=str(folder),
             code="slices-too-few",
-            numbers={"slices": len(files), "slices_min": 2},
+            numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_TIFF_PARTS},
         )
     rings = []
     digest = hashlib.sha256()

@@ -26,6 +26,9 @@ from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
 from vfplan.surface.slicing import SAME_M
 
+PLACES_AGREE_M = SAME_M / 2
+"""Distance up to which NIfTI's sform and qform are the same: single precision and a quaternion
+round as far."""
 SIGNS_OF_SPACE = {
     "left-posterior-superior": (1, 1, 1),
     "lps": (1, 1, 1),
@@ -318,10 +321,10 @@ def nifti_place(image: Any, where: str) -> NDArray:
         far_corner_distance = np.abs((sform - qform) @ corner)[:3].max()
         first_voxel_distance = np.abs(sform - qform)[:3, 3].max()
         distance = max(far_corner_distance, first_voxel_distance) * metres
-        if not distance <= SAME_M:
+        if not distance <= PLACES_AGREE_M:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
-                f"apart; {1e3 * SAME_M:g} mm is rounding. Remove the wrong one.",
+                f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
                 where=where,
                 code="volume-places-differ",
                 numbers={"distance_mm": 1e3 * distance},
