@@ -35,8 +35,6 @@ with open("markers.csv", "w") as file:
 """,
     "registration": """
 import shutil
-for side in ("image", "robot"):
-    shutil.copy(f"samples/elbow_markers_{side}.csv", ".")
 points = [[400.0, 300.0], [500.0, 350.0]]
 shutil.copy("samples/elbow.png", "photograph.jpg")
 """,
