@@ -55,6 +55,14 @@ def test_ink_ahead_of_an_end_is_asked_about(gap, asked):
     assert len(extraction.account) == 1
 
 
+def test_a_line_beyond_a_grey_box_is_asked_about():
+    image = picture()
+    image[:, 190:230] = 128  # A quarter of the curve lies beyond.
+    extraction = extract_curve(image)
+    assert codes(extraction) == ["ink-at-end"]
+    assert extraction.findings[0].place_px == pytest.approx((256, 161), abs=3)
+
+
 def test_ink_that_touches_the_line_is_asked_about():
     dot = CURVE[300] + [0.0, 5.2]
     extraction = extract_curve(picture(([dot, np.add(dot, (0.1, 0.0))], 5.0)))

@@ -49,6 +49,15 @@ def test_no_ink_but_another_pens_line():
     extract_curve(paint(curve, colour=BLUE), colour="blue")
 
 
+@pytest.mark.parametrize(
+    ("name", "colour"),
+    [("yellow", (255, 255, 0)), ("orange", (255, 165, 0)), ("cyan", (0, 255, 255))],
+)
+def test_another_pen_is_named_by_its_nearest_hue(name, colour):
+    # The gates of orange and yellow overlap, so both find either pen's line.
+    assert refusal(paint(line(40, 150, 300, 150), colour=colour)).numbers["other_colour"] == name
+
+
 def test_no_line_among_dots():
     image = paint(line(40, 100, 44, 100), width=8.0)
     error = refusal(image)
@@ -184,6 +193,17 @@ def test_start_and_end_cut_and_turn_the_curve():
     assert np.allclose(turned.points_px, whole.points_px[::-1])
     assert refusal(image, start=(100, 60)).code == "place-off-curve"
     assert refusal(image, start=(100, 150), end=(100, 150)).code == "start-is-end"
+
+
+def test_places_that_no_line_passes_by_are_refused():
+    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
+    error = refusal(image, start=(170, 120))
+    assert error.code == "place-off-curve"
+    assert error.numbers["distance_px"] == pytest.approx(40, abs=1)
+    error = refusal(image, start=(40, 80), end=(300, 220))
+    assert error.code == "place-off-curve"
+    assert error.numbers["distance_px"] == pytest.approx(140, abs=1)
+    assert refusal(image * 0, start=(40, 80)).code == "image-grey"
 
 
 def test_a_start_chooses_among_candidates_and_where_a_ring_begins():

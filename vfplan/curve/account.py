@@ -17,6 +17,7 @@ from vfplan.curve.ambiguity import (
     relative_width,
     sudden_changes,
 )
+from vfplan.curve.candidates import Candidate, gap_ahead_px
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
@@ -221,6 +222,21 @@ def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Findi
             "Is it a part of the curve?"
         )
         findings.append(_finding("ink-touches", text, piece.middle))
+    return findings
+
+
+def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
+    """Other lines in the direction of an end, farther away than ink at an end is looked for."""
+    nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
+    findings = []
+    for other in others:
+        gap = gap_ahead_px(line, other)
+        if nearest < gap < np.inf:
+            text = (
+                f"a line of {other.length:.0f} px lies in the direction of the end of the curve, "
+                f"beyond a gap of {gap:.0f} px. Does the curve go on there?"
+            )
+            findings.append(_finding("ink-at-end", text, other.path[len(other.path) // 2]))
     return findings
 
 

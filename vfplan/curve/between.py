@@ -20,13 +20,37 @@ REACH_PX = 10.0
 Place = tuple[float, float] | None
 
 
-def lines_through(lines: list[Candidate], places: list[tuple[float, float]]) -> list[Candidate]:
-    """The lines that pass by all of the places."""
+def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Candidate]:
+    """The lines that pass by the named places (u, v) [px].
+
+    Raises `CurveError` where there are lines and none passes by all of the places. The error names
+    the place that the nearest line misses.
+    """
     passing = []
+    errors = []
     for line in lines:
-        if all(_distance(line.path, place) <= _reach(line.width) for place in places):
+        error = _missed_place(line, start, end)
+        if error is None:
             passing.append(line)
+        else:
+            errors.append(error)
+    if errors and not passing:
+        raise min(errors, key=lambda error: error.numbers["distance_px"])
     return passing
+
+
+def _missed_place(line: Candidate, start: Place, end: Place) -> CurveError | None:
+    """The error for the named place that lies farthest off a line, or `None` if both lie on it."""
+    farthest = _reach(line.width)
+    error = None
+    for option, place in (("--start", start), ("--end", end)):
+        if place is None:
+            continue
+        distance = _distance(line.path, place)
+        if distance > farthest:
+            farthest = distance
+            error = _off_curve_error(option, place, distance, line.width)
+    return error
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
@@ -105,15 +129,21 @@ def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
 
 def _index(curve: MeasuredStroke, place: tuple[float, float], option: str) -> int:
     distance = _distance(curve.points, place)
-    reach = _reach(curve.width)
-    if distance > reach:
-        raise CurveError(
-            f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a "
-            f"place within {reach:.0f} px of it.",
-            code="place-off-curve",
-            numbers={"distance_px": distance, "distance_max_px": reach},
-        )
+    if distance > _reach(curve.width):
+        raise _off_curve_error(option, place, distance, curve.width)
     return int(np.hypot(*(curve.points - place).T).argmin())
+
+
+def _off_curve_error(
+    option: str, place: tuple[float, float], distance: float, width: float
+) -> CurveError:
+    reach = _reach(width)
+    return CurveError(
+        f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a "
+        f"place within {reach:.0f} px of it.",
+        code="place-off-curve",
+        numbers={"distance_px": distance, "distance_max_px": reach},
+    )
 
 
 def _distance(points: NDArray, place: tuple[float, float]) -> float:

@@ -118,7 +118,10 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
     best = None
     for a, b in _pairs_within(places, max_gap_px + widest + tuned.FLANK_PX):
         (i, end_i), (j, end_j) = ends[a], ends[b]
-        cost = _gap_cost(lines[i], end_i, lines[j], end_j, max_gap_px)
+        one, other = lines[i], lines[j]
+        if gap_px(one, end_i, other, end_j) > min(max_gap_px, one.length, other.length):
+            continue
+        cost = _gap_cost(one, end_i, other, end_j)
         if cost < lowest_cost:
             lowest_cost = cost
             best = (i, end_i, j, end_j)
@@ -144,23 +147,47 @@ def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
     return float(np.hypot(*across) - (one.width + other.width) / 2)
 
 
-def _gap_cost(
-    one: Candidate, end: int, other: Candidate, other_end: int, max_gap_px: float
-) -> float:
-    """The length of a gap, more where it bends; infinite where it is not bridged."""
+def gap_ahead_px(line: Candidate, other: Candidate) -> float:
+    """The gap over which another line goes on from a line; infinite where it does not [px].
+
+    It may be too long to be bridged. Only a part of the line that is long beside the gap counts.
+    """
+    nearest = np.inf
+    if not (line.may_go_on and other.may_go_on):
+        return nearest
+    longest = tuned.AHEAD_LENGTHS * min(line.length, other.length)
+    for end in (0, -1):
+        for other_end in (0, -1):
+            gap = gap_px(line, end, other, other_end)
+            # Over a long gap a hand may turn farther than over one that is bridged.
+            turn = max(_turns_deg(line, end, other, other_end))
+            if gap <= longest and turn <= 2 * tuned.MAX_TURN_DEG and _same_pen(line, other):
+                nearest = min(nearest, gap)
+    return nearest
+
+
+def _gap_cost(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
+    """The length of a gap, more where it bends; infinite where one pen did not go on over it."""
+    turns = _turns_deg(one, end, other, other_end)
+    if max(turns) > tuned.MAX_TURN_DEG or not _same_pen(one, other):
+        return np.inf
+    distance = np.hypot(*(other.path[other_end] - one.path[end]))
+    gap = max(gap_px(one, end, other, other_end), 0.0)
+    return gap + distance * sum(turns) / tuned.MAX_TURN_DEG
+
+
+def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tuple[float, float]:
+    """By how many degrees each of two lines turns at its end to run straight over the gap."""
     across = other.path[other_end] - one.path[end]
-    gap = gap_px(one, end, other, other_end)
-    if gap > min(max_gap_px, one.length, other.length):
-        return np.inf
-    if not _alike(one.width, other.width) or not _alike(one.strength, other.strength):
-        return np.inf
     # An end may lie two pixels off its line, which is a large angle over a short gap.
     slack = np.degrees(np.arctan2(tuned.FLANK_PX, np.hypot(*across)))
     turn = max(_angle_deg(one.tangent(end), across) - slack, 0.0)
     other_turn = max(_angle_deg(other.tangent(other_end), -across) - slack, 0.0)
-    if max(turn, other_turn) > tuned.MAX_TURN_DEG:
-        return np.inf
-    return max(gap, 0.0) + np.hypot(*across) * (turn + other_turn) / tuned.MAX_TURN_DEG
+    return turn, other_turn
+
+
+def _same_pen(one: Candidate, other: Candidate) -> bool:
+    return _alike(one.width, other.width) and _alike(one.strength, other.strength)
 
 
 def _alike(x: float, y: float) -> bool:

@@ -135,26 +135,28 @@ def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) 
         error.candidates = tuple(line.path for line in frames)
         return error
     numbers = {"mask_pixels": int(ink.mask.sum())}
-    name, line = _longest_of_another_pen(ink.rgb, pen, region)
+    line = _longest_of_another_pen(ink.rgb, pen, region)
     if line is None:
         return CurveError(
-            f"No line was drawn in {pen.name}. Name the pen's colour: --colour NAME or #rrggbb.",
+            f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or "
+            "#rrggbb, or draw again if the pen was black, grey or white.",
             code="no-line",
             numbers=numbers,
         )
+    name = _nearest_hue(ink.rgb, line)
     u, v = (float(x) for x in line.path[len(line.path) // 2])
     return CurveError(
-        f"No line was drawn in {pen.name}. Found a {name} line of {line.length:.0f} px: "
-        f"--colour {name}.",
+        f"No line was drawn in {pen.name}; the longest line of another pen is {line.length:.0f} px "
+        f"of {name}. Take it with --colour {name}, or draw again if the pen was black, grey or "
+        "white.",
         code="no-line",
         numbers=numbers
         | {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v},
     )
 
 
-def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str, Candidate | None]:
-    """The longest line that a pen of another named colour drew, and the colour's name."""
-    best_name = ""
+def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> Candidate | None:
+    """The longest line that a pen of another named colour drew."""
     best = None
     for name in HUES:
         if name == pen.name:
@@ -165,6 +167,13 @@ def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str
         except CurveError:  # Too many pieces: that is no pen.
             continue
         if lines and (best is None or lines[0].length > best.length):
-            best_name = name
             best = lines[0]
-    return best_name, best
+    return best
+
+
+def _nearest_hue(rgb: NDArray, line: Candidate) -> str:
+    """The name of the pen whose hue is closest to a line's; the hues of two pens may overlap."""
+    u, v = line.path.astype(int).T
+    colour = rgb[v, u].mean(0)
+    agreement = [float(Pen.of_colour(name).along @ colour) for name in HUES]
+    return HUES[int(np.argmax(agreement))]

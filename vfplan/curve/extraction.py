@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vfplan.curve import tuned
 from vfplan.curve.account import (
     AccountEntry,
+    ahead_findings,
     end_findings,
     find_leftover,
     leftover_findings,
@@ -109,7 +110,7 @@ def extract_curve(
         Rectangles as `roi`, in which nothing is looked at.
     start, end
         (u, v) px on the curve: where it begins and ends, and so its direction. Of several
-        candidates the one through them is taken.
+        candidates the one through them is taken. A place that lies off every line is refused.
     accept_width
         Take a run that is wider than the rest as one pen's, pressed harder.
 
@@ -118,7 +119,8 @@ def extract_curve(
     CurveError
         No line, or too many pieces of ink to tell one; several candidates and none chosen; the
         chosen line forks or crosses itself, is two lines side by side, has a gap that is too long,
-        or was measured away from its ink. `code` says which, `numbers` where.
+        or was measured away from its ink; `start` or `end` lies off the lines. `code` says which,
+        `numbers` where.
     SettingError
         A parameter outside its range.
     """
@@ -135,9 +137,12 @@ def extract_curve(
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = find_candidates(pieces, max_gap_px)
+    passing = lines
     if places and stroke is None:
-        lines = lines_through(lines, places) or lines
-    chosen = [line.in_order() for line in choose_lines(lines, stroke, ink, pen, region)]
+        passing = lines_through(lines, start, end)
+    chosen = choose_lines(passing, stroke, ink, pen, region)
+    others = [line for line in lines if line not in chosen]
+    chosen = [line.in_order() for line in chosen]
 
     # Centre lines: measured across the ink, or refused where that is ambiguous.
     curves = []
@@ -158,8 +163,9 @@ def extract_curve(
     # All other ink is listed, and what a person should look at is said.
     leftover = find_leftover(ink, curves)
     findings = leftover_findings(leftover, max_gap_px)
-    for curve in curves:
+    for curve, line in zip(curves, chosen, strict=True):
         findings += end_findings(ink, curve)
+        findings += ahead_findings(line, others, max_gap_px)
         findings += stretch_findings(curve)
         if curve.profiles is not None:
             findings += width_findings(curve)

@@ -6,110 +6,133 @@
 # The pen and its ink.
 
 HUE_GATE_DEG = 22.0
-"""Degrees of hue between the named pen and its ink. Crimson lies 15 degrees from red, orange 28."""
+"""Degrees of hue between the named pen and its ink. Crimson lies 15 degrees from red and is still
+red; orange lies 28 degrees away and is not."""
 
 CHROMA_FLOOR = 18.0
 """Grey levels (0 to 255) of chroma below which nothing is ink. The noise of JPEG reaches 12."""
 
 OTHER_CHROMA = 40.0
-"""Grey levels of chroma at which a pixel of another hue is another pen, and no fringe of JPEG."""
+"""Grey levels of chroma from which a pixel of another hue is another pen's. Less may be a fringe of
+JPEG."""
 
 OTHER_REACH_PX = 2.5
-"""Pixels (sigma) around another pen over which its hue is known. A block of JPEG is 2 wide."""
+"""Pixels (sigma) around another pen within which its hue is taken from it. JPEG stores one colour
+for 2 pixels along each axis, so its fringe is a little broader than that."""
 
 MASK_BLUR_PX = 0.8
-"""Pixels (sigma) by which the mask, and the ink along a line, are smoothed. Noise frays them."""
+"""Pixels (sigma) by which the mask and the ink along a line are smoothed, because noise frays
+them."""
 
 LOCAL_PX = 15
-"""Pixels: the square in which the strongest ink sets the threshold. A pen's edge is narrower."""
+"""Pixels along a side of the square in which the strongest ink sets the threshold. It is wider than
+any pen, so that it reaches the middle of the line from its edge."""
 
 HALF = 0.5
-"""Of the strongest ink: the half-height edge of a line, which blur does not move."""
+"""Share of the strongest ink at which a line ends. Blur does not move the half-height edge."""
 
 MAX_PIECES = 3000
-"""Connected pieces of ink in one picture. More is noise or a coloured picture."""
+"""Number of connected pieces of ink in a picture. More is noise or a coloured picture."""
 
 # Lines and candidates.
 
 MIN_ASPECT = 4.0
-"""Length over width of a line; a part of one has half of it. A dot or a panel has less."""
+"""Length of a line over its width; a part of a line has half of it. A dot or a panel has less."""
 
 RIVAL_SHARE = 0.5
-"""Of the longest line's length: a line this long is a second candidate."""
+"""Share of the longest line's length from which another line is a second candidate. From a quarter
+on, scale bars and callipers would be candidates as well."""
 
 FRAME_SHARE = 0.9
-"""Of a line that lies on the sides of the rectangle around it, and of those sides: a frame."""
+"""Share of a line that lies on the sides of the upright rectangle around it, and share of those
+sides that it covers, from which it is a frame."""
 
 TANGENT_PX = 14
-"""Pixels of line from which an end's direction is taken. A skeleton's is then good to 5 degrees."""
+"""Pixels of line from which the direction of an end is taken. From these many pixels of a skeleton
+it is good to 5 degrees."""
 
 MAX_TURN_DEG = 45.0
-"""Degrees between an end's direction and the gap that it bridges. A hand goes on as it went."""
+"""Degrees between the direction of an end and the gap that is bridged from it. A hand goes on
+roughly as it went before it was lifted."""
 
 ALIKE = 2.0
-"""Factor within which the width and the strength of both sides of a gap are one pen's."""
+"""Factor within which the widths, and the strengths, on both sides of a gap agree if one pen drew
+them."""
+
+AHEAD_LENGTHS = 2.0
+"""Times the length of a part of the line, up to which a gap before it is asked about although it is
+too long to be bridged. A box over the middle of a curve leaves such a part."""
 
 # Profiles and the centre line.
 
 STEP_PX = 0.5
-"""Pixels between samples across the line: two a pixel lose nothing of what the picture holds."""
+"""Pixels between samples across the line. Two samples a pixel lose nothing that the picture
+holds."""
 
 FLANK_PX = 2.0
-"""Pixels beyond the line's edge that a profile reaches: a blur of 1.5 px ends there."""
+"""Pixels that a profile reaches beyond the line's edge. A blur of 1.5 px has ended there."""
 
 VISIBLE = 0.25
-"""Of the line's usual ink: less is a gap."""
+"""Share of the line's usual ink below which a profile lies in a gap."""
 
 HIDDEN = 0.85
-"""Of the line's usual ink where another colour is: less, and that colour lies on top."""
+"""Share of the line's usual ink below which another colour at that place lies on top of the
+line."""
 
 FOREIGN = 0.35
-"""Of the pen's strength, across its hue: another pen and no noise."""
+"""Share of the pen's strength from which colour of another hue is another pen's and no noise."""
 
 RISE = 0.2
-"""Of full coverage: ink that rises again beyond the line's edge belongs to a neighbour."""
+"""Share of full coverage by which ink rises again, beyond the line's edge, if it belongs to a
+neighbour. A smaller rise is noise."""
 
 MIN_PROFILES = 8
-"""Profiles in which a line must show, so that it can be measured at all."""
+"""Number of profiles in which a line must show. With fewer a spline has nothing to follow."""
 
 SMOOTH_PX = 2.0
-"""Pixels: length of the smoothing spline, and of what smooths a skeleton's stairs. Hands bend over
-10 px and more; corners are kept."""
+"""Pixels over which the spline smooths, and over which the stairs of a skeleton are smoothed. Hands
+bend over 10 px and more."""
 
 SMOOTH_NOISY_PX = 3.5
-"""The same where colour is noisy. The noise of JPEG hangs together over blocks of 8 px."""
+"""Pixels over which the spline smooths where colour is noisy. The noise of JPEG hangs together over
+blocks of 8 px, so it takes a longer stretch to average it."""
 
 SMOOTH_MIN_PX = 1.25
-"""Pixels: the shortest length over which a line is smoothed, at a corner."""
+"""Pixels over which a line is smoothed at a sharp corner, where it is smoothed least."""
 
 BEND_SHARE = 0.14
-"""Of the radius of a bend, over which the line is smoothed there; more would cut the bend."""
+"""Share of the radius of a bend over which the line is smoothed there. More would cut the bend."""
 
 BEND_REACH_PX = 9
-"""Pixels of line around a bend that are smoothed as the bend is."""
+"""Pixels of line around a bend that are smoothed as little as the bend itself."""
 
 END_SMOOTH = 0.5
-"""Of the length over which the line is smoothed, at an open end."""
+"""Factor on the length over which the line is smoothed at an open end. A smoothing spline runs out
+straight there, which a bent line does not."""
 
 TREND_PX = 8.0
-"""Pixels (sigma): slower changes of the offset are the path's and no noise."""
+"""Pixels (sigma) of line over which the offset from the path is averaged to tell its noise. Slower
+changes are the path's own."""
 
 NOISY = 0.0027
-"""Of full coverage: median beside the line from which a picture counts as noisy. PNG has 0."""
+"""Share of full coverage that the median pixel beside a line has from which a picture counts as
+noisy. A PNG has 0 there."""
 
 GRID_PX = 0.01
-"""Pixels that the pixel grid adds to the error, which no residual shows. On seeds 12800 to 13100
+"""Pixels that the pixel grid adds to the error and that no residual shows. On seeds 12800 to 13100
 with PNG the error was 0.013 px by median."""
 
 CORRELATED_NOISY = 2.7
-"""Factor on the noise where colour is noisy: the noise of JPEG hangs together over blocks of 8 px,
+"""Factor on the noise where colour is noisy. The noise of JPEG hangs together over blocks of 8 px,
 so that smoothing averages fewer residuals."""
 
 END_FACTOR = 4.0
-"""Times by which an open end is less sure, as the line is held from one side only."""
+"""Times by which the deviation grows towards an open end, because ink holds the line from one side
+only."""
 
 OTHER_SIGMA_PX = 0.15
-"""Pixels: standard deviation of a line at whose edge another colour lies, over or under it."""
+"""Pixels of standard deviation that a line has where another colour lies at its edge, over or under
+it."""
 
 SWAY = 1.5
 """Times its usual curvature that a line may bend where a gap hides it."""
@@ -117,119 +140,131 @@ SWAY = 1.5
 # What is refused.
 
 USUAL_SHARE = 0.35
-"""Of the line, where it is narrowest: the usual width is that of the widest there, so that a second
-run along most of the line is no usual width."""
+"""Share of the line, from its narrowest profiles on, whose widest profile has the usual width. It
+is below a half, so that a second run along most of the line does not pass for the usual width."""
 
 WIDE = 1.3
-"""Times its usual width: two runs side by side, if it lasts."""
+"""Times its usual width from which a lasting stretch of line is two runs side by side."""
 
 WIDE_RUN_WIDTHS = 8.0
-"""Pen widths of line, half of which must be wide. A dot or a control point is 3 widths long."""
+"""Pen widths of line, half of which must be wide before it counts as two runs. A dot or a control
+point is 3 widths long."""
 
 VALLEY = 0.12
-"""Of the profile's height: a dip in the middle of the mean profile, two lines side by side."""
+"""Share of its height by which the mean profile dips in the middle if two lines run side by
+side."""
 
 # The ends.
 
 TAPER_REACH_PX = 30
-"""Pixels beyond the skeleton's end in which the end of the ink is sought."""
+"""Pixels beyond the end of the skeleton in which the end of the ink is sought."""
 
 ROUND_SHARE = 0.4
-"""Of the width, from the place where half of the ink is left back to the centre of a round tip. A
-disc has 0.43; its steep end is blurred inward."""
+"""Share of the width by which the centre of a round tip lies before the place where half of the ink
+is left. A disc has 0.43, and blur moves its steep end inward."""
 
 BLUNT_PX = 2.0
-"""Pixels: the longest fall of the ink that a blunt end of a crisp hair line shows."""
+"""Pixels over which the ink of a crisp hair line falls at a blunt end, at most."""
 
 BLUNT_EDGES = 1.8
-"""Times the fall of the line's own edge, by which blur makes it longer."""
+"""Times the fall of the line's own edge by which blur lengthens the fall of a blunt end."""
 
 BLUNT_SHARE = 0.25
-"""Of the width, by which a round tip makes it longer."""
+"""Share of the width by which a round tip lengthens the fall of a blunt end."""
 
 BLUNT_ROUGH_PX = 105.0
-"""Pixels by which it is longer for ink that varies from point to point by all of itself."""
+"""Pixels by which the fall of a blunt end is longer if the ink varies from point to point by all of
+itself; in proportion if it varies less."""
 
 FALL_SHARE = 0.8
-"""Of the line's ink, or of its height, from which a fall is measured; it ends at the rest, 0.2."""
+"""Share of the line's ink, or of its height, from which a fall is measured. The fall ends where the
+rest, 0.2, is left."""
 
 TAPER_TIMES = 1.5
-"""Times the longest fall of a blunt end: over a fall this long the pen was drawn out."""
+"""Times the longest fall of a blunt end from which a fall shows that the pen was drawn out."""
 
 INK_NOISE = 0.02
-"""Of the line's ink: noise of what a clean picture shows along the line."""
+"""Share of the line's ink by which a clean picture varies along the line."""
 
 INK_NOISE_NOISY = 0.06
-"""The same where colour is noisy."""
+"""Share of the line's ink by which a picture with noisy colour varies along the line."""
 
 VISIBLE_SIGMAS = 3.0
-"""Times that noise: as much ink along the line is seen, and less is none."""
+"""Times the noise along the line from which ink is seen."""
 
 INK_HANGS_PX = 5.0
-"""Pixels of line over which that noise hangs together, so that they count as one."""
+"""Pixels of line over which the noise of the ink hangs together, so that they count as one."""
 
 TAPER_PRIOR = 0.1
-"""How common pens that were drawn out are, beside blunt ends."""
+"""Probability that a pen was drawn out, beside one that was lifted, before the ink is looked at. Of
+the open clear kinds in tests/making/extraction_kinds.py, 3 of 26 ends are drawn out."""
 
 FLAT_WIDTH_PX = 2.5
-"""Pixels of width from which a flat tip begins to show."""
+"""Pixels of width from which a flat tip begins to show. In a thinner line blur hides its
+corners."""
 
 FLAT_WIDTH_NOISY_PX = 7.0
-"""The same where colour is noisy and therefore blurred."""
+"""Pixels of width from which a flat tip begins to show where colour is noisy and therefore
+blurred."""
 
 TIP_SIDE = 0.36
-"""Of the width, from the middle of a tip to the sides at which its shape is read. Farther out the
-line's edge blurs them."""
+"""Share of the width from the middle of a tip to the places at its sides where its shape is read.
+Farther out the line's edge blurs them."""
 
 TIP_BAND = 0.06
-"""Of the width, to either side of these places: a quarter of the line is read."""
+"""Share of the width to either side of these places, so that a quarter of the line is read."""
 
 ROUND_BACK = 0.04
-"""Of the width, by which the sides of a tip end before its middle: a flat one has less, a round one
-twice as much. A disc has 0.14."""
+"""Share of the width by which the sides of a tip end before its middle, below which the tip is
+flat. It is round from twice as much on. A disc has 0.14."""
 
 POINT_BACK = 0.22
 """Share of the width by which the sides of a tip end before its middle, from which the tip is a
 point. On seeds 12800 to 13100 blunt tips in JPEG reached 0.16 and points began at 0.23."""
 
 END_SIGMA_PX = 0.35
-"""Pixels: standard deviation of an end that is plain to see, along the line. On seed 12900 it was
+"""Pixels of standard deviation along the line of an end that is plain to see. On seed 12900 it was
 0.3 with PNG."""
 
 # The account and the findings.
 
 EDGE_BLUR_PX = 1.5
-"""Pixels beyond the line's edge: ink that is closer is the blur of the edge."""
+"""Pixels beyond the line's edge within which ink is the blur of the edge."""
 
 SPECK_PX = 4
-"""Pixels of area: less ink is noise."""
+"""Pixels of area below which a piece of ink is noise."""
 
 END_REACH_GAPS = 1.5
-"""Times the longest gap that is bridged: ink this close to an end may carry the curve on."""
+"""Times the longest gap that is bridged, within which ink near an end may carry the curve on."""
 
 UNSURE_PX = 1.5
 """Pixels of standard deviation along the line from which an end is unsure."""
 
 LONG_STRETCH_PX = 20.0
-"""Pixels of line hidden or bridged from which a person is asked. Shorter ones are listed."""
+"""Pixels of line hidden or bridged from which a person is asked. Shorter stretches are listed."""
 
 SUDDEN = 0.4
-"""Of the usual width: a smaller sudden change is the ground's doing."""
+"""Share of the usual width below which a sudden change of width comes from the ground."""
 
 AT_ONCE = 8.0
-"""Times the median change of width over 12 px: pressed pens reached 6, second runs 16 and more."""
+"""Times the median change of width over 12 px from which a change is sudden. Pressed pens reached
+6, second runs 16 and more."""
 
 SUDDEN_PX = 12
 """Pixels of line over which a sudden change of width is looked for."""
 
 LASTING_TIMES = 3.5
-"""Times the usual lasting change of width: pressed pens reached 2, second runs 4 to 400."""
+"""Times the usual lasting change of width from which a change is asked about. Pressed pens reached
+2, second runs 4 to 400."""
 
 ONE_SIDED = 0.25
-"""Of a sudden change of width, on one side of the line only: dots on the line reached 0.2."""
+"""Share of a sudden change of width that lies on one side of the line only, from which it is no
+dot. Dots on the line reached 0.2."""
 
 MIRRORED = 0.7
-"""Of the pixels of such a piece that have ink on the other side as well."""
+"""Share of the pixels of a piece that have ink on the other side of the line as well, from which
+the piece is a dot on the line."""
 
 DOT_WIDTHS = 3.0
-"""Pen widths of a dot, a control point or a head on the line, along and across: 2 to 3 in tests."""
+"""Pen widths of a dot, a control point or a head on the line, along and across. They had 2 to 3 in
+tests."""
