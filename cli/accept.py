@@ -13,7 +13,7 @@ from vfplan.cli.run import CommandResult, command
 @FIXTURE
 @options_in_order(
     option("--digest", required=True, metavar="DIGEST",
-           help="The 64 hexadecimal digits on the sheet that somebody looked at."),
+           help="The 64 hexadecimal digits on the sheet that the person looked at."),
     option("--by", required=True, metavar="NAME", help="Name of the person who looked at it."),
     option("--answer", "answers", multiple=True, metavar="CODE",
            help="Answer the findings of this code; repeatable."),
@@ -23,7 +23,7 @@ from vfplan.cli.run import CommandResult, command
 def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     """Accept FIXTURE.h5 by the digest on its review sheet, and write it with name and time.
 
-    The digest of another plan, or a finding without an answer, is exit 1, and nothing is written.
+    The command refuses the digest of another plan, and a finding without an answer (exit 1).
     """
     from vfplan.bundle import read_fixture, write_fixture
     from vfplan.review.acceptance import accept

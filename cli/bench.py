@@ -25,22 +25,22 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
     option("-o", "--output", type=FILE, metavar="DIR",
            help="Write bench.json, bench.csv and a diagram of each stage into this folder."),
     OVERWRITE,
-    option("--quick", is_flag=True, help="Take under a minute, instead of under ten."),
+    option("--quick", is_flag=True,
+           help="Measure fewer cases, in about a minute instead of ten."),
     option("--peer", "peers", multiple=True, metavar="CMD",
-           help="Run this program beside the engines: CMD FOLDER reads points.csv, path.csv and "
-           "settings.csv there and writes proxies.csv.  [default: the shipped one on nanoflann, "
-           "where it compiles]"),
+           help="Compare the engines with this program. CMD FOLDER reads points.csv, path.csv and "
+           "settings.csv there and writes proxies.csv.  [default: the shipped program with "
+           "nanoflann, if it compiles]"),
     option("--tolerance", "tolerance_m", type=MM, default="0.01",
            help="Tolerance that the chosen settings keep [mm]."),
     option("--from", "source", type=FILE, metavar="JSON",
-           help="Measure nothing, and print and draw what this bench.json holds."),
+           help="Measure nothing. Print and draw what this bench.json holds."),
 )  # fmt: skip
 def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
-    """Measure STAGE (all of them by default) against known truth, and draw error over time.
+    """Measure error and run time of STAGE (by default of all) against a known truth.
 
-    For each scene the table names every method with its time (of one tick of the controller, or of
-    one call) and its error. The last sentences compare the chosen setting with what a user could
-    take instead.
+    For each scene the table has every method with its error and its time, which is that of one
+    call or of one tick. The last sentences compare the chosen setting with other settings.
     """
     from vfplan.bench import read_document, summaries
     from vfplan.bench.table import table_lines

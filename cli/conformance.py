@@ -16,10 +16,10 @@ from vfplan.cli.run import CommandResult, command
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Write the kit into this folder, over the files of an older kit.",
+    help="Write the kit into this folder. Files of an older kit are replaced.",
 )
 def command(folder) -> CommandResult:
-    """Write the conformance kit: sound and broken bundles, and paths that were rendered.
+    """Write the conformance kit: sound bundles, broken bundles, and rendered paths.
 
     `python -m vfplan.conformance --kit DIR CMD` runs a reader on each of its files.
     """

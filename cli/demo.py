@@ -26,19 +26,19 @@ from vfplan.io.staging import write_whole
 )
 @options_in_order(
     option("-o", "--output", type=FILE, default="vfplan-demo", metavar="DIR",
-           help="Write the files into this folder, which is made where there is none."),
+           help="Write the files into this folder. It is made if it does not exist."),
     OVERWRITE,
 )  # fmt: skip
 def command(what, output) -> CommandResult:
-    """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
+    """Plan a fixture on the shipped slice, replay the shipped session, and draw both.
 
     \b
     WHAT is one of
-      pipeline     (without WHAT) the pen's mask, the overlay, the fixture bundle, the replay's
-                   result, force and penetration over time, and a picture of cloud and paths
-      paper        the paper's Figs. 2, 4, 5 and 6 drawn anew, each with its numbers as JSON
-      experiments  the paper's two experiments with a scripted hand, felt and seen
-      panda        the same on a simulated Panda (extra [arm]): force against depth, arm, torques
+      pipeline     the default: mask, overlay, fixture bundle, result of the replay, force and
+                   penetration over time, and a picture of cloud and paths
+      paper        the paper's Figs. 2, 4, 5 and 6, each with its numbers as JSON
+      experiments  the paper's two experiments with a scripted hand
+      panda        the same on a simulated Panda (extra [arm]): force over depth, arm, torques
     """
     sample = importlib.import_module(f"vfplan.samples.{what}")
     if output.exists():

@@ -17,10 +17,10 @@ from vfplan.cli.values import FILE
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)
 def command(a, b, session) -> CommandResult:
-    """List what differs between A.h5 and B.h5; exit 1 if anything does.
+    """List what differs between A.h5 and B.h5 (exit 1 if anything does).
 
-    With a SESSION both are replayed, and the first tick at which proxy or force differ is named.
-    A session that touches neither of them tests nothing: exit 1 too.
+    With a SESSION the command replays both and names the first tick in which proxy or force differ.
+    The exit code is also 1 if the session touches neither fixture, because that tests nothing.
     """
     from vfplan.bundle import diff
 

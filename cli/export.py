@@ -12,7 +12,7 @@ from vfplan.cli.values import OutputFile
 @command("export")
 @FIXTURE
 @output_option(
-    "Write this file; its suffix is the format: .ply, .csv, .mrk.json or .dxf.",
+    "Write this file. Its suffix says the format: .ply, .csv, .mrk.json or .dxf.",
     kind=OutputFile(".ply", ".csv", ".mrk.json", ".dxf"),
 )
 def command(fixture, output) -> CommandResult:

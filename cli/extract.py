@@ -49,16 +49,16 @@ MENDED_ON_PAGE = {
     output_option("Write the curve to this bundle, in the frame of the image."),
     EXTRACT_OPTIONS,
     option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
-           help="Put this many points on a millimetre; needs a pixel spacing.  [default: one a "
-           "pixel]"),
+           help="Put this many points on a millimetre. This needs a pixel spacing.  [default: "
+           "one a pixel]"),
 )  # fmt: skip
 def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
-    """Extract the curve drawn on IMAGE to sub-pixel points.
+    """Measure the curve that is drawn on IMAGE.
 
-    IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file. It may also be a vector curve alone: a Slicer
-    .mrk.json Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
+    IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file. It may also be a curve drawn as vectors: a
+    Slicer .mrk.json or .fcsv, an ImageJ .roi, or a CSV with u_px,v_px or X,Y.
 
-    Where the curve would have to be guessed, the command says why and what to do (exit 3). It then
+    If the command would have to guess the curve, it says why and what to do (exit 3). It then
     writes nothing but the picture of --overlay-out, which shows the place.
     """
     from vfplan.bundle import write_fixture

@@ -20,17 +20,17 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
 @options_in_order(
     option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
-           help="Unit of the file's numbers, which the file does not name."),
+           help="Unit of the numbers in the file."),
     option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
-           help="Frame of the file's numbers."),
+           help="Frame of the numbers in the file."),
     option("--curve", type=click.Choice(["open", "closed"]),
-           help="Take the points as one curve, in their order.  [default: a bare cloud, which "
-           "nothing certifies]"),
+           help="Take the points as one curve, in their order.  [default: a bare cloud, without a "
+           "leak certificate]"),
     option("--spacing", type=MM,
            help="Distance between the samples that rules robust and paper take of a mesh [mm].  "
            "[default: R/10]"),
     option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
-           default="1000", help="Stiffness K, one for all axes or one each [N/m]."),
+           default="1000", help="Stiffness K [N/m]: one number, or one for each axis."),
     option("--contact-radius", type=MM, default="5",
            help="Distance that the tool keeps from the points [mm]."),
     option("--point-radius", type=Number("MM", 1e-3, positive=False), default="0",
@@ -40,7 +40,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     output_option("Write the fixture to this bundle."),
 )  # fmt: skip
 def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
-    """Make a fixture bundle of the points in CLOUD; a mesh is kept as drawn and certified."""
+    """Make a fixture bundle of the points or the mesh in CLOUD."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.choosing import best_rule, mesh_findings
     from vfplan.errors import SceneError

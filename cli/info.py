@@ -15,11 +15,11 @@ from vfplan.cli.verify import finding_lines, seal_lines
 @command("info")
 @FIXTURE
 @option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
-@option("--values", is_flag=True, help="Put the tables of all points into --json in full.")
+@option("--values", is_flag=True, help="Put the whole tables into --json.")
 def command(fixture, everything, values) -> CommandResult:
-    """Show what FIXTURE.h5 holds, in about ten lines; with --all, all of it.
+    """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it.
 
-    `--json` always holds all of it; -v bounds a tick's time.
+    `--json` always has all of it. -v adds the bound on the time of a tick.
     """
     from vfplan.bundle import describe
 

@@ -16,7 +16,7 @@ from vfplan.cli.values import OutputFile
     kind=OutputFile(),
 )
 def command(output) -> CommandResult:
-    """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""
+    """Make an Ed25519 key pair: a private key to sign with, and a public key for the robots."""
     from vfplan.bundle import keygen
 
     public, key_id = keygen(output, overwrite=is_overwriting())

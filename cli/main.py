@@ -14,37 +14,37 @@ import click
 # The groups of `vfplan --help`, and in each the commands with one line of help.
 GROUPS: dict[str, dict[str, str]] = {
     "Plan": {
-        "plan": "A planned slice and its markers in, a fixture out.",
-        "extract": "A planned slice in, its drawn curve out.",
-        "register": "Markers and a curve in, a fixture out.",
-        "review": "A plan on a page or a sheet: look, mend, approve.",
-        "accept": "Approve a plan by the digest on its sheet, for scripts.",
-        "surface": "Outlined slices in, a surface out.",
-        "import": "A bundle from any point cloud or mesh.",
+        "plan": "Make a fixture from a planned slice and its markers.",
+        "extract": "Extract the drawn curve from a planned slice.",
+        "register": "Make a fixture from a curve and markers.",
+        "review": "Look at a plan on a page, mend it and approve it.",
+        "accept": "Accept a plan by the digest on its sheet, in a script.",
+        "surface": "Make a surface from outlined slices.",
+        "import": "Make a bundle from a point cloud or a mesh.",
     },
     "Check": {
         "replay": "Replay a session against a fixture.",
-        "stability": "Is K stable with this robot? Closed loop and extreme cases.",
-        "validate": "Everything that is wrong with a bundle.",
-        "info": "What a bundle holds.",
-        "diff": "What differs between two bundles.",
-        "view": "A fixture and a replay in three dimensions.",
+        "stability": "Judge whether a stiffness is stable with a robot.",
+        "validate": "List everything that is wrong with a bundle.",
+        "info": "Show what a bundle holds.",
+        "diff": "List what differs between two bundles.",
+        "view": "Show a fixture and a replay in three dimensions.",
     },
     "Robot": {
         "keygen": "Make a key pair for signing bundles.",
-        "sign": "Approve a bundle with a private key.",
-        "verify": "Check a bundle's signature.",
+        "sign": "Sign a bundle with a private key.",
+        "verify": "Check the signature of a bundle.",
         "rehearse": "Rehearse a session on a simulated arm.",
-        "live": "A result or a controller's ticks, live, for Slicer and MCAP.",
+        "live": "Show the ticks of a controller live, and record them.",
     },
     "More": {
-        "demo": "The whole pipeline on the shipped sample.",
-        "bench": "Error against run time, for every stage.",
-        "campaign": "How sure is a plan: many trials with other errors.",
-        "burr": "Burr a fixture away: points go under the tool.",
-        "export": "A bundle's points as PLY, CSV or .mrk.json.",
+        "demo": "Run all steps on the shipped sample.",
+        "bench": "Measure error and run time of every step.",
+        "campaign": "Simulate how often the tool crosses the line.",
+        "burr": "Remove the points of a fixture under the tool.",
+        "export": "Write a bundle as PLY, CSV, .mrk.json or DXF.",
         "migrate": "Bring an old bundle up to date, in a new file.",
-        "conformance": "Files to test another reader of bundles with.",
+        "conformance": "Write files that test a reader of bundles.",
     },
 }
 COMMANDS: dict[str, str] = {}
@@ -161,7 +161,7 @@ def print_cmake_dir(ctx: click.Context, option: click.Parameter, is_wanted: bool
 def cli() -> None:
     """Turn a surgeon's drawn curve into a virtual fixture a robot can trust.
 
-    The order is: plan, look at it, sign; then replay and stability; then the robot.
+    The steps are: plan, review, sign, replay, stability; then load the fixture on the robot.
 
-    Research software; not a medical device.
+    vfplan is research software and not a medical device.
     """

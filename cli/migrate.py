@@ -16,8 +16,8 @@ from vfplan.cli.values import FILE
 def command(old, output) -> CommandResult:
     """Write the content of OLD.h5, a bundle of version 0.1, 1.0 or 1.1, as one of version 2.0.
 
-    OLD.h5 stays as it is. The provenance of the new bundle names the migration; the new bundle is
-    neither signed nor reviewed.
+    OLD.h5 stays as it is. The new bundle is neither signed nor reviewed. Its provenance names the
+    migration.
     """
     from vfplan.bundle import migrate
 

@@ -75,8 +75,7 @@ def signature_options(
         option("--robot-serial", metavar="SERIAL",
                help="Refuse a bundle that is signed for another robot."),
         option("--max-age", type=Parsed("TIME", parse_seconds),
-               help="Refuse a bundle that was registered longer ago than this: 90s, 30min, 12h "
-               "or 2d."),
+               help="Refuse a bundle that is older than this, such as 90s, 30min, 12h or 2d."),
     )  # fmt: skip
 
 
@@ -160,7 +159,7 @@ FIXTURE = click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 SESSION = click.argument("session", type=FILE, metavar="SESSION")
 UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
                help="Unit of the session's positions.")  # fmt: skip
-ROBOT = robot_option("Require a stiffness that is stable with this robot, or write nothing.")
+ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
 
 RECTANGLE = Parsed("U,V,W,H", parse_rectangle)
 PLACE = Numbers(2, metavar="U,V", positive=False)
@@ -179,16 +178,17 @@ EXTRACT_OPTIONS = options_in_order(
     option("--colour", **COLOUR, help="Colour of the planning pen."),
     option("--pixel-spacing", "pixel_spacing_mm", type=Numbers(1, 2, metavar="MM[,MM]"),
            callback=both_spacings,
-           help="Size of a pixel along u and v, instead of the file's [mm]."),
+           help="Size of a pixel along u and v [mm], in place of the size in the file."),
     option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
-           help="Measure a sub-pixel ridge, a bare skeleton, or every mask pixel."),
-    option("--roi", type=RECTANGLE, help="Look in this rectangle alone [px]."),
+           help="Measure the middle of the line (ridge), thin it (skeleton), or take every "
+           "pixel of the pen (mask)."),
+    option("--roi", type=RECTANGLE, help="Look for the line in this rectangle only [px]."),
     option("--stroke", type=Parsed("all|longest|N", parse_stroke),
-           help="Take this one of several candidates."),
+           help="Take this candidate if there are several."),
     option("--max-gap", "max_gap_px", type=DecimalNumber(min=0), default=20.0, metavar="PX",
            help="Bridge gaps in the pen's line up to this length [px]."),
     option("--exclude", type=RECTANGLE, multiple=True, callback=none_if_empty,
-           help="Ignore this rectangle, also several times [px]."),
+           help="Ignore the ink in this rectangle [px]; repeatable."),
     option("--start", type=PLACE, help="Begin the curve at this place on the line [px]."),
     option("--end", type=PLACE, help="End the curve at this place on the line [px]."),
     option("--accept-width", is_flag=True, default=None,
@@ -196,35 +196,36 @@ EXTRACT_OPTIONS = options_in_order(
     option("--curve", type=FILE, metavar="FILE",
            help="Take the curve from this vector file (Slicer, ImageJ, CSV or DICOM)."),
     option("--curve-origin", type=click.Choice(["centre", "corner"]),
-           help="Count ImageJ's X,Y from the centre or from the corner of a pixel; needed where "
-           "the file leaves it open."),
+           help="Count ImageJ's X,Y from the centre or from the corner of a pixel. Needed if "
+           "the file does not say it."),
     option("--page", "--frame", "frame", type=WholeNumber(min=1), metavar="N",
            help="Read this frame of a multi-frame DICOM, or this page of a TIFF."),
     option("--imager-spacing", is_flag=True, default=None,
-           help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
+           help="Take the pixel spacing from DICOM's ImagerPixelSpacing, which is that of the "
+           "detector and not of the patient."),
     option("--max-megapixels", type=DecimalNumber(0, min_open=True), metavar="N",
            help="Read pictures of up to this many million pixels.  [default: 64]"),
     option("--mask-out", type=PNG, metavar="PNG", help="Write a picture of the pen's mask."),
     option("--overlay-out", type=PNG, metavar="PNG",
-           help="Write the slice with the curve on it, or with the numbered candidates."),
+           help="Write a picture of the slice with the curve, or with the numbered candidates."),
 )  # fmt: skip
 """How the curve is read from the image: `extract`, `plan` and `review`; fields of
 `ExtractSettings`."""
 
 FIXTURE_OPTIONS = options_in_order(
     option("--model", type=click.Choice(["affine", "similarity", "rigid"]), default="affine",
-           help="Transform from image to robot."),
+           help="Kind of transform from image to robot."),
     option("--robust", is_flag=True, help="Leave out markers that do not fit, and name them."),
     option("--tolerance", "tolerance_m", type=MM,
-           help="Let a surface rendered from points lie this far from the drawn one [mm].  "
-           "[default: 0.01]"),
+           help="Allow a surface that is rendered from points to lie this far from the drawn one "
+           "[mm].  [default: 0.01]"),
     option("--density", "density_per_m", type=Number("PTS_PER_MM", 1e3),
-           help="Put this many points on a millimetre, instead of a tolerance."),
+           help="Put this many points on a millimetre, in place of --tolerance."),
     option("--arcs", type=Numbers(1, metavar="MM|none", word="none"),
-           help="Fit lines and arcs this closely to the curve [mm]; none keeps points alone.  "
-           "[default: 0.001, where it can]"),
+           help="Fit lines and arcs to the curve within this distance [mm]; none makes points "
+           "only.  [default: 0.001, if it can be reached]"),
     option("--stiffness", type=STIFFNESS, default="1000",
-           help="Stiffness K, one for all axes or one each [N/m]."),
+           help="Stiffness K [N/m]: one number, or one for each axis."),
     option("--contact-radius", type=MM, default="5",
            help="Distance that the tool keeps from the curve [mm]."),
     option("--point-radius", type=MM_OR_ZERO, default="0",
@@ -233,36 +234,38 @@ FIXTURE_OPTIONS = options_in_order(
            help="Extend the fixture without end along this axis.  [default: normal, of the "
            "drawn slice]"),
     option("--seen-from", type=Parsed("above|below|X,Y,Z", parse_side),
-           help="Side from which you look at the slice, or its direction in the robot's frame; "
-           "above is 0,0,1."),
+           help="Say from which side you look at the slice: above (robot +z), below, or a "
+           "direction in the robot's frame. Refuse markers that say otherwise."),
     option("--max-residual", type=MM_OR_NONE,
-           help="Refuse markers that miss their places by more (rms) [mm].  [default: 1]"),
+           help="Refuse markers whose residual (rms) is larger [mm].  [default: 1]"),
     option("--max-tre", type=MM_OR_NONE,
-           help="Refuse a curve that may lie further off (95 %) [mm].  [default: the contact "
-           "radius]"),
+           help="Refuse a plan whose 95 % bound of the error is larger [mm].  [default: the "
+           "contact radius]"),
     option("--markers-as-given", is_flag=True,
            help="Skip the checks of the labels and of the marks on the slice."),
     option("--common", is_flag=True,
            help="Use the markers that both files have, and drop the others."),
     option("--margin", type=Parsed("tre95|p=P", parse_margin),
-           help="Add the 95 % bound, or --campaign's for P, to the point radius.  [default: none]"),
+           help="Add the 95 % bound (tre95), or the margin that --campaign gives for P, to the "
+           "point radius.  [default: none]"),
     option("--campaign", type=FILE, metavar="DIR",
-           help="Folder of `vfplan campaign` that --margin p=P reads."),
+           help="Folder of `vfplan campaign`, for --margin p=P."),
     option("--find-markers", is_flag=True,
-           help="Measure the marks on the slice near the given pixels."),
+           help="Move each marker to the centre of the cross or dot that is drawn near it."),
     option("--guide", "guide_m", type=MM,
-           help="Keep the tip in a tube of this radius around the curve [mm]."),
+           help="Make a guide: keep the tip in a tube of this radius around the curve [mm]."),
     option("--ends", "guide_ends", type=click.Choice(["stop", "open"]),
            help="Close the ends of a guide's tube, or let the tip leave there.  [default: stop]"),
     option("--guide-stroke", type=click.IntRange(0), metavar="N",
-           help="Guide along this stroke, and forbid the others.  [default: all guide]"),
+           help="Guide along this stroke only; the others are a forbidden region.  [default: all "
+           "strokes guide]"),
     option("--guide-pull", type=Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
            help="Pull the tip along the curve with this force [N], which falls to 0 at this speed "
            "[mm/s].  [default: no pull; 20 mm/s]"),
     option("--guide-cut-bends", is_flag=True,
-           help="Accept bends tighter than the tube, which the tip may cut."),
+           help="Accept a bend that is tighter than the tube. The tip may cut it."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write the slice with the residuals and the error along the curve."),
+           help="Write a picture of the slice with the residuals and the error along the curve."),
 )  # fmt: skip
 """How a curve becomes a fixture: `register`, `plan` and `review`; fields of `FixtureSettings`."""
 

@@ -42,13 +42,13 @@ from vfplan.findings import Finding, doubt
     options.FIXTURE_OPTIONS,
     options.ROBOT,
     option("--rehearse", metavar="panda|fr3|FILE.xml",
-           help="Let a simulated arm go along each side of the curve first, and write nothing "
-           "where it would not reach or would stop (exit 1)."),
+           help="Move a simulated arm along each side of the curve first. Write nothing if it does "
+           "not reach or would stop (exit 1)."),
     option("--base", **options.ARM_BASE,
            help="Base of that arm in the fixture's frame [m].  [default: 0,0,0]"),
     option("--tool", **options.ARM_TOOL, help="Tip of that arm in its flange's frame [m]."),
     option("--no-sheet", is_flag=True,
-           help="Leave out the review sheet, STEM-sheet.png beside the bundle."),
+           help="Write no review sheet beside the bundle."),
 )  # fmt: skip
 def command(
     image, markers, markers2, output, mask_out, overlay_out, picture_out, no_sheet, **arguments
@@ -56,7 +56,7 @@ def command(
     """Turn the curve drawn on IMAGE into a fixture for the robot, by MARKERS.
 
     MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
-    .mrk.json or .fcsv. Look at the review sheet beside the bundle afterwards: it shows both ends
+    .mrk.json or .fcsv. Afterwards look at the review sheet beside the bundle. It shows both ends
     of the line enlarged, and all findings.
     """
     from vfplan.bundle import write_fixture

@@ -30,7 +30,7 @@ from vfplan.cli.values import FILE, MM_OR_ZERO
 @options_in_order(
     output_option("Write the fixture to this bundle."),
     option("--image", type=FILE, metavar="IMAGE",
-           help="Hold the markers against the marks on this slice, on which the curve was drawn."),
+           help="Compare the markers with the marks on this slice, on which the curve was drawn."),
     option("--touched", type=FILE, metavar="POINTS.csv",
            help="Refine a surface's registration by points that the robot touched on it "
            "(x_m,y_m,z_m) [m]."),

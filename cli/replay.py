@@ -53,9 +53,9 @@ LINK_OPTIONS = options_in_order(
     option("--drop", type=DecimalNumber(0, 1, max_open=True), metavar="P",
            help="Lossy link: lose each packet with this probability."),
     option("--jitter", "jitter_s", type=Number("MS", 1e-3, zero_allowed=True),
-           help="Lossy link: make samples up to this much older than their stamp [ms]."),
+           help="Lossy link: delay each sample by up to this time, at random [ms]."),
     option("--delay", "delay_ticks", type=WholeNumber(0), metavar="TICKS",
-           help="Lossy link: let samples arrive this many ticks late."),
+           help="Lossy link: delay all samples by this many ticks."),
     option("--quantise", "quantum_m", type=DecimalNumber(0, min_open=True), metavar="UM",
            callback=micrometres_to_metres,
            help="Lossy link: round positions to multiples of this [µm]."),
@@ -64,10 +64,10 @@ LINK_OPTIONS = options_in_order(
 )  # fmt: skip
 MOTION_OPTIONS = options_in_order(
     option("--poses", type=FILE, metavar="POSES.csv",
-           help="Move the fixture: t,x,y,z,qw,qx,qy,qz [s, m], and `arrived` where a pose came "
-           "later than its time."),
+           help="Move the fixture by these poses: t,x,y,z,qw,qx,qy,qz [s, m], and `arrived` for "
+           "the time when the loop got the pose."),
     option("--events", type=FILE, metavar="EVENTS.csv",
-           help="Exchange and edit the fixture at the ticks in this file."),
+           help="Exchange and edit the fixture at the ticks of this file."),
     option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
            help="With --poses: the age at which a pose is stale, and the largest speed and turn of "
            "the frame [s, m/s, rad/s].  [default: 0.1,0.25,1]"),
@@ -80,7 +80,7 @@ SESSION_OPTIONS = options_in_order(
     option("--frame", metavar="NAME", default="robot_base",
            help="Frame of the session's positions."),
     option("--topic", metavar="NAME",
-           help="Read this topic of a ROS bag; needed when several hold positions."),
+           help="Read this topic of a ROS bag. Needed if several topics hold positions."),
     option("--field", metavar="NAME",
            help="Read this field of a ROS bag's messages, e.g. pose or O_T_EE."),
     option("--tool-tip", type=options.VECTOR,
@@ -105,16 +105,17 @@ SESSION_OPTIONS = options_in_order(
     option("--image", type=FILE, metavar="IMAGE",
            help="Draw the depth on this planned slice, in the report."),
     option("--rule", type=click.Choice(["robust", "paper", "exact", "both"]),
-           help="Rule by which the proxy moves; both is robust beside paper.  [default: exact "
-           "where the fixture holds lines and arcs, else robust; paper with --engine reference]"),
+           help="Rule by which the proxy moves. `both` compares robust with paper.  [default: "
+           "exact if the fixture has lines and arcs, otherwise robust]"),
     option("--engine", type=click.Choice(["native", "reference"]), default="native", is_eager=True,
-           help="Use the controller's own core, or the paper's algorithms in NumPy."),
+           help="Use the engine of the controller, or the paper's algorithms in NumPy, which "
+           "render rule paper only."),
     SESSION_OPTIONS,
     MOTION_OPTIONS,
-    options.robot_option("Hold forces, force steps and speeds against this robot's limits."),
+    options.robot_option("Check forces, force steps and speeds by the limits of this robot."),
     option("--governor", type=Numbers(2, metavar="[STEP,MAX]", word="robot"), is_flag=False,
            flag_value="robot",
-           help="Hold the force step and the force to STEP,MAX [N], or without numbers to the "
+           help="Limit the force step and the force to STEP,MAX [N], or without numbers to the "
            "limits of --robot or franka."),
     option("--at-most", type=LIMIT, multiple=True,
            help="Require that this number of the report is no larger; repeatable."),
@@ -127,8 +128,9 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
     """Replay SESSION (a recording of HIP positions) against FIXTURE.h5, tick by tick.
 
     SESSION is a CSV with a header t,x,y,z, an HDF5 or .npz file with time and hip, or a ROS bag.
-    docs/replay.md defines every number of the report. Exit 1 when a limit does not hold, or when
-    there are limits and the tool never touched the fixture; the files are written then too.
+    docs/replay.md defines every number of the report. The exit code is 1 if a limit does not hold,
+    or if there are limits and the tool never touched the fixture. The files are written all the
+    same.
     """
     report_folder = arguments["report"]
     index_path = None

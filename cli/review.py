@@ -40,19 +40,19 @@ class ReviewFiles(NamedTuple):
 @click.argument("markers2", type=FILE, required=False)
 @options_in_order(
     option("-o", "--output", type=HDF5, metavar="OUT.h5",
-           help="Open the review page, and write what is approved there to this bundle."),
+           help="Open the review page, and write the approved plan to this bundle."),
     option("--sheet-out", type=PNG, metavar="PNG",
-           help="Write the review sheet alone: the slice, both ends and every bridge enlarged, the "
+           help="Write the review sheet only: the slice, both ends and every bridge enlarged, the "
            "markers and the findings."),
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
-           help="Show a bundle on the slice it was drawn on, checked by its SHA-256."),
+           help="Show a bundle on this slice, on which it was drawn (checked by its SHA-256)."),
     option("--by", default="", metavar="NAME", help="Propose this name on the page."),
     option("--key", type=FILE, metavar="KEY",
-           help="Sign what is approved with this private key, from `vfplan keygen`."),
-    option("--case", default="", metavar="CASE", help="Sign it for this case alone."),
-    option("--no-browser", is_flag=True, help="Print the address only, and open no browser."),
+           help="Sign the approved plan with this private key, from `vfplan keygen`."),
+    option("--case", default="", metavar="CASE", help="Sign it for this case only."),
+    option("--no-browser", is_flag=True, help="Print the address, and open no browser."),
     option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
-           help="Port of the page on 127.0.0.1; 0 is any free one."),
+           help="Port of the page on 127.0.0.1; 0 takes any free one."),
     options.OVERWRITE,
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
@@ -60,13 +60,13 @@ class ReviewFiles(NamedTuple):
 def command(source, markers, markers2, output, sheet_out, slice_path, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
-    SOURCE is a planned slice, a curve bundle or a fixture bundle, MARKERS as for `vfplan plan`.
-    With -o a page opens in the browser. There a curve that `vfplan extract` refuses is chosen or
-    drawn, knots and markers are moved, findings are answered. The first line printed is the page's
-    address. Exit code 0: approved and written; 1: left without approval. Every step is kept in
-    OUT.h5.draft.json, and the next call continues from there.
+    SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.
+    With -o a page opens in the browser. There the person chooses or draws the curve, moves knots
+    and markers, and answers findings. The command prints the address of the page first. It ends
+    with exit code 0 after an approval, and with 1 if the person left without one. OUT.h5.draft.json
+    keeps every step, and the same command goes on from there.
 
-    With --sheet-out only the review sheet is drawn.
+    With --sheet-out the command only draws the review sheet.
     """
     if (output is None) == (sheet_out is None):
         raise click.UsageError(

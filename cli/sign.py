@@ -15,22 +15,22 @@ from vfplan.cli.values import FILE
 @FIXTURE
 @options_in_order(
     option("--key", type=FILE, required=True, metavar="KEY",
-           help="The private key, from `vfplan keygen`."),
-    option("--case", default="", metavar="CASE", help="Sign it for this case alone."),
-    option("--robot-serial", default="", metavar="SERIAL", help="Sign it for this robot alone."),
+           help="Sign with this private key, from `vfplan keygen`."),
+    option("--case", default="", metavar="CASE", help="Sign it for this case only."),
+    option("--robot-serial", default="", metavar="SERIAL", help="Sign it for this robot only."),
     option("--registered-at", "registered_utc", metavar="UTC",
-           help="When the patient was registered, e.g. 2026-01-31T12:00:00Z; the bundle's age "
-           "counts from then.  [default: now]"),
+           help="Count the age of the bundle from this time, when the patient was registered, e.g. "
+           "2026-01-31T12:00:00Z.  [default: now]"),
     option("--despite-findings", is_flag=True,
-           help="Sign it with open findings or without a review; the seal says so."),
+           help="Sign it even with open findings or without a review. The seal says so."),
     output_option("Write the signed bundle to this file."),
 )  # fmt: skip
 def command(fixture, output, key, **arguments) -> CommandResult:
-    """Check FIXTURE.h5 and write it again under a seal signed with --key.
+    """Check FIXTURE.h5 and write it again with a signature.
 
-    The signature covers every byte of the bundle, its time, and case and robot where they are
-    given, so that yesterday's valid bundle is not today's. A bundle that nobody reviewed, or with
-    findings that nobody answered, is not signed (exit 1).
+    The signature covers every byte of the bundle, the time, and the case and the robot if they are
+    given. The command refuses a bundle that nobody reviewed, or with findings that nobody answered
+    (exit 1).
     """
     from vfplan.bundle import sign
 

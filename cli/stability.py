@@ -36,7 +36,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
 )
 @click.argument("fixture", type=FILE, required=False)
 @options_in_order(
-    options.robot_option("Judge K in closed loop with this robot."),
+    options.robot_option("Judge the stiffness in closed loop with this robot."),
     option("--mass", "mass_kg", type=ABOVE_0, metavar="KG",
            help="Moving mass at the tip [kg].  [default: 1]"),
     option("--damping", "damping_n_s_per_m", type=DecimalNumber(min=0), metavar="N_S_PER_M",
@@ -71,10 +71,10 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
 def command(
     fixture, output, robot, stiffness, margin, parts, full, jobs, **robot_figures
 ) -> CommandResult:
-    """Judge the K of FIXTURE (or --stiffness) in closed loop with a robot, and try the engine.
+    """Judge the stiffness K of FIXTURE (or --stiffness) with a robot, and test the engine.
 
-    Exit 1 when K times the margin is not stable, or when a case did not end as it should. The
-    files are written all the same.
+    The exit code is 1 if K times the margin is not stable, or if a case did not end as it should.
+    The files are written all the same.
     """
     from vfplan.bundle import read_fixture
     from vfplan.robot import read_robot

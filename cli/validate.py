@@ -15,7 +15,7 @@ from vfplan.cli.values import FILE
 @command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
 def command(fixture) -> CommandResult:
-    """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""
+    """List everything that is wrong or unusual in FILE.h5 (exit 1 if anything is an error)."""
     from vfplan.bundle import validate
 
     issues = validate(fixture)

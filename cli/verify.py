@@ -13,7 +13,7 @@ from vfplan.cli.run import CommandResult, command
 @FIXTURE
 @signature_options("--keys", required=True)
 def command(fixture, **arguments) -> CommandResult:
-    """Check that FIXTURE.h5 is sound and signed by a trusted key; exit 4 if it is not."""
+    """Check that FIXTURE.h5 is sound and signed by a trusted key (exit 4 if it is not)."""
     from vfplan.bundle import read_sealed
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))

@@ -17,19 +17,19 @@ from vfplan.cli.values import FILE, PNG, Number
 @click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
 @options_in_order(
     option("--screenshot", type=PNG, metavar="PNG",
-           help="Write one view to this picture, without a screen."),
+           help="Write one view to this picture. It needs no screen."),
     option("--at", "at_s", type=Number("S", positive=False),
            help="Time that --screenshot shows [s].  [default: that of the deepest tick]"),
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
-           help="Show the slice that the curve was drawn on, checked by its SHA-256.  [default: "
-                "its border]"),
+           help="Show this slice, on which the curve was drawn (checked by its SHA-256).  "
+                "[default: its border only]"),
     OVERWRITE,
 )  # fmt: skip
 def command(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
-    """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
+    """Show FIXTURE.h5 in three dimensions.
 
-    Opens a window with a time slider. With --screenshot it needs no screen, only an OpenGL library
-    (Debian: libosmesa6).
+    With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The
+    window has a time slider. --screenshot needs an OpenGL library (Debian: libosmesa6).
     """
     from vfplan.bundle import read_sealed
     from vfplan.images.read import read_image

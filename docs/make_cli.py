@@ -13,22 +13,28 @@ from vfplan.cli import COMMANDS, GROUPS, cli, options
 
 HEAD = """# Command reference
 
-`make docs` writes this page from the commands themselves; do not edit it by hand. `vfplan COMMAND
---help` shows what most calls need, `--help-all` every option.
+`make docs` writes this page from the commands. Do not edit it by hand. `vfplan COMMAND --help`
+shows the usual options, and `--help-all` every option.
 
 ## What every command shares
 
-- The text on the screen ends with a *verdict* and a *next* step. `-v` adds the statistics, `-q`
-  leaves warnings and failures only.
+- The text ends with a *verdict* and a *next* step. `-v` adds the statistics. `-q` prints warnings
+  and failures only.
 - `--json` prints one JSON document on stdout and nothing else there. After a failure it is
   `{"error": {"kind", "message", "where", "code", "numbers"}}`.
-- An error is one line on stderr: what is wrong with the value, and what to do. `-vv` adds the
-  traceback.
-- Exit codes: 0 done; 1 a check failed, also "not tested"; 2 usage; 3 bad input; 4 a bundle that
-  cannot be trusted; 128 + number after SIGINT, SIGTERM or SIGHUP.
-- Outputs appear whole or not at all, and replace a file only with `--overwrite`. A command that is
-  killed outright (SIGKILL, a power cut) can leave hidden files whose names begin with `.vfplan-`.
-  They may be deleted when no command is at work in that folder.
+- An error is one line on stderr. It says what is wrong and what to do. `-vv` adds the traceback.
+- Outputs appear whole or not at all. They replace a file only with `--overwrite`.
+- If a command is killed (SIGKILL, a power cut), it can leave hidden files whose names begin with
+  `.vfplan-`. Delete them when no command is at work in that folder.
+
+| exit code | meaning |
+|---|---|
+| 0 | The command did its work. |
+| 1 | A check failed, or the verdict is `not-tested` although limits were given. |
+| 2 | The command line is wrong, or an output cannot be written. |
+| 3 | The input cannot be used. |
+| 4 | The bundle cannot be trusted. |
+| 128 + number | SIGINT, SIGTERM or SIGHUP ended the command. |
 """
 
 EVERYWHERE = {"--json", "-q", "-v", "-h", "--help-all", "--settings", "--overwrite"}

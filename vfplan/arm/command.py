@@ -41,9 +41,10 @@ if TYPE_CHECKING:
     option("--base", **options.ARM_BASE,
            help="Base of the arm in the fixture's frame [m].  [default: 0,0,0]"),
     option("--tool", **options.ARM_TOOL, help="Tip of the arm in its flange's frame [m]."),
-    option("--no-governor", is_flag=True, help="Command the engine's force without a governor."),
+    option("--no-governor", is_flag=True,
+           help="Send the force of the engine to the arm without a governor."),
     option("--hand", "hand_n_per_m", type=Number("N_PER_M"), default="600",
-           help="Stiffness with which the hand pulls the tip to the session's place [N/m]."),
+           help="Stiffness of the hand that pulls the tip along the session [N/m]."),
     options.UNITS,
     option("--report", type=FILE, metavar="DIR",
            help="Write an HTML page with pictures into this folder."),
@@ -52,12 +53,11 @@ if TYPE_CHECKING:
     options.signature_options(),
 )  # fmt: skip
 def command(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
-    """Let SESSION's hand move a simulated arm that renders FIXTURE.h5 at its own rate.
+    """Let a hand move a simulated arm along SESSION, while the arm renders FIXTURE.h5.
 
-    The hand is a spring and damper that pull the tip to the place in the session. The report says
-    whether the arm reaches every place, and what would have stopped it, with tick, joint and place
-    along the curve. Exit 1 when it does not reach or would have stopped; the files are written
-    then too.
+    The hand is a spring with a damper. The report says whether the arm reaches every place, and
+    what would have stopped it, with tick, joint and place along the curve. The exit code is 1 if
+    the arm does not reach a place or would have stopped. The files are written all the same.
     """
     from vfplan.arm import Arm, rehearse
     from vfplan.arm.loop import ArmHand

@@ -18,7 +18,7 @@ from vfplan.cli.values import CSV, PNG, DecimalNumber
     options.SESSION,
     option("--radius", "radius_mm", type=DecimalNumber(0, min_open=True), metavar="MM",
            required=True,
-           help="Radius of the ball at the tip, below the fixture's contact radius [mm]."),
+           help="Radius of the ball at the tip [mm]. It is smaller than the contact radius."),
     output_option("Write the result of each tick to this HDF5 file.", required=False),
     option("--events-out", type=CSV, metavar="EVENTS.csv",
            help="Write the edits, for `vfplan replay --rule robust --events`."),
@@ -30,12 +30,12 @@ from vfplan.cli.values import CSV, PNG, DecimalNumber
 def command(
     fixture, session, radius_mm, output, events_out, picture_out, **arguments
 ) -> CommandResult:
-    """Let SESSION's hand burr FIXTURE.h5 with a ball at the tip.
+    """Let the hand of SESSION burr FIXTURE.h5 away with a ball at the tip.
 
-    Points within the ball around the HIP go, and deeper ones appear on the ball: a hand that
-    presses beyond the margin, contact radius less the ball's, removes what it presses on. The
-    session is then replayed with these edits. This demonstrates editing under the hand: the
-    removal is a ball's, not a bone's.
+    The ball removes the points within it, and new points appear on its surface. The ball is smaller
+    than the contact radius, so the hand has to press in by the difference first. The command then
+    replays the session with these edits. It demonstrates editing under the hand, and does not
+    simulate bone.
     """
     from vfplan.bundle import read_fixture
     from vfplan.burr.burr import burr

@@ -26,20 +26,21 @@ from vfplan.errors import SettingError
 @click.argument("sessions", type=FILE, nargs=-1, metavar="[SESSION...]")
 @options_in_order(
     option("-o", "--output", "folder", type=FILE, required=True, metavar="DIR",
-           help="Keep the trials in this folder; a later call continues there."),
+           help="Keep the trials in this folder. The same command continues there."),
     option("--trials", type=WholeNumber(1), metavar="N", default=1000,
-           help="Number of trials, which are made in whole blocks of 64."),
+           help="Number of trials. They are made in blocks of 64."),
     # A block's file holds whole numbers of 64 bits with a sign.
     option("--seed", type=WholeNumber(0, 2**63 - 1), metavar="N", default=0,
-           help="Seed of the random numbers; the workers change nothing."),
+           help="Seed of the random numbers."),
     option("--fle-image", "fle_image_px", type=DecimalNumber(0), default=0, metavar="PX",
-           help="RMS error of the pixel of a marker [px]."),
+           help="RMS error of a marker that is picked in the image [px]."),
     option("--fle-robot", "fle_robot_m", type=MM_OR_ZERO,
-           help="RMS error of a touched marker [mm].  [default: from FIXTURE's residuals]"),
+           help="RMS error of a marker that the robot touches [mm].  [default: from the residuals "
+           "of FIXTURE]"),
     option("--tremor", "tremor_m", type=MM_OR_ZERO, default="0",
            help="RMS of the hand's tremor, 8 to 12 Hz [mm]."),
     option("--stiffness-range", type=Numbers(2, metavar="A,B"),
-           help="Draw K evenly from A to B [N/m].  [default: FIXTURE's]"),
+           help="Draw the stiffness K evenly from A to B [N/m].  [default: that of FIXTURE]"),
     option("--hand", "hand_stiffness", type=DecimalNumber(0, min_open=True), default=500.0,
            metavar="N_PER_M", help="Stiffness of the hand that follows the session [N/m]."),
     option("--beyond", type=Numbers(*range(1, MAX_LISTED + 1), metavar="MM[,MM...]",
@@ -61,10 +62,10 @@ def command(
 ) -> CommandResult:  # fmt: skip
     """Simulate the plan many times, each with other errors, and report how far the tool enters.
 
-    A trial draws errors of the markers and of the curve, registers anew, and renders that fixture
-    to a hand that moves as in SESSION. Without a SESSION the hand moves along both sides of the
-    curve, 5 mm past contact at 5 cm/s; only a SESSION tests the ends of an open curve. The
-    reported margin goes into a plan by `vfplan plan --campaign DIR --margin p=0.01`.
+    Each trial draws errors of the markers and of the curve, registers again, and renders the
+    fixture to a hand that moves as in SESSION. Without a SESSION the hand presses along both sides
+    of the curve, 5 mm deep at 5 cm/s. Only a SESSION tests the ends of an open curve. To use the
+    reported margin: `vfplan plan ... --campaign DIR --margin p=0.01`.
     """
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other. Give one")

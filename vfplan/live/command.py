@@ -22,21 +22,22 @@ from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
 @options_in_order(
     option("--openigtlink", type=WholeNumber(0, 65535), metavar="PORT",
-           help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free)."),
+           help="Serve OpenIGTLink on 127.0.0.1 at this port. 18944 is usual; 0 takes a free one."),
     option("--web", type=WholeNumber(0, 65535), metavar="PORT",
-           help="Serve a page to watch on 127.0.0.1 at this port (8080, say; 0: any free)."),
-    option("--mcap", type=OutputFile(".mcap"), metavar="FILE", help="Keep every tick."),
+           help="Serve a page to watch on 127.0.0.1 at this port, e.g. 8080; 0 takes a free one."),
+    option("--mcap", type=OutputFile(".mcap"), metavar="FILE",
+           help="Record every tick in this file."),
     option("--rate", type=DecimalNumber(1, 1000), default=100.0, metavar="HZ",
-           help="How many ticks a second are shown."),
+           help="Show this many ticks a second."),
     option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
-           help="Stop after so long; without it at the result's end, or on Ctrl-C."),
+           help="Stop after this time [s].  [default: at the end of the result, or on Ctrl-C]"),
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip
 def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandResult:
-    """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
+    """Show the ticks of a controller, or of a result of `vfplan replay -o` at its own pace.
 
-    A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in
-    order: the MCAP file is finished and kept.
+    A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. After Ctrl-C the MCAP file is
+    complete.
     """
     if openigtlink is None and web is None and mcap is None:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")

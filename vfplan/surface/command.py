@@ -24,21 +24,24 @@ from vfplan.cli.values import MM, MM_OR_ZERO, PNG
 @command("surface")
 @click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
 @options_in_order(
-    output_option("The surface's bundle, in patient_lps."),
-    option("--structure", metavar="NAME|N", help="Which of several structures, by name or number."),
+    output_option("Write the surface to this bundle, in patient_lps."),
+    option("--structure", metavar="NAME|N", help="Take this structure if there are several."),
     option("--tolerance", "tolerance_m", type=MM, default="0.1",
-           help="How far the rendered surface may lie from the outlines'."),
+           help="Allow the rendered surface to lie this far from the outlines [mm]."),
     option("--keep-open", is_flag=True,
-           help="Leave the ends open.  [default: flat caps half a slice beyond]"),
+           help="Leave the ends open.  [default: flat caps half a slice beyond the last outlines]"),
     option("--max-spacing", "max_spacing_m", type=MM,
-           help="Interpolate across slices this far apart.  [default: 1.5 times the usual]"),
-    option("--colour", **COLOUR, help="The pen's colour, on drawn slices."),
-    option("--stiffness", type=STIFFNESS, default="1000", help="K along the axes of the frame."),
-    option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
+           help="Interpolate between slices that are this far apart [mm].  [default: 1.5 times "
+           "the usual distance]"),
+    option("--colour", **COLOUR, help="Colour of the planning pen, on drawn slices."),
+    option("--stiffness", type=STIFFNESS, default="1000",
+           help="Stiffness K [N/m]: one number, or one for each axis."),
+    option("--contact-radius", type=MM, default="5",
+           help="Distance that the tool keeps from the surface [mm]."),
     option("--point-radius", type=MM_OR_ZERO, default="0",
-           help="Radius r_v of each point."),
+           help="Radius of each point, added to the contact radius [mm]."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write the surface with the outlines, and three slices of it."),
+           help="Write a picture of the surface with the outlines, and three slices of it."),
 )  # fmt: skip
 def command(sources, output, picture_out, **options) -> CommandResult:
     """Make a surface through the outlines of one structure in SOURCES.
