@@ -39,6 +39,18 @@ def test_a_compiler_told_that_there_is_no_nan_is_refused(flag, tmp_path):
     assert "a NaN would become a force" in says
 
 
+@pytest.mark.parametrize("header", ["engine", "guide", "moving", "telemetry", "bundle/fixture"])
+def test_an_older_standard_is_told_what_to_give_and_nothing_else(header, tmp_path):
+    (tmp_path / "main.cpp").write_text(f'#include "vfplan/{header}.hpp"\n')
+    words = [need_program("g++", "g++"), "-std=c++14", f"-I{INCLUDE}", "-fsyntax-only"]
+    words.append(tmp_path / "main.cpp")
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    first, *more = [line for line in done.stderr.splitlines() if "error: " in line]
+    assert "needs C++20: compile with -std=c++20" in first
+    assert len(more) == 1  # the file that is not there
+
+
 def test_a_compiler_without_vector_extensions_is_told_what_works(tmp_path):
     program, says = compiled(tmp_path, "-U__GNUC__")
     assert program is None

@@ -26,7 +26,7 @@ STEPS = 16
 def certificate(content: Content) -> Content:
     """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`.
 
-    What every reader computes again comes from the reader in C++ (vfplan/bundle/checks.hpp).
+    What every reader computes again comes from the reader in C++ (vfplan/bundle/leak.hpp).
     """
     points = Across(content)
     corners = content["/points"]

@@ -166,15 +166,15 @@ class Governor {
         double largest = 1;
 
         bool is_empty() const noexcept { return !(smallest <= largest); }
-        /// Keeps the shares s with |value + s rate| <= limit.
-        void keep(double value, double rate, double limit) noexcept {
+        /// Keeps the shares s with |value + s change| <= limit.
+        void keep(double value, double change, double limit) noexcept {
             if (limit == GovernorLimits::none) return;
-            if (rate == 0) {
+            if (change == 0) {
                 if (std::abs(value) > limit) largest = -1;
                 return;
             }
-            const double a = (-limit - value) / rate;
-            const double b = (limit - value) / rate;
+            const double a = (-limit - value) / change;
+            const double b = (limit - value) / change;
             smallest = std::max(smallest, std::min(a, b));
             largest = std::min(largest, std::max(a, b));
         }
@@ -243,9 +243,10 @@ class Governor {
         Shares shares{0, force_share};
         for (int j = 0; j < jacobian.joints; ++j) {
             const double torque = jacobian.torque(j, force_);
-            const double rate = jacobian.torque(j, change);
-            shares.keep(torque - torque_[j], rate, below * limits_.torque_step[j]);  // (G2)
-            shares.keep(torque, rate, nearly * limits_.torque_max[j]);               // (G3)
+            const double torque_change = jacobian.torque(j, change);
+            shares.keep(torque - torque_[j], torque_change,
+                        below * limits_.torque_step[j]);                         // (G2)
+            shares.keep(torque, torque_change, nearly * limits_.torque_max[j]);  // (G3)
         }
         if (shares.is_empty()) {
             force_ = force_ + force_share * change;

@@ -1,16 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Vectors of two or three coordinates, boxes, the plane across an ignored axis, and what the engine
-// asks of a compiler, said where it fails.
+// Vectors of two or three coordinates, boxes, the plane across an ignored axis, and how a value
+// outside its range is refused.
 #pragma once
-
-#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error \
-    "vfplan: built with -ffast-math or -ffinite-math-only, a NaN would become a force: leave them out"
-#endif
-#if !defined(__GNUC__)
-#error "vfplan: needs vector extensions: build with g++, clang or MinGW"
-#endif
 
 #include <algorithm>
 #include <cmath>
@@ -19,6 +11,8 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+
+#include "vfplan/base/compiler.hpp"
 
 namespace vfplan {
 

@@ -22,6 +22,8 @@
 #include <utility>
 #include <vector>
 
+#include "vfplan/base/compiler.hpp"
+
 namespace vfplan::bundle {
 
 // Small checks on text, and numbers as text, whatever the program's locale is.

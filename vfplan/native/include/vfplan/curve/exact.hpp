@@ -1,11 +1,33 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Rule `exact` for lines and arcs, not for samples of them. The positions R away from a line or an
-// arc are again lines and arcs, so the proxy is a point among them: it moves freely until it meets
-// one, and then slides along it until it is nearest to the HIP, sees it, comes to the end of the
-// piece, or meets another one. Each of these ends is the root of a quadratic, and each iteration
-// brings the proxy nearer to the HIP. The numbers in brackets are the equations of docs/exact.md.
-// GuardedRule (rules/rule.hpp) checks where the proxy has come to.
+// Rule `exact` for lines and arcs, not for samples of them. The hand moves the HIP, and the proxy
+// follows it in the plane of the curve as far as the curve lets it. The numbers in brackets, as
+// (E1), are the equations of docs/exact.md.
+//
+//     R         distance from the curve at which the proxy rests on it [m]
+//     b         the band, 1e-7 R for most curves: roundings may let the proxy sink by it [m]
+//     piece     a line, or an arc of a quarter circle at most
+//     feature   what the proxy can touch: the SIDE of a piece, which is the piece without its two
+//               ends, or a JOINT, which is the end of one piece or the place where two meet. The
+//               normals at the ends of a piece part the places that face its side from those that
+//               face a joint
+//     d, G(y)   distance of the place y from a feature, and a quadratic of the coordinates that
+//               tells whether d is less than R. Of a side, d is above 0 to the right of a line and
+//               outside of an arc, and G = d + kappa d^2 / 2 with the arc's curvature kappa; of a
+//               joint G = d^2 / 2. A feature forbids the places with lower < G < upper (E5)
+//     path      a line or a circle that starts at the proxy. Its parameter t is the length on a
+//               line, and a little more than that on a circle (E1)
+//
+// The positions R away from a line or an arc are again lines and arcs. So the proxy moves freely
+// until it meets a feature, and then slides along a path of one curvature. That path ends where the
+// proxy is nearest to the HIP (E2), has it in sight (E3), comes to the end of the feature (E4), or
+// meets another one (E5). Each of these places is the root of a quadratic. A path is taken only if
+// it brings the proxy nearer to the HIP (E6).
+//
+// Feature, ArcPath and these equations stand in curve/offset.hpp. A feature *faces* the places
+// between the normals at its ends, and its distance from any other place counts as infinite.
+// GuardedRule (rules/rule.hpp) begins a tick with a proxy that is outside, and undoes it where it
+// would end inside.
 #pragma once
 
 #include <algorithm>
@@ -26,19 +48,22 @@
 
 namespace vfplan::curve {
 
-/// No feature of a curve.
+/// Stands for the number of a feature where there is none.
 inline constexpr int none = -1;
 
-/// A length without bound; `never` (offset.hpp) is the parameter of a place that no path reaches.
+/// A length without bound. `never` of offset.hpp, the same number, is the parameter t of a place
+/// that a path does not reach.
 inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
-/// A curve of lines and arcs in the plane: its features in drawing order, under a tree of boxes.
+/// A curve of lines and arcs in a plane: its features in drawing order, and a tree of boxes around
+/// them that finds those near a place.
 class Curve {
   public:
     Curve() = default;
 
-    /// `plane`: in which the curve lies. `level`: R of the proxy that is to go round the curve [m].
-    Curve(const std::vector<Stroke>& strokes, const Slice& plane, double level) : level_(level) {
+    /// `strokes`: lines and arcs from vertex to vertex, in space. `plane`: the plane across which
+    /// they are infinite. `radius`: R of the proxy that is to go round the curve [m].
+    Curve(const std::vector<Stroke>& strokes, const Slice& plane, double radius) : R_(radius) {
         for (const Stroke& stroke : strokes) {
             std::vector<Vec2> corners(stroke.bulges.size());
             for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -66,19 +91,20 @@ class Curve {
         return features_[static_cast<std::size_t>(i)];
     }
     std::size_t size() const noexcept { return features_.size(); }
+    /// Of the tree.
     std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
         return features_.capacity() * sizeof(Feature) + tree_.bytes();
     }
 
-    /// Calls f(i) for every feature whose box meets what `is_near(box)` says of boxes, and for some
-    /// more.
+    /// Calls f(i) for every feature in a box for which `is_near(box)` holds, and for some more.
     template <class IsNear, class F>
     void visit(IsNear&& is_near, F&& f) const noexcept {
         spend(tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
     }
-    /// Counts inner steps, each of which takes CurveRule::a_step. BoundsTree::visit says what a
-    /// look at the tree costs, and every other cost stands where it is spent.
+    /// Counts inner steps, the units in which the work of a tick is measured: each takes the time
+    /// CurveRule::a_step. What a look at the tree costs is returned by BoundsTree::visit, and every
+    /// other cost stands where it is spent.
     void spend(int steps) const noexcept { steps_ += static_cast<std::size_t>(steps); }
     /// The inner steps of all ticks so far.
     std::size_t steps() const noexcept { return steps_; }
@@ -109,6 +135,7 @@ class Curve {
     }
 
   private:
+    /// Adds the features of a stroke. Each knows the number of the feature before and behind it.
     void add(const std::vector<Vec2>& corners, const Stroke& stroke) {
         const std::size_t n = corners.size();
         std::vector<PlanarPiece> pieces;
@@ -140,34 +167,35 @@ class Curve {
         features_.push_back(joint(pieces.back().b));
         features_.back().ends[0] = end_of(pieces.back(), last_feature - 1);
     }
-    /// The end of a joint towards the piece that comes before it.
+    /// The end of a joint towards the piece before it: there that piece's side takes over.
     static EndNormal end_of(const PlanarPiece& piece, int feature) noexcept {
         return {piece.b, -1.0 * piece.end_tangent, feature};
     }
 
-    /// A joint forbids what lies below the level R^2 / 2, for there G = d^2 / 2. (offset.hpp, E5)
+    /// A joint forbids G < R^2 / 2, which is d < R. (E5)
     Feature joint(const Vec2& at) const noexcept {
         Feature f;
         f.base = at;
         f.box = {at, at};
         f.kappa = 1;
-        f.upper = level_ * level_ / 2;
-        f.upper_slope = level_;
+        f.upper = R_ * R_ / 2;
+        f.upper_slope = R_;
         for (EndNormal& end : f.ends) end.at = at;
         return f;
     }
-    /// A side forbids what lies between the levels of G at d = R and at d = -R. (offset.hpp, E5) An
-    /// arc of radius R or less leaves no room in its hollow, which is then forbidden as a whole.
+    /// A side forbids what lies between the values of G at d = -R and at d = R (E5). An arc of
+    /// radius R or less leaves no room in its hollow, which is then forbidden as a whole: `lower`
+    /// stays at minus infinity. `before` and `behind` are the numbers of the joints at its ends.
     Feature side(const PlanarPiece& p, int before, int behind) const noexcept {
         Feature f;
         f.base = p.a;
         f.kappa = std::abs(p.kappa);
         f.n = (p.kappa < 0 ? -1.0 : 1.0) * left(p.start_tangent);
-        f.upper = level_ + f.kappa * level_ * level_ / 2;
-        f.upper_slope = 1 + f.kappa * level_;
-        if (f.kappa * level_ < 1) {
-            f.lower = -level_ + f.kappa * level_ * level_ / 2;
-            f.lower_slope = 1 - f.kappa * level_;
+        f.upper = R_ + f.kappa * R_ * R_ / 2;
+        f.upper_slope = 1 + f.kappa * R_;
+        if (f.kappa * R_ < 1) {
+            f.lower = -R_ + f.kappa * R_ * R_ / 2;
+            f.lower_slope = 1 - f.kappa * R_;
         }
         f.ends[0] = {p.a, -1.0 * p.start_tangent, before};
         f.ends[1] = {p.b, p.end_tangent, behind};
@@ -182,36 +210,40 @@ class Curve {
         return f;
     }
 
-    double level_ = 0;
+    double R_ = 0;  // of the proxy [m]
     std::vector<Feature> features_;
     BoundsTree<Box<2>> tree_;
     mutable std::size_t steps_ = 0;
 };
 
-/// What a path meets first.
+/// What a path meets first: where, and which feature.
+///
+/// A path that starts R from a feature, as along the one that the proxy slid along before, would
+/// meet it at once by a rounding. So it meets that feature only where it has sunk by the start
+/// slack, b / 1000 (constants.hpp). `is_touching` says that the path met its feature in this way.
 struct FeatureHit {
-    /// A path that starts at the height R and leads in under a slope of 1e-4 has sunk by the start
-    /// slack after so many slacks. One that is still flatter goes on.
+    /// Lengths of the start slack. A path that touches and leads in under a slope of 1e-4 has sunk
+    /// by one slack after 1e4 of them: it counts as blocked from its start. A flatter one goes on.
     static constexpr double slacks_to_sink = 1e4;
 
-    double t = never;  ///< the parameter of (E1), which is the length on a line [m]
-    int feature = none;
-    bool is_touching = false;  ///< the path started at the height R of the feature
+    double t = never;    ///< the parameter of the place, of (E1) [m]
+    int feature = none;  ///< its number
+    bool is_touching = false;
 
-    /// Whether the feature is met at the path's start already.
+    /// Whether the feature is met where the path starts already, so that the proxy cannot move.
     bool is_immediate(const RoundingLimits& limits) const noexcept {
         if (is_touching) return t < slacks_to_sink * limits.start_slack;
         return t < limits.start_slack;
     }
 };
 
-/// What of the curve lies near the proxy, and what of it a path meets first: a list of features
-/// that serves as long as the proxy stays about where it was gathered.
+/// What a path meets first, and how far the curve is. It keeps a list of the features around the
+/// proxy, which serves as long as the proxy stays about where the list was gathered.
 class FeatureQuery {
   public:
-    /// How far the proxy may go with one gathered list [R].
+    /// How far the proxy may go from where the list was gathered [R].
     static constexpr double skin = 0.2;
-    /// Inner steps of trying a path with a feature.
+    /// Inner steps that it takes to find where a path meets a feature.
     static constexpr int steps_a_try = 10;
 
     FeatureQuery(Curve curve, double radius, double band)
@@ -226,11 +258,12 @@ class FeatureQuery {
 
     const Curve& curve() const noexcept { return curve_; }
     const RoundingLimits& limits() const noexcept { return limits_; }
+    /// The list is gathered anew, for the proxy has been put elsewhere.
     void forget() noexcept { is_gathered_ = false; }
     std::size_t bytes() const noexcept { return list_.capacity() * sizeof list_[0]; }
 
-    /// What the path meets first up to the parameter `max_t` of (E1), except the feature `skip`. It
-    /// is looked at from near to far.
+    /// What the path meets first up to the parameter `max_t`, the feature `skip` left out. Looks at
+    /// a short part from the start, then at four times as much, and so on: most paths end soon.
     FeatureHit sweep(const ArcPath& path, double max_t, int skip) noexcept {
         for (double reach = skin * R_ / 2;; reach *= 4) {
             const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
@@ -238,7 +271,8 @@ class FeatureQuery {
         }
     }
 
-    /// Distance from the curve where that is less than about R, else some more [m].
+    /// Distance of x from the curve where that is at most R + 2 b; else some number above that, or
+    /// infinity [m].
     double distance(const Vec2& x) noexcept {
         gather(x, 0);
         spend_on_list();
@@ -248,6 +282,8 @@ class FeatureQuery {
     }
 
   private:
+    /// What the path meets first up to `max_t`: among the list, or among the boxes that it may pass
+    /// where it is too long for the list.
     FeatureHit first_hit(const ArcPath& path, double max_t, int skip) noexcept {
         FeatureHit hit;
         const auto try_feature = [&](int i) noexcept {
@@ -271,7 +307,8 @@ class FeatureQuery {
         }
         return hit;
     }
-    /// Whether the path up to `max_t` may come within R of a box. An arc gets no further from its
+    /// Whether the path up to `max_t` may come within R of a box. A line is cut with the box, one
+    /// axis after the other. Of a circle it is enough to know that it gets no further from its
     /// start than t.
     bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
         double from = 0;
@@ -292,12 +329,12 @@ class FeatureQuery {
         return from <= to;
     }
 
-    /// Makes the list serve a path from x up to the parameter `max_t`, which leads no further than
-    /// that from x; gathers it anew where it has to. False where the path is too long for a list.
+    /// Makes sure that the list holds all that a path from x up to `max_t` can meet, and gathers it
+    /// anew where it has to. False where the path is too long for a list.
     bool gather(const Vec2& x, double max_t) noexcept {
         if (is_gathered_ && norm(x - centre_) + max_t <= skin * R_) return true;
         if (!(max_t <= skin * R_ / 2)) return false;
-        // CurveRule::list_reach is how far this gathers.
+        // CurveRule::list_reach tells other code how far this gathers.
         list_.clear();
         centre_ = x;
         is_gathered_ = true;
@@ -316,13 +353,16 @@ class FeatureQuery {
     bool is_gathered_ = false;
 };
 
-/// Tangent of a feature towards the HIP.
+/// The direction along a feature that leads nearer to the HIP. `normal` leads from the feature to
+/// the proxy, and `to_hip` from the proxy to the HIP.
 inline Vec2 tangent_towards(const Vec2& normal, const Vec2& to_hip) noexcept {
     const Vec2 tangent = left(normal);
     return dot(tangent, to_hip) < 0 ? -1.0 * tangent : tangent;
 }
 
-/// What lies R from the feature of a contact: a line, or a circle, from x on. (E1)
+/// The path of a proxy at x that slides along the feature of a contact: what lies as far from the
+/// feature as x, a line or a circle, from x on in the direction `tangent`. A contact's curvature is
+/// above 0 where the path goes round the feature, below 0 in a hollow, and 0 beside a line. (E1)
 inline ArcPath offset_path(const Vec2& x, const Vec2& tangent,
                            const FeatureContact& contact) noexcept {
     ArcPath path(x, tangent, 0);
@@ -331,13 +371,15 @@ inline ArcPath offset_path(const Vec2& x, const Vec2& tangent,
     return path;
 }
 
-/// Whether a proxy fills a hollow arc, and is pushed from all its directions at once: what lies R
-/// from the arc is a circle with a radius below `full_hollow`.
+/// Whether the proxy fills the hollow of an arc as wide as itself, so that the arc pushes it from
+/// all its directions at once. What lies R from the arc, on its hollow side, is then a circle with
+/// a radius below `full_hollow`, b / 10: its places are too near to each other to be told apart.
 inline bool is_full_hollow(const FeatureContact& contact, const RoundingLimits& limits) noexcept {
     return -contact.curvature * limits.full_hollow > 1;
 }
 
-/// The features that hold a proxy where it stands.
+/// The features that touch the proxy where it stands, each of which may hold it from sliding along
+/// the others.
 struct HoldingFeatures {
     static constexpr int max_features = 6;
 
@@ -345,8 +387,9 @@ struct HoldingFeatures {
     FeatureContact contact[max_features];
     int count = 0;
 
-    /// Adds a feature; false where it is there already, or there are too many. A full hollow pushes
-    /// as much as its two ends do.
+    /// Adds a feature, with how it touches a proxy at x. False where it is there already, or there
+    /// are too many. A hollow that the proxy fills pushes as its two ends do, so these are added
+    /// instead.
     bool add(const FeatureQuery& query, int added, const Vec2& x) noexcept {
         for (int j = 0; j < count; ++j)
             if (feature[j] == added) return false;
@@ -363,8 +406,9 @@ struct HoldingFeatures {
         ++count;
         return true;
     }
-    /// The index of the feature along which a step leads nearer to the HIP and into none of the
-    /// others; of several, the one that was met last. `none` where all hold.
+    /// The index, into the two arrays, of the feature along which a step leads nearer to the HIP
+    /// and into none of the others. Of several it is the one that was met last. `none` where there
+    /// is no such feature.
     int open_towards(const Vec2& to_hip) const noexcept {
         for (int i = count - 1; i >= 0; --i) {
             const Vec2 tangent = tangent_towards(contact[i].normal, to_hip);
@@ -377,11 +421,14 @@ struct HoldingFeatures {
     }
 };
 
-/// What a start may be inside of: all that lies nearer to the curve than R.
+/// What a start may be inside of: all that lies nearer to the curve than R. WayOut
+/// (rules/start_inside.hpp) asks it for the way out.
 class InsideCurve {
   public:
     InsideCurve(const Curve& curve, double radius) noexcept : curve_(curve), R_(radius) {}
 
+    /// Unit vector from the nearest place of the curve to x; 0 where x lies on it, or further than
+    /// R.
     Vec2 from_nearest(const Vec2& x) const noexcept {
         const double reach = R_ * (1 + tuned::reach_margin);
         double nearest = reach;
@@ -394,6 +441,8 @@ class InsideCurve {
         });
         return away;
     }
+    /// Distance from y along the unit vector `direction` out of all features that y is inside of;
+    /// minus infinity where it is inside of none.
     double exit_distance(const Vec2& y, const Vec2& direction) const noexcept {
         const ArcPath path(y, direction, 0);
         double distance = -infinity;
@@ -409,16 +458,18 @@ class InsideCurve {
     double R_;
 };
 
-/// How the rule moves a proxy that is outside.
+/// How the rule moves a proxy that is outside. `move_to_hip` has the parts of a tick in their
+/// order.
 class CurveMotion {
   public:
     static constexpr int dimension = 2;
     /// A proxy at rest stays there as long as the HIP does not move, so a tick with an unmoved HIP
     /// gives the last answer again.
     static constexpr bool rest_is_final = true;
+    /// Iterations of a tick, each of which moves the proxy freely or along one feature.
     static constexpr int max_iterations = 32;
-    /// Inner steps of a turn of a slide.
-    static constexpr int steps_a_turn = 30;
+    /// Inner steps that a slide takes for each feature that it tries.
+    static constexpr int steps_a_slide = 30;
 
     CurveMotion(Curve curve, const Parameters& p)
         : query_(std::move(curve), p.R(), p.band),
@@ -426,83 +477,101 @@ class CurveMotion {
           band_(p.band),
           neighbourhood_(p.outer_radius + p.point_radius) {}
 
+    // What GuardedRule asks every motion for.
+
     const Curve& curve() const noexcept { return query_.curve(); }
     const FeatureQuery& query() const noexcept { return query_; }
     InsideCurve inside() const noexcept { return {curve(), R_}; }
     void begin_tick() noexcept {}
+    /// The proxy is put elsewhere: it touches nothing that is known.
     void release() noexcept { current_ = none; }
     void reset() noexcept {
         query_.forget();
         release();
     }
-    /// The most that a motion takes, and not those of the last one: only the stall test asks for
-    /// them, and NoStall ignores what it is told.
+    /// Only a stall test asks for the iterations of the last motion, and this rule needs none: each
+    /// of its iterations brings the proxy nearer to the HIP (E6). NoStall ignores the number.
     int iterations() const noexcept { return max_iterations; }
 
+    /// Whether a proxy that may be anywhere is outside.
     bool is_clear(const Vec2& proxy) const noexcept {
         return curve().distance(proxy) >= R_ - band_;
     }
+    /// The same after a motion, from the list. The distance is kept for `contact`.
     bool is_outside(const Vec2& proxy) noexcept {
         distance_ = query_.distance(proxy);
         return distance_ >= R_ - band_;
     }
 
+    /// Moves the proxy towards the HIP.
     MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
         return move_to_hip(proxy, hip, nullptr);
     }
-    /// As `move`, but no further than to the edge of the ball. So the proxy moves while it is
-    /// handed over to the rule after a start inside, because the force may change only slowly. (W3)
+    /// As `move`, but no further than to the edge of the ball. The proxy moves so while it is
+    /// handed over to the rule after a start inside, because the force may change only slowly.
+    /// ((W3) of docs/robust.md)
     MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
         return move_to_hip(proxy, hip, &ball);
     }
 
+    /// Which state the proxy is in, and the direction in which the curve pushes it. GuardedRule has
+    /// asked `is_outside` for the same place just before.
     RuleAnswer<2> contact(const Vec2& proxy, const Vec2& hip) noexcept {
         RuleAnswer<2> answer;
         if (distance_ <= R_ + band_) {
             answer.state = State::in_contact;
-            if (current_ == none || end_ == SlideEnd::corner)
+            if (current_ == none || outcome_ == Outcome::corner)
                 answer.normal = along(proxy - hip, 1);
             else
                 answer.normal = curve()[current_].contact(proxy).normal;
         } else if (distance_ < neighbourhood_ || curve().distance(proxy) < neighbourhood_) {
-            // `distance_` is exact only near R, so a larger one is measured again.
+            // `distance_` is exact up to R + 2 b only, so a larger one is measured again.
             answer.state = State::free_motion;
         }
         return answer;
     }
 
   private:
-    /// How a part of the motion ended. After `goes_on` another part follows, free or along a
-    /// feature. After `blocked` the proxy slides along the feature at which it stands.
-    enum class SlideEnd { arrived, rest, corner, goes_on, blocked, force_ball, limit };
-    /// From feature to feature where the proxy stands.
-    static constexpr int max_turns = 12;
+    /// How a part of the motion ended.
+    enum class Outcome {
+        arrived,     ///< at the HIP
+        rests,       ///< on one feature, where nothing leads nearer to the HIP
+        corner,      ///< the same, held by several features
+        goes_on,     ///< another part follows, free or along a feature
+        blocked,     ///< by the feature at which the proxy stands: a slide along it follows
+        force_ball,  ///< at the edge of the ball that holds the proxy
+        limit        ///< out of iterations; the motion goes on in the next tick
+    };
+    /// Features that a slide tries where the proxy stands, one after the other.
+    static constexpr int max_features_tried = 12;
 
     double start_slack() const noexcept { return query_.limits().start_slack; }
 
     MotionEnd move_to_hip(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
-        end_ = slide_and_move_freely(proxy, hip, ball);
-        if (end_ == SlideEnd::limit) return MotionEnd::limit;
-        if (end_ == SlideEnd::force_ball) return MotionEnd::force_ball;
+        outcome_ = move_freely_and_slide(proxy, hip, ball);
+        if (outcome_ == Outcome::limit) return MotionEnd::limit;
+        if (outcome_ == Outcome::force_ball) return MotionEnd::force_ball;
         return MotionEnd::rests;
     }
 
-    /// Freely until something is met, then along it, and so on.
-    SlideEnd slide_and_move_freely(Vec2& proxy, const Vec2& hip,
-                                   const ForceBall<2>* ball) noexcept {
+    /// Freely until something is met, then along it, and so on. `ball`, where there is one, holds
+    /// the proxy.
+    /// Each turn of the loop is an iteration.
+    Outcome move_freely_and_slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         for (int i = 0; i < max_iterations; ++i) {
             const Vec2 to_hip = hip - proxy;
             const double length = norm(to_hip);
-            if (!(length > 0)) return SlideEnd::arrived;
-            SlideEnd end = SlideEnd::blocked;
-            if (!is_held(proxy, to_hip)) end = move_freely(proxy, hip, to_hip, length, ball);
-            if (end == SlideEnd::blocked) end = slide(proxy, hip, ball);
-            if (end != SlideEnd::goes_on) return end;
+            if (!(length > 0)) return Outcome::arrived;
+            Outcome outcome = Outcome::blocked;
+            if (!is_held(proxy, to_hip)) outcome = move_freely(proxy, hip, to_hip, length, ball);
+            if (outcome == Outcome::blocked) outcome = slide(proxy, hip, ball);
+            if (outcome != Outcome::goes_on) return outcome;
         }
-        return SlideEnd::limit;
+        return Outcome::limit;
     }
 
-    /// Whether the feature that the proxy slid along last is between it and the HIP.
+    /// Whether the feature that the proxy slid along last lies between it and the HIP, so that it
+    /// need not first try to move freely.
     bool is_held(const Vec2& proxy, const Vec2& to_hip) const noexcept {
         if (current_ == none || !curve()[current_].faces(proxy, start_slack())) return false;
         const FeatureContact contact = curve()[current_].contact(proxy);
@@ -511,66 +580,69 @@ class CurveMotion {
         return touches && dot(contact.normal, to_hip) < -rounding;
     }
 
-    /// Straight to the HIP, up to what lies in the way. (E5)
-    SlideEnd move_freely(Vec2& proxy, const Vec2& hip, const Vec2& to_hip, double length,
-                         const ForceBall<2>* ball) noexcept {
+    /// Straight to the HIP, up to the first feature in the way, which becomes the current one. (E5)
+    Outcome move_freely(Vec2& proxy, const Vec2& hip, const Vec2& to_hip, double length,
+                        const ForceBall<2>* ball) noexcept {
         const ArcPath path(proxy, (1 / length) * to_hip, 0);
         const FeatureHit hit = query_.sweep(path, length, none);
         if (ball) {
-            const double t = leaves(*ball, path);
+            const double t = exit_from(*ball, path);
             if (t < std::min(hit.t, length)) {
                 proxy = path.at(t);
                 current_ = none;
-                return SlideEnd::force_ball;
+                return Outcome::force_ball;
             }
         }
         current_ = hit.feature;
         if (hit.feature == none) {
             proxy = hip;
-            return SlideEnd::arrived;
+            return Outcome::arrived;
         }
-        if (hit.is_immediate(query_.limits())) return SlideEnd::blocked;
+        if (hit.is_immediate(query_.limits())) return Outcome::blocked;
         proxy = path.at(hit.t);
-        return SlideEnd::goes_on;
+        return Outcome::goes_on;
     }
 
-    /// Where a path along a feature ends, and the feature on which it goes on.
+    /// Where a path along a feature ends.
     struct PathEnd {
-        double t;
-        SlideEnd kind;
-        int next;
+        double t;         ///< its parameter there [m]
+        Outcome outcome;  ///< of a slide that goes as far
+        int next;         ///< the feature that the proxy touches there
     };
 
-    /// Along what holds the proxy. What lies R from a line is a line, from an arc or a joint a
-    /// circle (E1): so the proxy's path has one curvature, and it ends at the first of six places.
-    /// Four are roots of quadratics: nearest to the HIP (E2), in sight of the HIP (E3), at the end
-    /// of the feature (E4), and where the path meets another feature (E5). The fifth is a quarter
-    /// of the circle, for t measures no more than a half circle well. The sixth is the edge of the
-    /// ball, during a handover.
-    SlideEnd slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
+    /// Along the current feature, or another one that touches the proxy too. What lies R from a
+    /// line is a line, and from an arc or a joint it is a circle (E1). So the proxy's path has one
+    /// curvature, and it ends at the first of six places. Four are roots of quadratics: nearest to
+    /// the HIP (E2), in sight of the HIP (E3), at the end of the feature (E4), and where the path
+    /// meets another feature (E5). The fifth is a quarter of the circle, because t grows without
+    /// bound towards half of it. The sixth is the edge of the ball, where one holds the proxy.
+    Outcome slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         lift_to_R(proxy);
         const Vec2 to_hip = hip - proxy;
         HoldingFeatures holding;
         holding.add(query_, current_, proxy);
-        Vec2 last_tangent;
-        for (int turn = 0; turn < max_turns; ++turn) {
-            curve().spend(steps_a_turn);
-            // The one of them along which there is a path towards the HIP and into no other one.
+        Vec2 last_tangent;  // of the feature whose end the proxy stands at; 0 where at none
+        for (int tried = 0; tried < max_features_tried; ++tried) {
+            curve().spend(steps_a_slide);
+            // Along which of them does a path lead towards the HIP and into none of the others?
             const int i = holding.open_towards(to_hip);
-            if (i == none) return holding.count > 1 ? SlideEnd::corner : SlideEnd::rest;
+            if (i == none) return holding.count > 1 ? Outcome::corner : Outcome::rests;
             const int feature = holding.feature[i];
             const FeatureContact& contact = holding.contact[i];
             const Vec2 tangent = tangent_towards(contact.normal, to_hip);
-            if (dot(tangent, last_tangent) < 0) return SlideEnd::rest;  // a kink, from both sides
+            // The feature beyond an end leads back: along neither of the two does the proxy come
+            // nearer to the HIP.
+            if (dot(tangent, last_tangent) < 0) return Outcome::rests;
             const ArcPath path = offset_path(proxy, tangent, contact);  // (E1)
 
-            // Where the path ends if nothing else is met. (E2)-(E4)
+            // Where the path ends if it meets no other feature. (E2)-(E4)
             PathEnd end = end_of_path(path, to_hip, contact, feature);
             if (end.next != feature && end.t < start_slack()) {
-                // The proxy stands at the end of the feature already: it turns round the next one.
+                // The proxy stands at the end of this feature already: the one beyond takes its
+                // place, and is tried. A hollow that the proxy fills is added as its two ends.
                 const FeatureContact next = curve()[end.next].contact(proxy);
                 if (is_full_hollow(next, query_.limits())) {
-                    if (!holding.add(query_, end.next, proxy)) return SlideEnd::corner;
+                    if (!holding.add(query_, end.next, proxy)) return Outcome::corner;
                     last_tangent = {};
                 } else {
                     last_tangent = tangent;
@@ -580,47 +652,52 @@ class CurveMotion {
                 continue;
             }
 
-            // What else the path meets before. (E5)
+            // Whether the path meets another feature before that. One that blocks it at its start
+            // holds the proxy as well, and another feature is tried. (E5)
             const FeatureHit hit = query_.sweep(path, end.t, feature);
             if (hit.feature != none && hit.is_immediate(query_.limits())) {
-                if (!holding.add(query_, hit.feature, proxy)) return SlideEnd::corner;
+                if (!holding.add(query_, hit.feature, proxy)) return Outcome::corner;
                 last_tangent = {};
                 continue;
             }
-            if (hit.feature != none) end = {hit.t, SlideEnd::goes_on, hit.feature};
+            if (hit.feature != none) end = {hit.t, Outcome::goes_on, hit.feature};
             if (ball) {
-                const double t = leaves(*ball, path);
-                if (t < end.t) end = {t, SlideEnd::force_ball, feature};
+                const double t = exit_from(*ball, path);
+                if (t < end.t) end = {t, Outcome::force_ball, feature};
             }
 
             // Only a step that comes nearer to the HIP is taken. (E6)
             const Vec2 next = path.at(end.t);
-            if (!(norm(hip - next) < norm(to_hip))) return SlideEnd::rest;
+            if (!(norm(hip - next) < norm(to_hip))) return Outcome::rests;
             proxy = next;
             current_ = end.next;
-            return is_wedged(feature, hit, proxy, hip) ? SlideEnd::corner : end.kind;
+            return is_wedged(feature, hit, proxy, hip) ? Outcome::corner : end.outcome;
         }
-        return SlideEnd::rest;
+        // So many features were tried and none let the proxy move.
+        return Outcome::rests;
     }
 
+    /// Where a path along a feature ends if it meets no other one.
     PathEnd end_of_path(const ArcPath& path, const Vec2& to_hip, const FeatureContact& contact,
                         int feature) const noexcept {
-        PathEnd end{path.nearest(to_hip), SlideEnd::rest, feature};  // (E2)
+        PathEnd end{path.nearest(to_hip), Outcome::rests, feature};  // (E2)
         const auto end_sooner = [&](double t, int next) noexcept {
-            if (t < end.t) end = {t, SlideEnd::goes_on, next};
+            if (t < end.t) end = {t, Outcome::goes_on, next};
         };
+        // Round a bulge the HIP may be hidden by the bulge, and come into sight.
         if (contact.curvature > 0)
             end_sooner(path.in_sight(to_hip, contact.normal), feature);  // (E3)
-        end_sooner(path.quarter(), feature);  // t measures no more than a half circle well
-        for (const EndNormal& side : curve()[feature].ends)
-            end_sooner(side.passed_at(path), side.next);  // (E4)
+        end_sooner(path.quarter(), feature);
+        for (const EndNormal& feature_end : curve()[feature].ends)
+            end_sooner(feature_end.passed_at(path), feature_end.next);  // (E4)
         return end;
     }
 
-    /// Whether the proxy stands in a slight hollow kink, between a feature and one that the path
-    /// along it had sunk into: each holds it from sliding on the other. The two features of a gate
-    /// face each other, so that their normals are opposed. That is no wedge, for there the proxy
-    /// gets through by sinking a little.
+    /// Whether the proxy is wedged in a slight hollow kink. It has come there along `feature`, by a
+    /// path that touched the other feature of the kink from its start and sank into that slowly. In
+    /// the kink each of the two holds the proxy from sliding along the other one. In a gate as wide
+    /// as the proxy the two features face each other and have opposed normals. That is no wedge:
+    /// the proxy gets through by sinking a little.
     bool is_wedged(int feature, const FeatureHit& hit, const Vec2& proxy,
                    const Vec2& hip) const noexcept {
         if (!hit.is_touching || current_ != hit.feature) return false;
@@ -630,7 +707,8 @@ class CurveMotion {
                both.open_towards(hip - proxy) == none;
     }
 
-    /// Up to R again where roundings have let the proxy sink.
+    /// Lifts the proxy back to R from the current feature where roundings have let it sink by half
+    /// of the band.
     void lift_to_R(Vec2& proxy) noexcept {
         const FeatureContact contact = curve()[current_].contact(proxy);
         const double up = R_ - contact.distance;
@@ -640,8 +718,8 @@ class CurveMotion {
         if (!hit.is_immediate(query_.limits())) proxy = path.at(std::min(hit.t, up));
     }
 
-    /// Where the path comes out of the ball.
-    static double leaves(const ForceBall<2>& ball, const ArcPath& path) noexcept {
+    /// Where the path comes out of the ball, which holds its start.
+    static double exit_from(const ForceBall<2>& ball, const ArcPath& path) noexcept {
         const Vec2 w = path.x - ball.middle;
         const double inside = std::min((dot(w, w) - ball.radius * ball.radius) / 2, 0.0);
         return (-path.quadratic_along(inside, w, 1)).first_descent();
@@ -649,11 +727,12 @@ class CurveMotion {
 
     FeatureQuery query_;
     double R_, band_, neighbourhood_;
-    int current_ = none;  // the feature that the proxy slid along last
-    SlideEnd end_ = SlideEnd::arrived;
-    double distance_ = infinity;  // from the curve, where the proxy was checked last [m]
+    int current_ = none;                  // the feature that the proxy has met or slid along last
+    Outcome outcome_ = Outcome::arrived;  // of the last motion
+    double distance_ = infinity;          // from the curve, where the proxy was checked last [m]
 };
 
+/// The rule `exact` on lines and arcs: its motion, and around it the guarantees of GuardedRule.
 class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
   public:
     /// How far below R roundings may let the proxy sink [R].
@@ -666,7 +745,8 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     /// list reaches further by as much.
     static constexpr double list_reach = 1 + FeatureQuery::skin + 4 * roundings;
 
-    /// What roundings take [m], where the strokes lie far from the origin too.
+    /// The band b [m]: `roundings` R, or more where the strokes lie so far from the origin that
+    /// their coordinates are rounded to more.
     static double band(const Parameters& p, const std::vector<Stroke>& strokes) noexcept {
         double largest = 0;
         for (const Stroke& s : strokes)

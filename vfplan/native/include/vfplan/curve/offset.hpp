@@ -31,6 +31,7 @@
 
 namespace vfplan::curve {
 
+/// The parameter of a place that a path does not reach.
 inline constexpr double never = std::numeric_limits<double>::infinity();
 
 inline Vec2 left(const Vec2& v) noexcept { return {{-v[1], v[0]}}; }
@@ -82,8 +83,8 @@ struct ArcPath {
     /// A quarter of the circle: t measures no more than half of it well.
     double quarter() const noexcept { return q == 0 ? never : 1 / std::abs(q); }
 
-    /// kappa |y - base|^2 / 2 - n . (y - base) - level along the path, where its value at the start
-    /// is `value` and its gradient there is m. (E5)
+    /// G - c along the path, times 1 + q^2 t^2, for a constant c. `value` is G - c at the start of
+    /// the path, m the gradient of G there, and kappa that of G. (E5)
     Quadratic quadratic_along(double value, const Vec2& m, double kappa) const noexcept {
         return {q * (q * value + dot(m, N)) + kappa / 2, dot(m, T), value};
     }
@@ -106,12 +107,12 @@ struct ArcPath {
     }
 };
 
-/// The normal at an end of a feature: the feature lies on the one side of it, the next on the
-/// other.
+/// The normal at an end of a feature, as a line: the feature lies on the one side of it, the next
+/// feature on the other.
 struct EndNormal {
     Vec2 at;
     Vec2 outwards;  ///< unit vector out of the feature; 0 where the feature goes on for ever
-    int next = -1;  ///< the feature beyond
+    int next = -1;  ///< number of the feature beyond; -1 where there is none
 
     /// How far y lies beyond the end [m].
     double distance_beyond(const Vec2& y) const noexcept { return dot(y - at, outwards); }
@@ -134,8 +135,8 @@ struct FeatureContact {
 struct Feature {
     Vec2 base, n;
     double kappa = 0;
-    double upper = 0, lower = -never;         ///< levels of G between which the proxy must not be
-    double upper_slope = 0, lower_slope = 0;  ///< dG/dd at these levels
+    double upper = 0, lower = -never;         ///< values of G between which the proxy must not be
+    double upper_slope = 0, lower_slope = 0;  ///< dG/dd at these values
     EndNormal ends[2];
     Box<2> box;  ///< around the piece
 

@@ -23,9 +23,9 @@ namespace vfplan {
 /// One surface that touches the proxy.
 template <int D>
 struct SurfaceContact {
-    double distance = 0;  ///< of its nearest point [m]
-    Vec<D> nearest;       ///< unit vector from that point to the proxy
-    Vec<D> direction;     ///< unit mean of such vectors, the nearer the heavier
+    double nearest_distance = 0;  ///< of its nearest point [m]
+    Vec<D> nearest_direction;     ///< unit vector from that point to the proxy
+    Vec<D> mean_direction;  ///< unit mean of such vectors over its points, the nearer the heavier
 };
 
 /// Sorts the points that touch the proxy into surfaces. (R1)
@@ -86,21 +86,23 @@ class ContactGroups {
                     ungrouped[j] = ungrouped[--left];
                 }
             }
-            const double length = norm(group.direction);
-            group.direction = length > 0 ? (1 / length) * group.direction : group.nearest;
+            const double length = norm(group.mean_direction);
+            group.mean_direction =
+                length > 0 ? (1 / length) * group.mean_direction : group.nearest_direction;
         }
         count_ = std::min(groups, max_groups);
-        std::partial_sort(all, all + count_, all + groups,
-                          [](const auto& a, const auto& b) { return a.distance < b.distance; });
+        std::partial_sort(all, all + count_, all + groups, [](const auto& a, const auto& b) {
+            return a.nearest_distance < b.nearest_distance;
+        });
         std::copy(all, all + count_, contact_);
     }
 
   private:
     static void include(SurfaceContact<D>& whole, const SurfaceContact<D>& part) noexcept {
-        whole.direction = whole.direction + part.direction;
-        if (part.distance < whole.distance) {
-            whole.distance = part.distance;
-            whole.nearest = part.nearest;
+        whole.mean_direction = whole.mean_direction + part.mean_direction;
+        if (part.nearest_distance < whole.nearest_distance) {
+            whole.nearest_distance = part.nearest_distance;
+            whole.nearest_direction = part.nearest_direction;
         }
     }
     /// A kept direction of the surface that this one belongs to, or else the nearest.
@@ -119,7 +121,7 @@ class ContactGroups {
 
     double touch_radius_, same_surface_;
     Vec<D> direction_[max_directions];
-    SurfaceContact<D> part_[max_directions];  // their `direction` is a sum, not of unit length
+    SurfaceContact<D> part_[max_directions];  // their `mean_direction` is a sum, not of unit length
     SurfaceContact<D> contact_[max_groups];
     int direction_count_ = 0;
     int count_ = 0;
@@ -349,21 +351,22 @@ class ContactSurfaces {
                        0.0, 1.0);
 
         ContactPlane<D> plane;
-        plane.normal = limit_tilt(fit.normal, contact.direction, surrounded * max_tilt_);
+        plane.normal = limit_tilt(fit.normal, contact.mean_direction, surrounded * max_tilt_);
         remember_curvature(window, fit, surrounded, plane.normal == fit.normal);
-        plane.lift = std::clamp(R_ - contact.distance * dot(contact.nearest, plane.normal),
-                                -max_lift_, max_lift_);
+        plane.lift =
+            std::clamp(R_ - contact.nearest_distance * dot(contact.nearest_direction, plane.normal),
+                       -max_lift_, max_lift_);
         return plane;
     }
 
     FitWindow<D> fit_window(const Vec<D>& proxy, const SurfaceContact<D>& contact) const noexcept {
         FitWindow<D> window;
         window.at = proxy;
-        window.up = contact.direction;
+        window.up = contact.mean_direction;
         tangent_frame(window.up, window.side);
-        window.height = contact.distance;
+        window.height = contact.nearest_distance;
         window.scale = 1 / fit_radius_;
-        window.inner2 = contact.distance * contact.distance;
+        window.inner2 = contact.nearest_distance * contact.nearest_distance;
         window.outer2 = window.inner2 + fit_radius_ * fit_radius_;
         window.cosine2 = R_ * R_ / (R_ * R_ + 2 * fit_radius_ * fit_radius_);
         return window;

@@ -1,14 +1,32 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The default rule. The proxy never enters a sphere of radius R - band around a point, slides on
-// the surfaces that the points sample, is held by every wall of a corner, and lets go. The numbers
-// in brackets are the equations of docs/robust.md.
+// The default rule, for a cloud of points. The hand moves the HIP, and the proxy follows it as far
+// as the cloud lets it: the force on the hand is that of a spring from the HIP to the proxy. The
+// numbers in brackets, as (R3), are the equations of docs/robust.md.
+//
+//     x, h   proxy and HIP [m]; u = h - x leads from the proxy to the HIP
+//     R      distance from a point at which the proxy rests on it: contact radius + point radius
+//     b      the band [m]: the proxy may sink to R - b from a point, never further
+//     g      sqrt(b / R): about the slope that points have against each other on a flat sheet whose
+//            dimples, between the points, are as deep as the band
+//     lift   of a plane: how far the proxy has to go along the plane's normal to stand R above the
+//            nearest point of its surface [m]; below 0 where it stands higher and may sink (R2)
 //
 // A tick first tries the straight path to the HIP. Where something is in the way, it iterates. Each
-// iteration finds the surfaces that TOUCH the proxy, chooses the STEP towards the HIP that keeps to
-// all of them, SWEEPS along it until the sphere of a point is met, and ACCEPTS what brings the
-// proxy nearer, or on one surface a bounded lift. GuardedRule (rules/rule.hpp) then checks where
-// the proxy has come to.
+// iteration has four parts:
+//
+//     touch    finds the surfaces within R + 2 b of the proxy, and a plane for each (R1, R2)
+//     step     chooses the step nearest to u that goes along each plane by its lift (R3, R4)
+//     sweep    goes along the step until it meets the sphere around a point (R5)
+//     accept   keeps the new place if it is nearer to the HIP. A lift from one surface may take the
+//              proxy away from the HIP, by the band at most (R6)
+//
+// A tick ends at the HIP, at rest where no step is left, or out of iterations. GuardedRule
+// (rules/rule.hpp) begins it with a proxy that is outside, and undoes it where it would end inside.
+// StallTest, in the same file, gives the goal of each tick. That is the HIP itself, unless the
+// proxy is *stalled*: the HIP rests, and lifts and slides would move the proxy to and fro for ever.
+// Then the goal is the anchor, a place within b of the HIP that stays where it is, and each
+// iteration has to bring the proxy nearer to it (R7).
 #pragma once
 
 #include <algorithm>
@@ -27,16 +45,18 @@
 
 namespace vfplan {
 
-/// What stops a sweep: spheres of radius `outer` that are met steeply, and spheres of radius
-/// `inner` that are grazed. (R5)
+/// The spheres around points at which a sweep ends. One that the path meets steeply ends it at the
+/// radius `outer`. One that the path grazes, as it does those of the surface that the proxy slides
+/// on, ends it only at the radius `inner`. (R5)
 struct SweepRadii {
     double outer, inner;  ///< [m]
-    double steep;  ///< sine of the angle between path and sphere above which a meeting is steep
+    double steep;  ///< sine of the angle between path and sphere above which a meeting is steep; 0:
+                   ///< every meeting is
 };
 
 struct SweepResult {
-    double length;                 ///< of the free part of the path [m]
-    bool is_out_of_parts = false;  ///< the path is longer than a tick may look at
+    double length;              ///< of the free part of the path [m]
+    bool is_cut_short = false;  ///< the tick may look no further, so more of the path may be free
 };
 
 /// How far the proxy gets along a straight path before it meets the sphere of a point. It is exact
@@ -44,7 +64,8 @@ struct SweepResult {
 template <int D>
 class Sweep {
   public:
-    /// A long path is looked at in parts of length R; this many of all paths of a tick.
+    /// A path longer than R is looked at in parts of length R. All long paths of a tick together
+    /// have this many parts.
     static constexpr int max_parts = 128;
 
     Sweep(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
@@ -52,12 +73,13 @@ class Sweep {
     void begin_tick() noexcept { parts_left_ = max_parts; }
 
     /// How much of the path of this length from x along the unit vector `direction` is free.
-    SweepResult operator()(Neighbours<D>& neighbours, const Vec<D>& x, const Vec<D>& direction,
-                           double length, const SweepRadii& radii) noexcept {
+    SweepResult free_part(Neighbours<D>& neighbours, const Vec<D>& x, const Vec<D>& direction,
+                          double length, const SweepRadii& radii) noexcept {
         const double steep = radii.steep * radii.outer;
         Ray<D> ray{x, direction, radii.outer * radii.outer, radii.inner * radii.inner,
                    steep * steep};
         if (length <= R_) return {std::min(length, first_hit(neighbours, ray, length))};
+        // Only what lies within R of the cloud's box can meet anything: from `from` to `to`.
         double from, to;
         if (!neighbours.index().box().clip(x, direction, length, R_, from, to)) return {length};
         while (parts_left_ > 0) {
@@ -73,8 +95,9 @@ class Sweep {
     }
 
   private:
-    /// The list around the proxy serves a short path; the points beside a long one are looked up
-    /// around its middle.
+    /// How far the ray gets before it meets a sphere; infinity where it meets none within `length`.
+    /// A short path looks through the list of points around the proxy, which is at hand. A long one
+    /// looks up the points around its middle.
     double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
         double hit = std::numeric_limits<double>::infinity();
         const auto include = [&](const PointSpan<D>& points) noexcept {
@@ -96,13 +119,19 @@ class Sweep {
     int parts_left_ = max_parts;
 };
 
-/// How the rule moves a proxy that is outside.
+/// How the rule moves a proxy that is outside: the four parts of an iteration stand in `iterate`.
+///
+/// `Thinned` is the cloud without points that can never be felt. Leaving them out lets the proxy
+/// sink a little deeper, and `lent` is how much of the band that takes [m] (cloud/density.hpp).
+/// `Neighbours` keeps a list of the points around the proxy (cloud/grid.hpp), and `Kernels` has the
+/// loops over points (cloud/kernels.hpp). `PlannedPath` records the corners of the way when a way
+/// out of a start inside has just ended, and records nothing otherwise (rules/start_inside.hpp).
 template <int D>
 class RobustMotion {
   public:
     static constexpr int dimension = D;
-    /// A proxy at rest may move on under a HIP that stays where it is, until it is stalled, so a
-    /// tick with an unmoved HIP is computed again.
+    /// A proxy that a tick left at rest may move on in the next tick although the HIP has not
+    /// moved, until it is stalled. So a tick with an unmoved HIP is computed again.
     static constexpr bool rest_is_final = false;
 
     RobustMotion(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
@@ -116,40 +145,45 @@ class RobustMotion {
               std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
           free_radii_{R_, inner_radius(thinned, p), 0},
           surfaces_(kernels, R_, p.band),
+          // The three lengths are how far the list of points reaches, how far the proxy may go
+          // before it is gathered anew, and the side of a cell of the grid [m].
           neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
                       2 * tuned::list_margin * R_, p.search, kernels),
           sweep_(kernels, R_) {}
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
     InsideCloud<D> inside() const noexcept { return {neighbours_.index(), kernels_, R_}; }
+    /// GuardedRule asks every motion for the next three. This one has nothing to do before a tick
+    /// or when the proxy is put elsewhere: what it keeps, it keeps with the place it was found for.
     void begin_tick() noexcept {}
     void release() noexcept {}
     void reset() noexcept { forget(); }
-    /// What is known of the surroundings may be wrong by now.
+    /// A point came or went near the proxy: what is known of its surroundings is found anew.
     void forget() noexcept {
         neighbours_.forget();
         surfaces_.forget();
     }
+    /// Of the last motion.
     int iterations() const noexcept { return iterations_; }
 
     /// Asked before a motion, as `is_outside` is after one. Among points both are one test.
     bool is_clear(const Vec<D>& proxy) noexcept { return is_outside(proxy); }
-    /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud. (R6) Keeps
-    /// the distance that it measures for `contact`.
+    /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud (R6). The
+    /// distance that it measures is kept for `contact`.
     bool is_outside(const Vec<D>& proxy) noexcept {
         nearest2_ = nearest2(proxy, surfaces_.touch_radius());
         return nearest2_ >= safe2_;
     }
 
-    /// Towards the HIP: straight, or by iterations until the proxy has arrived, rests, or has none
-    /// left.
+    /// Moves the proxy towards the HIP: straight, or by iterations until it has arrived, rests, or
+    /// the tick has none left.
     MotionEnd move(Vec<D>& proxy, const Vec<D>& hip, StallTest<D>& stall,
                    PlannedPath<D>& path) noexcept {
         const double distance = norm(hip - proxy);
-        // |proxy - HIP| never grows by more than the band in a tick: a longer lift is refused and
-        // tried again in the next tick.
+        // |proxy - HIP| never grows by more than the band in a tick, less a margin for roundings. A
+        // longer lift is refused, and tried again in the next tick.
         distance_limit_ = distance + p_.band * (1 - tuned::gain_margin);
-        is_path_too_long_ = false;
+        is_sweep_cut_short_ = false;
         iterations_ = 0;
         sweep_.begin_tick();
         if (try_straight_path(proxy, hip, distance, path)) {
@@ -157,30 +191,29 @@ class RobustMotion {
             return MotionEnd::rests;
         }
 
-        // A path that is planned whole in one tick counts as 32 ticks of rest. PlannedPath stands
-        // in rules/start_inside.hpp.
+        // A tick that records its path plans the whole way at once. With a HIP that does not move
+        // it counts as the 32 ticks that stall the proxy, so that the way comes to an end.
         const int ticks = path.is_recording() ? tuned::ticks_to_stall : 1;
         const Vec<D>& goal = stall.goal(hip, distance, ticks);
-        lift_first_ = false;
-        for (; iterations_ < p_.max_iterations && !is_path_too_long_; ++iterations_) {
+        is_lift_due_ = false;
+        while (iterations_ < p_.max_iterations && !is_sweep_cut_short_) {
             const Iteration done = iterate(proxy, goal, stall, path);
-            if (done == Iteration::rests && !is_path_too_long_) {
-                // The iteration that fills the path is counted neither here nor at the break below.
-                if (!path.is_full()) ++iterations_;
-                return MotionEnd::rests;
-            }
+            // The iteration that fills the recorded path is not counted.
+            if (!path.is_full()) ++iterations_;
+            if (done == Iteration::rests && !is_sweep_cut_short_) return MotionEnd::rests;
             if (path.is_full()) break;
         }
         return MotionEnd::limit;
     }
 
-    /// Which state the proxy is in, and where the surfaces push it.
+    /// Which state the proxy is in, and the direction in which the surfaces push it. GuardedRule
+    /// has asked `is_outside` for the same place just before.
     RuleAnswer<D> contact(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
         RuleAnswer<D> answer;
-        const double contact = R_ + p_.band;
+        const double contact_distance = R_ + p_.band;
         const double neighbourhood = p_.outer_radius + p_.point_radius;
         const bool is_known_to_touch = surfaces_.is_known_at(proxy) && surfaces_.count() > 0;
-        if (nearest2_ <= contact * contact || is_known_to_touch) {
+        if (nearest2_ <= contact_distance * contact_distance || is_known_to_touch) {
             answer.state = State::in_contact;
             surfaces_.update(neighbours_, proxy);
             charge_plane_choices(surfaces_.count());
@@ -193,24 +226,31 @@ class RobustMotion {
     }
 
   private:
-    enum class Iteration { moved, rests };
+    /// How an iteration ended.
+    enum class Iteration {
+        moved,  ///< nearer to the goal, or by a lift: another iteration follows
+        rests   ///< at the goal, or where nothing leads nearer to it
+    };
 
     /// Where nothing lies on the straight path, the proxy goes with the HIP, whatever it touches.
+    /// True where it has arrived. Where the HIP lies behind a point at R or less, no path is tried.
     bool try_straight_path(Vec<D>& proxy, const Vec<D>& hip, double distance,
                            PlannedPath<D>& path) noexcept {
         if (!(distance > 0)) return true;
         const Vec<D> to_hip = hip - proxy;
         surfaces_.update(neighbours_, proxy);
         for (int j = 0; j < surfaces_.count(); ++j) {
-            const SurfaceContact<D>& contact = surfaces_.contact(j);
-            if (contact.distance <= R_ && dot(contact.nearest, to_hip) < 0) return false;
+            const SurfaceContact<D>& surface = surfaces_.contact(j);
+            const bool is_behind = dot(surface.nearest_direction, to_hip) < 0;
+            if (surface.nearest_distance <= R_ && is_behind) return false;
         }
         if (move_straight(proxy, hip, distance, path)) return true;
         return distance <= plane_slack();  // as near as rounding allows
     }
 
-    /// Straight to the goal where nothing is in the way; true then. Where something is, a proxy
-    /// that nothing touches moves up to it, and one that a surface touches stays.
+    /// Moves straight to the goal where nothing is in the way; true then. Where something is, a
+    /// proxy that nothing touches moves up to it. One that a surface touches stays where it is, for
+    /// its iterations slide it along the surface.
     bool move_straight(Vec<D>& proxy, const Vec<D>& goal, double distance,
                        PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
@@ -223,104 +263,97 @@ class RobustMotion {
         return false;
     }
 
-    /// The plane of the one surface that touches, with the lift that this iteration may take.
-    ///
-    /// A slide takes its lift along. Where its sweep is stopped, as in a hollow, the next iteration
-    /// lifts only. The one after that slides again, so that a lift that is stopped is not repeated.
-    struct OneSurface {
-        ContactPlane<D> plane;
-        bool lift_now = false;   ///< this iteration lifts only
-        bool lift_next = false;  ///< the next one does, should this sweep be stopped
-    };
-    /// `lift_limit`: the lift may not take the proxy further from the goal than this [m].
-    OneSurface one_surface(const Vec<D>& to_goal, double lift_limit,
-                           bool is_lift_due) const noexcept {
-        OneSurface one;
-        one.plane = surfaces_.planes()[0];
-        one.plane.lift = std::min(one.plane.lift, lift_limit + dot(one.plane.normal, to_goal));
-        const bool has_lift = one.plane.lift > min_step();
-        one.lift_now = is_lift_due && has_lift;
-        one.lift_next = has_lift && !one.lift_now;
-        return one;
-    }
-
+    /// One iteration. `goal` is the HIP, or the anchor of the stall test once the proxy is stalled.
     Iteration iterate(Vec<D>& proxy, const Vec<D>& goal, StallTest<D>& stall,
                       PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
         const double distance = norm(to_goal);
         if (!(distance > 0)) return Iteration::rests;
 
-        // Touch: groups of points within R + 2 b, and for each group the plane of a quadric fitted
-        // to it. (R1, R2)
+        // Touch: the points within R + 2 b are sorted into surfaces, and a quadric fitted to each
+        // surface gives its plane. (R1, R2)
         surfaces_.update(neighbours_, proxy);
         const int surfaces = surfaces_.count();
         if (surfaces == 0) {
-            const bool arrived = move_straight(proxy, goal, distance, path);
-            return arrived ? Iteration::rests : Iteration::moved;
+            const bool has_arrived = move_straight(proxy, goal, distance, path);
+            return has_arrived ? Iteration::rests : Iteration::moved;
         }
 
-        // How far from the goal a lift may take the proxy, and where a sweep may end. A stalled
-        // proxy has to come nearer, any other one stays within what the tick allows.
+        // How far from the goal a lift may take the proxy, and how near to the goal the iteration
+        // has to end. A stalled proxy has to come nearer, and so has one between several surfaces,
+        // for their fitted planes would let it wander. Any other stays within `distance_limit_`,
+        // which was measured from the HIP and holds here because the goal of a proxy that is not
+        // stalled is the HIP. (R6)
         double lift_limit = distance_limit_;
         if (stall.is_stalled()) lift_limit = distance - gain_margin();
         double accept_limit = lift_limit + gain_margin();
         if (surfaces > 1) accept_limit = distance;
 
-        // Step: the one nearest to the goal that keeps every plane at height R. (R3, R4)
-        const bool is_lift_due = lift_first_;
-        lift_first_ = false;
-        OneSurface one;
+        // Step: the one nearest to the goal that goes along each normal by the plane's lift. On one
+        // surface a slide takes the lift along. After a slide that was stopped, as in a hollow, one
+        // iteration only lifts, and the one after that slides again: so a lift that is stopped too
+        // is not repeated. (R3, R4)
+        const bool is_lift_due = is_lift_due_;
+        is_lift_due_ = false;
+        bool has_lift = false;    // there is one surface, and its plane asks for a lift
+        bool lifts_only = false;  // this iteration does not slide
         Vec<D> step;
         if (surfaces > 1) {
             charge_plane_choices(surfaces);
             step = surfaces_.step(to_goal, plane_slack());
         } else {
-            one = one_surface(to_goal, lift_limit, is_lift_due);
-            if (one.lift_now)
-                step = one.plane.lift * one.plane.normal;
+            ContactPlane<D> plane = surfaces_.planes()[0];
+            // After the lift, the goal lies at most `lift_limit` below the proxy along the normal.
+            plane.lift = std::min(plane.lift, lift_limit + dot(plane.normal, to_goal));
+            has_lift = plane.lift > min_step();
+            lifts_only = is_lift_due && has_lift;
+            if (lifts_only)
+                step = plane.lift * plane.normal;
             else
-                step = surfaces_.slide(to_goal, one.plane, plane_slack());
+                step = surfaces_.slide(to_goal, plane, plane_slack());
         }
         const double length = norm(step);
         if (!(length > min_step())) {
             // One plane leaves no step where the proxy is nearest to the goal. Several may leave
             // none although there is a way between their points.
             if (surfaces == 1) return Iteration::rests;
-            return step_between_points(proxy, goal, path);
+            return move_between_points(proxy, goal, path);
         }
 
         // Sweep: as much of the step as lies outside of the sphere of every point. (R5)
         const double free = sweep(proxy, (1 / length) * step, length, sliding_radii_);
+        const bool is_stopped = free < length;
+        const bool is_stopped_at_once = free < min_step();
         Vec<D> next;
-        if (free < length) {
+        if (is_stopped) {
             next = proxy + (free / length) * step;
         } else if (step == to_goal) {
             next = goal;  // No plane has changed the step, so the proxy arrives to the bit.
         } else {
             next = proxy + step;
         }
-        const bool is_stuck = free < min_step();
-        if (is_stuck && surfaces > 1 && lift_then_step(proxy, goal, step, path))
+        if (is_stopped_at_once && surfaces > 1 && lift_then_move(proxy, goal, step, path))
             return Iteration::moved;
 
-        // Accept: between several surfaces only a gain, for their fitted normals would let the
-        // proxy wander; on one surface a lift may take it away by the band at most. (R6)
-        // What is refused, or stopped at once by points that its planes leave free, is tried past
-        // these points.
-        const double left = norm(goal - next);
-        if (!(left < accept_limit) || (is_stuck && !one.lift_next))
-            return step_between_points(proxy, goal, path);
+        // Accept: the place is near enough to the goal, and the proxy got somewhere or is lifted
+        // next, over what has stopped its slide. What is not accepted is tried past the points.
+        // (R6)
+        const bool is_lifted_next = is_stopped && has_lift && !lifts_only;
+        const double distance_after = norm(goal - next);
+        if (!(distance_after < accept_limit) || (is_stopped_at_once && !is_lifted_next))
+            return move_between_points(proxy, goal, path);
         move_to(proxy, next, path);
-        stall.count_lift(left - distance);
-        lift_first_ = one.lift_next && free < length;
+        stall.count_lift(distance_after - distance);
+        is_lift_due_ = is_lifted_next;
         return proxy == goal ? Iteration::rests : Iteration::moved;
     }
 
-    /// Between several surfaces, where the step is stopped at once by the points that the proxy has
-    /// sunk among: first up to R above all planes, then on as the step asks. False, and nothing
-    /// done, unless the two together bring the proxy nearer. A proxy that is led askew through a
-    /// coarsely sampled channel needs it (test_coarse_channel_is_followed_at_speed).
-    bool lift_then_step(Vec<D>& proxy, const Vec<D>& goal, const Vec<D>& step,
+    /// Between several surfaces, where the proxy has sunk below R among points and these stop its
+    /// step at once: first the shortest way up to R above all planes, then what is left of the
+    /// step. False, and nothing done, unless the two together bring the proxy nearer to the goal. A
+    /// proxy that is led askew through a coarsely sampled channel needs it
+    /// (test_coarse_channel_is_followed_at_speed).
+    bool lift_then_move(Vec<D>& proxy, const Vec<D>& goal, const Vec<D>& step,
                         PlannedPath<D>& path) noexcept {
         charge_plane_choices(surfaces_.count());
         const Vec<D> up =
@@ -335,44 +368,47 @@ class RobustMotion {
         return true;
     }
 
-    /// Past the points that touch, where the planes leave no way: the step of the god-object
-    /// method, which runs into none of these points. It is never away from the goal. Without it a
-    /// proxy would rest where there is still a way on between the points
+    /// Moves past the points that touch, where the planes leave no way: by the step of the
+    /// god-object method, which runs into none of these points and never leads away from the goal.
+    /// Without it a proxy would rest where there is still a way on between the points
     /// (test_where_it_rests_there_is_no_way_on). (R4)
-    Iteration step_between_points(Vec<D>& proxy, const Vec<D>& goal,
+    Iteration move_between_points(Vec<D>& proxy, const Vec<D>& goal,
                                   PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
-        const Vec<D> step = step_past_points(proxy, to_goal);
-        // A step as flat as the slopes between samples gains nothing: the proxy would wander on it.
+        const Vec<D> step = god_object_step(proxy, to_goal);
+        // Where the step is shorter than g |u|, the HIP pulls straight into the surface but for the
+        // slopes between its points. The proxy would wander among these.
         if (!(norm(step) > std::max(min_step(), g_ * norm(to_goal)))) return Iteration::rests;
         const Vec<D> next = swept(proxy, step);
-        // Between several surfaces a gain of two bands may be no more than sinking through them.
+        // Between several surfaces a gain of two bands may be no more than sinking between their
+        // points.
         double least_gain = 0;
-        if (surfaces_.count() > 1) least_gain = sinking_depth();
+        if (surfaces_.count() > 1) least_gain = tuned::max_lift_bands * p_.band;
         const bool moves = norm(next - proxy) > min_step();
         if (!(moves && norm(goal - next) < norm(to_goal) - least_gain)) return Iteration::rests;
         move_to(proxy, next, path);
         return Iteration::moved;
     }
-    /// argmin |v - to_goal| subject to (x - p) . v >= 0 for the points p that touch x, by a little
-    /// more than 0, so that a rounding does not stop the step at once. The points that v runs into
-    /// most steeply are taken one after the other, until there is none.
-    Vec<D> step_past_points(const Vec<D>& x, const Vec<D>& to_goal) noexcept {
+    /// The step v nearest to `to_goal` with (x - p) . v >= 0 for the points p at R from x (R4). The
+    /// product is held a little above 0, so that a rounding does not stop the step at once. The
+    /// point that v runs into most steeply becomes a plane that v has to keep to, until v runs into
+    /// none, or there are as many planes as there may be.
+    Vec<D> god_object_step(const Vec<D>& x, const Vec<D>& to_goal) noexcept {
         constexpr int max_points = 8;
         ContactPlane<D> planes[max_points];
         const double slack = plane_slack();
         Vec<D> step = to_goal;
         for (int count = 0; count < max_points; ++count) {
-            double most_negative = 0;
+            double steepest = 0;  // cosine between v and the way out of the point, 0 or less
             const auto include = [&](const Vec<D>& away) noexcept {
                 const double r = norm(away);
                 const double approach = dot(away, step);
-                if (!(r > 0 && approach < most_negative * r)) return;
-                most_negative = approach / r;
+                if (!(r > 0 && approach < steepest * r)) return;
+                steepest = approach / r;
                 planes[count] = {(1 / r) * away, slack};
             };
             visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
-            if (most_negative == 0) break;
+            if (steepest == 0) break;
             charge_plane_choices(count + 1);
             step = nearest_step(to_goal, planes, count + 1, 0.5 * slack);
             if (!(norm(step) > slack)) break;
@@ -380,17 +416,18 @@ class RobustMotion {
         return step;
     }
 
-    /// Adds what a search for the step that keeps to so many planes costs.
+    /// Counts what a search for the step that keeps to so many planes costs, for `work_time`.
     void charge_plane_choices(int planes) noexcept {
         neighbours_.index().work().choices += static_cast<std::size_t>(plane_choices<D>(planes));
     }
+    /// How much of the path from x is free [m].
     double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
                  const SweepRadii& radii) noexcept {
-        const SweepResult result = sweep_(neighbours_, x, direction, length, radii);
-        is_path_too_long_ = is_path_too_long_ || result.is_out_of_parts;
+        const SweepResult result = sweep_.free_part(neighbours_, x, direction, length, radii);
+        is_sweep_cut_short_ = is_sweep_cut_short_ || result.is_cut_short;
         return result.length;
     }
-    /// x after the step, or after as much of it as is free.
+    /// Where x comes to by the step, or by as much of it as is free.
     Vec<D> swept(const Vec<D>& x, const Vec<D>& step) noexcept {
         const double length = norm(step);
         const double free = sweep(x, (1 / length) * step, length, sliding_radii_);
@@ -407,36 +444,41 @@ class RobustMotion {
         // 1 % more, for roundings.
         return std::max((1.01 + tuned::list_margin) * R_, surfaces_.reach());
     }
+    /// Square of the distance from x to the nearest point within `reach`; one further off, or
+    /// infinity, where there is none [m^2].
     double nearest2(const Vec<D>& x, double reach) noexcept {
         return vfplan::nearest2(neighbours_, kernels_, x, reach);
     }
-    /// Radius of the spheres that a sweep may graze but not enter: R - b, a margin above it, and
-    /// what thinning the cloud has taken of the band. [m]
+    /// Radius of the spheres that a sweep may graze but not enter [m]: R - b, and above it a margin
+    /// and what thinning the cloud has used of the band.
     static double inner_radius(const Thinned<D>& thinned, const Parameters& p) noexcept {
         return p.R() - (p.band - thinned.lent) * (1 - tuned::gain_margin);
     }
+    // Three lengths [m], of which rules/constants.hpp gives the reasons: a step shorter than the
+    // first is none, a gain has to exceed the second, and a step may miss a plane by the third.
     double min_step() const noexcept { return tuned::min_step * p_.band; }
     double gain_margin() const noexcept { return tuned::gain_margin * p_.band; }
-    /// How much nearer to the goal sinking between the points of a surface brings the proxy [m].
-    double sinking_depth() const noexcept { return tuned::max_lift_bands * p_.band; }
     double plane_slack() const noexcept { return tuned::plane_slack * p_.band; }
 
     Parameters p_;
     Kernels<D> kernels_;
     double R_;
-    double safe2_;  // (R - b + lent)^2; lent: what thinning the cloud has taken of the band
-    double g_;      // sqrt(b / R), the slope between samples (docs/robust.md)
+    double safe2_;  // (R - b + lent)^2, the squared distance from every point that is outside [m^2]
+    double g_;      // sqrt(b / R)
+    // A proxy that slides is stopped by what it meets steeply, and grazes the rest. One that is
+    // free is stopped at R by everything.
     SweepRadii sliding_radii_, free_radii_;
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
     Sweep<D> sweep_;
-    double distance_limit_ = 0;      // |proxy - HIP| that this tick may end with [m]
-    double nearest2_ = 0;            // to the nearest point, where the proxy was checked last [m^2]
-    int iterations_ = 0;             // of this tick
-    bool lift_first_ = false;        // the next iteration lifts only, if it has a lift
-    bool is_path_too_long_ = false;  // the path of this tick is longer than a tick may look at
+    double distance_limit_ = 0;  // |proxy - HIP| with which this tick may end at most [m]
+    double nearest2_ = 0;        // of the place that is_outside was asked for last [m^2]
+    int iterations_ = 0;         // of this tick
+    bool is_lift_due_ = false;   // the next iteration only lifts, if its plane asks for a lift
+    bool is_sweep_cut_short_ = false;  // this tick has looked at as much of paths as it may
 };
 
+/// The rule `robust`: its motion, and around it the guarantees of GuardedRule.
 template <int D>
 class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
     using Guarded = GuardedRule<RobustMotion<D>, StallTest<D>>;
@@ -446,7 +488,8 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         : Guarded(p.R(), p.band, thinned, p, kernels) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
-    /// Time that the work of all ticks so far takes [s], on the machine of docs/engine.md.
+    /// Time that the work of all ticks so far takes [s], from what was counted and what each count
+    /// costs on the machine of docs/engine.md. tick_time.hpp estimates the longest tick from it.
     double work_time() noexcept {
         WorkCosts costs;
         if (D == 2) {
@@ -466,7 +509,7 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         }
         return costs.time_of(neighbours().index().work());
     }
-    /// A point at p came or went.
+    /// A point at p came or went, by an edit of the cloud.
     void point_changed(const Vec<D>& p, bool came) noexcept {
         this->drop_plan();
         if (!neighbours().reaches(p)) return;

@@ -1,0 +1,17 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What the headers ask of a compiler, and how they say that it is missing.
+#pragma once
+
+#if !defined(__cpp_concepts)
+#error "vfplan: needs C++20: compile with -std=c++20, by g++ 10 or clang 10 or later"
+// No file has this name. It ends the compilation here, before the many errors that would follow.
+#include "vfplan/needs_cpp20"
+#endif
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error \
+    "vfplan: built with -ffast-math or -ffinite-math-only, a NaN would become a force: leave them out"
+#endif
+#if !defined(__GNUC__)
+#error "vfplan: needs vector extensions: build with g++, clang or MinGW"
+#endif

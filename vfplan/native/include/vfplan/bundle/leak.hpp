@@ -1,0 +1,209 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The leak certificate: whether the proxy could pass between two samples of the fixture
+// (docs/format.md, section 5). The proxy's centre keeps `reach` = R - band
+// from every point. It cannot cross a segment whose ends are at most 2 reach apart, nor a triangle
+// no place of which is farther than reach from the nearest corner. Of bare points nothing follows:
+// how they connect is not in the file. With an ignored axis everything is measured across it.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "vfplan/base/vec.hpp"
+#include "vfplan/bundle/bytes.hpp"
+#include "vfplan/bundle/content.hpp"
+#include "vfplan/mesh/triangles.hpp"
+
+namespace vfplan::bundle::detail {
+
+using Point = std::array<double, 3>;
+
+/// What a certificate is about; the arrays stay their owner's.
+struct CertifiedShape {
+    std::span<const double> points;           // x y z of each in turn [m]
+    std::span<const double> axis;             // the ignored one, or nothing
+    std::span<const std::int32_t> stroke;     // of each point of a curve, or nothing
+    std::span<const std::uint8_t> closed;     // whether each stroke is
+    std::span<const std::int32_t> triangles;  // three rows of points each, or nothing
+    double sample_radius = infinity;          // as far as a reader takes samples of a mesh [m]
+};
+
+/// What follows from a shape and the reach of its proxy.
+struct Certificate {
+    const char* kind = "cloud";     // or "curve", or "mesh"
+    double largest = 0;             // opening between samples [m]; of a cloud nothing is known
+    double limit = infinity;        // the largest opening that holds the proxy back [m]
+    bool holds = false;             // whether the proxy passes nowhere
+    std::vector<std::size_t> rows;  // the points around the largest opening
+};
+
+/// Distances between a shape's points, across the ignored axis if there is one.
+class PointDistances {
+  public:
+    explicit PointDistances(const CertifiedShape& shape) : points_(shape.points) {
+        if (!shape.axis.empty()) std::copy_n(shape.axis.begin(), 3, axis_.begin());
+    }
+    [[nodiscard]] double distance(std::size_t i, std::size_t j) const {
+        const Point a = across(i), b = across(j);
+        double sum = 0;
+        for (std::size_t k = 0; k < 3; ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
+        return std::sqrt(sum);
+    }
+
+  private:
+    /// A point without its part along the axis.
+    [[nodiscard]] Point across(std::size_t i) const {
+        const double* p = points_.data() + 3 * i;
+        const double along = p[0] * axis_[0] + p[1] * axis_[1] + p[2] * axis_[2];
+        return {p[0] - along * axis_[0], p[1] - along * axis_[1], p[2] - along * axis_[2]};
+    }
+
+    std::span<const double> points_;
+    Point axis_{0, 0, 0};
+};
+
+/// The widest gap between neighbours along the strokes. Of equal gaps it is the first in the order
+/// of the points, and those that close a stroke come behind all others.
+inline void find_largest_gap(const CertifiedShape& shape, Certificate& certificate) {
+    const PointDistances points(shape);
+    certificate.rows = {0, 0};
+    const auto measure = [&](std::size_t i, std::size_t j) {
+        const double gap = points.distance(i, j);
+        if (!(gap > certificate.largest)) return;
+        certificate.largest = gap;
+        certificate.rows = {i, j};
+    };
+    const std::span<const std::int32_t> stroke = shape.stroke;
+    for (std::size_t i = 1; i < stroke.size(); ++i) {
+        if (stroke[i] == stroke[i - 1]) measure(i - 1, i);
+    }
+    std::size_t first = 0;
+    for (std::size_t i = 1; i <= stroke.size(); ++i) {
+        if (i < stroke.size() && stroke[i] == stroke[i - 1]) continue;
+        if (shape.closed[static_cast<std::size_t>(stroke[i - 1])] != 0) measure(i - 1, first);
+        first = i;
+    }
+}
+
+/// How far a place of the mesh may be from the nearest sample: of the samples in the file, or of
+/// those that a reader takes where it renders points.
+inline void find_largest_cover(const CertifiedShape& shape, Certificate& certificate) {
+    const PointDistances points(shape);
+    const std::span<const std::int32_t> t = shape.triangles;
+    std::size_t worst = 0;
+    for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
+        const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
+        const double cover = mesh::covering_radius({points.distance(corner(0), corner(1)),
+                                                    points.distance(corner(1), corner(2)),
+                                                    points.distance(corner(2), corner(0))});
+        if (!(cover > certificate.largest)) continue;
+        certificate.largest = cover;
+        worst = i;
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+        certificate.rows.push_back(static_cast<std::size_t>(t[worst + k]));
+    }
+    certificate.largest = std::min(certificate.largest, shape.sample_radius);
+}
+
+/// The certificate of a shape whose rows and strokes are known to be there.
+inline Certificate certify(const CertifiedShape& shape, double reach) {
+    Certificate certificate;
+    if (!shape.triangles.empty()) {
+        certificate.kind = "mesh";
+        certificate.limit = reach;
+        find_largest_cover(shape, certificate);
+    } else if (!shape.stroke.empty()) {
+        certificate.kind = "curve";
+        certificate.limit = 2 * reach;
+        find_largest_gap(shape, certificate);
+    } else {
+        return certificate;
+    }
+    certificate.holds = certificate.largest <= certificate.limit;
+    return certificate;
+}
+
+inline CertifiedShape certified_shape(const Content& content) {
+    CertifiedShape shape;
+    shape.points = content.at("/points").f8;
+    if (const Value* axis = content.find("/rendering/ignore_axis")) shape.axis = axis->f8;
+    if (content.has("/curve/stroke")) {
+        shape.stroke = content.at("/curve/stroke").i4;
+        shape.closed = content.at("/curve/closed").u1;
+    }
+    if (content.has("/mesh/triangles")) shape.triangles = content.at("/mesh/triangles").i4;
+    shape.sample_radius = content.number("/mesh@sample_radius_m", infinity);
+    return shape;
+}
+
+/// Says how large the largest opening is, where it is, and what would hold the proxy back.
+inline std::string leak_message(const Content& content) {
+    const std::vector<double>& place = content.at("/leak/place").f8;
+    std::string opening = "covering radius of a triangle";
+    if (content.at("/leak@kind").string() == "curve") opening = "gap between neighbours";
+    return "the fixture leaks between samples: " + opening + " of " +
+           six_digits(content.number("/leak@largest_m")) + " m at (" + six_digits(place[0]) + ", " +
+           six_digits(place[1]) + ", " + six_digits(place[2]) + "); at most " +
+           six_digits(content.number("/leak@limit_m")) + " m holds the proxy back";
+}
+
+inline void compare(const Content& content, std::string_view path, double wanted,
+                    Findings& findings) {
+    const Value* found = content.find(path);
+    findings.require(
+        found != nullptr && std::abs(found->number() - wanted) <= 1e-9 * std::max(wanted, 1e-3),
+        "corrupt.leak", path,
+        {"is ", found == nullptr ? "absent" : shortest_text(found->number()),
+         "; the fixture gives ", wanted});
+}
+
+/// Compares largest_m and limit_m; whether the values of the file hold its proxy back.
+inline bool is_leak_proof(const Content& content, const Certificate& certificate,
+                          Findings& findings) {
+    compare(content, "/leak@limit_m", certificate.limit, findings);
+    compare(content, "/leak@largest_m", certificate.largest, findings);
+    const bool holds = content.number("/leak@largest_m") <= content.number("/leak@limit_m");
+    if (!holds) {
+        findings.error("unsafe.leak", "/leak", {leak_message(content)},
+                       "Add points there, or take a larger radius");
+    }
+    return holds;
+}
+
+inline void check_leak(const Content& content, Findings& findings) {
+    findings.require(content.has_group("/rendering") == content.has_group("/leak"), "corrupt.leak",
+                     "/leak", {"is there without /rendering, or missing beside it"},
+                     "Write both or neither");
+    const std::string& found = content.at("/leak@kind").string();
+    const double reach = content.number("/rendering@contact_radius_m") +
+                         content.number("/rendering@point_radius_m") -
+                         content.number("/rendering@band_m");
+    const Certificate certificate = certify(certified_shape(content), reach);
+    const std::string_view kind = certificate.kind;
+    if (found != kind) {
+        return findings.error("corrupt.leak", "/leak@kind",
+                              {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
+    }
+    bool holds = false;
+    if (kind != "cloud") {
+        holds = is_leak_proof(content, certificate, findings);
+    } else {
+        findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
+                         {"is there, and the fixture is a cloud"},
+                         "Leave it out: how points connect is not known");
+    }
+    const bool says = content.at("/leak@certified").u1.front() != 0;
+    findings.require(says == holds, "corrupt.leak", "/leak@certified",
+                     {"is ", says, "; ", holds, " wanted"});
+}
+
+}  // namespace vfplan::bundle::detail
