@@ -24,7 +24,7 @@ def on_demand(package: str, defined: dict[str, str]) -> Callable[[str], Any]:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module = importlib.import_module(f"{package}.{home[name]}")
         # All names of the module at once: importing it sets its own name in the package, which one
-        # of its functions may bear, as `vfplan.bundle.describe` does.
+        # of its functions may bear, as `vfplan.stability.gate` does.
         for other in defined[home[name]].split():
             setattr(sys.modules[package], other, getattr(module, other))
         return getattr(module, name)

@@ -23,7 +23,7 @@ __getattr__ = on_demand(
     __name__,
     {
         "clouds": "import_cloud mesh_band sample_band refined",
-        "describe": "describe diff",
+        "description": "describe diff",
         "exporting": "export left_out",
         "keys": "keygen read_keys",
         "migration": "migrate",
