@@ -105,6 +105,20 @@ def test_two_candidates_by_a_click(browser, run, tmp_path):
     finish(hand, program, tmp_path / "o.h5", truth)
 
 
+@pytest.mark.slow
+def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, run, tmp_path):
+    """A small slice is shown larger than one to one at once, and perhaps to nobody."""
+    picture = np.full((200, 300, 3), 90, np.uint8)
+    cv2.line(picture, (60, 100), (240, 110), (0, 0, 255), 3, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "small.png"), picture)
+    hand = Hand(browser, run(tmp_path / "small.png", "-o", tmp_path / "o.h5").address)
+    assert hand.state("review.view.zoom") > 1
+    time.sleep(1.0)
+    assert hand.state("review.state.unseen.map((runs) => runs.length)") == [1]
+    hand.press("fit")
+    browser.until("review.state.unseen[0].length === 0")
+
+
 def finish(hand, program, output, truth):
     """Look, accept, approve; the curve then lies on its ink."""
     hand.name()

@@ -463,6 +463,18 @@ def test_another_slice_is_refused():
     assert caught.value.code == "slice-unknown"
 
 
+@pytest.mark.parametrize("stiffness", [(1e5, 1e5, 1e5), (1000.0, 1000.0, 800.0)])
+def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
+    fixture = bundles.sheet()
+    rendering = replace(fixture.rendering, stiffness=np.array(stiffness))
+    facts = dict(of_fixture(replace(fixture, rendering=rendering), "f.h5").facts)
+    for value in stiffness:
+        assert f"{value:g}" in facts["Stiffness"]
+    sheet = draw_sheet(of_fixture(replace(fixture, rendering=rendering), "f.h5"))
+    assert any(box.kind == "text" and "N/m" in box.words for box in sheet.boxes)
+    check_layout(sheet)
+
+
 def test_side_is_said_in_words():
     # The whole bundle's v axis points to -y, so its slice is seen from above.
     assert of_fixture(bundles.whole(), "f.h5").side == "above (robot +z)"

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.polyline import length_of
 
@@ -80,6 +83,7 @@ def facts_of(
         elif fixture.curve is None:
             what = "points"
         facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
+        facts.append(("Stiffness", stiffness_in_words(fixture.rendering.stiffness)))
     return tuple(facts)
 
 
@@ -104,6 +108,14 @@ def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stro
             words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
     return ". ".join(parts)
+
+
+def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
+    """The stiffness of the wall, one number where it is the same along all axes."""
+    x, y, z = stiffness
+    if x == y == z:
+        return f"{x:g} N/m"
+    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:

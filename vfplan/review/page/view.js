@@ -23,6 +23,7 @@ export class View {
     this.zoom = 1; // pixels of the window a pixel of the slice
     this.x = 0; // where the slice's (0, 0) lies on the stage
     this.y = 0;
+    this.isChosen = false; // whether a person chose this view, and not the page
     this.settled = []; // called once the view rests
     this.zoomed = null; // called with each new zoom
     this.stage.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
@@ -41,6 +42,7 @@ export class View {
       this.greys = new Greys(this.app, state.image.grey_max);
       this.showLetters(state.image.sides);
       this.fit();
+      this.isChosen = false;
     }
     this.showScaleBar();
   }
@@ -150,6 +152,7 @@ export class View {
   // Show the whole slice.
   fit() {
     if (!this.image) return;
+    this.isChosen = true;
     const [width, height] = this.size();
     this.zoom = Math.min(width / this.image.width_px, height / this.image.height_px) * 0.98;
     this.x = (width - (this.image.width_px - 1) * this.zoom) / 2;
@@ -162,6 +165,7 @@ export class View {
     const [width, height] = this.size();
     const [x, y] = about || [width / 2, height / 2];
     const [u, v] = this.onSlice([x, y]);
+    this.isChosen = true;
     this.zoom = Math.min(MAX_ZOOM, Math.max(MIN_ZOOM, zoom));
     this.x = x - u * this.zoom;
     this.y = y - v * this.zoom;
@@ -169,6 +173,7 @@ export class View {
   }
 
   pan(dx, dy) {
+    this.isChosen = true;
     this.x += dx;
     this.y += dy;
     this.apply();
@@ -177,6 +182,7 @@ export class View {
   // Bring a place of the slice to the middle.
   goTo([u, v], zoom = Math.max(this.zoom, GO_TO_ZOOM)) {
     const [width, height] = this.size();
+    this.isChosen = true;
     this.zoom = zoom;
     this.x = width / 2 - u * zoom;
     this.y = height / 2 - v * zoom;
