@@ -25,13 +25,13 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
 
     The command refuses the digest of another plan, and a finding without an answer (exit 1).
     """
-    from vfplan.bundle import read_fixture, write_fixture
+    from vfplan.bundle import read_sealed, write_fixture
     from vfplan.review.acceptance import accept
     from vfplan.review.digest import digest_of
 
     if answers and answer_all:
         raise click.UsageError("--answer and --answer-all exclude each other. Give one")
-    before = read_fixture(fixture)
+    before, seal = read_sealed(fixture)
     accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
     with outputs(output) as (path,):
         write_fixture(accepted, path)
@@ -48,5 +48,6 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     }
     return CommandResult(
         data, f"wrote {output}", warnings=warnings, findings=accepted.findings,
-        verdict=f"accepted by {by}", next_step=sign_command(output),
+        verdict=f"accepted by {by}",
+        next_step=sign_command(output, case=seal.case, robot_serial=seal.robot_serial),
     )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -46,10 +47,62 @@ def accept_command(fixture: Path, digest: str) -> str:
     return shlex.join([*words, "-o", file_beside(fixture, "approved")])
 
 
-def sign_command(fixture: Path) -> str:
-    """The command that signs a fixture which a person approved."""
+def sign_command(fixture: Path, *, case: str = "", robot_serial: str = "") -> str:
+    """The command that signs a fixture which a person approved.
+
+    case, robot_serial: what an earlier signature was for; the new one is for the same
+    """
     words = ["vfplan", "sign", str(fixture), "--key", "KEY"]
+    words += words_of_signature(case, robot_serial)
     return shlex.join([*words, "-o", file_beside(fixture, "signed")])
+
+
+def verify_command(
+    fixture: Path, keys: str = "KEYS.pub", *, case: str = "", robot_serial: str = ""
+) -> str:
+    """The command that checks a signature, also that it is for this case and this robot."""
+    words = ["vfplan", "verify", str(fixture), "--keys", keys]
+    return shlex.join([*words, *words_of_signature(case, robot_serial)])
+
+
+def words_of_signature(case: str, robot_serial: str) -> list[str]:
+    """The options that name what a signature is for."""
+    words = []
+    if case:
+        words += ["--case", case]
+    if robot_serial:
+        words += ["--robot-serial", robot_serial]
+    return words
+
+
+def public_key_of(private_key: Path) -> str:
+    """The file with the public key: `keygen` names it so; a key from elsewhere may be without."""
+    public = private_key.with_suffix(".pub")
+    if public.exists():
+        return str(public)
+    return "KEYS.pub"
+
+
+def approval_command(
+    fixture: Path,
+    seal: dict[str, Any],
+    *,
+    is_reviewed: bool,
+    image: Path | str | None,
+    has_page: bool,
+) -> str:
+    """The command that is open on a sound bundle's way to the robot: review, sign or verify.
+
+    seal: as `Seal.describe` gives it
+    image, has_page: as `review_command` takes them
+    """
+    if seal["signed"]:
+        return verify_command(
+            fixture, case=seal.get("case", ""), robot_serial=seal.get("robot_serial", "")
+        )
+    if is_reviewed:
+        return sign_command(fixture)
+    return review_command(fixture, image, has_page=has_page)
 
 
 def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> str:

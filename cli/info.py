@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Any
 
-from vfplan.cli.following import review_command, sign_command
+from vfplan.cli.following import approval_command
 from vfplan.cli.options import FIXTURE, option
-from vfplan.cli.run import CommandResult, command, is_json, is_verbose
+from vfplan.cli.run import CommandResult, command
 from vfplan.cli.units import millimetres
 from vfplan.cli.verify import finding_lines, seal_lines
 
@@ -19,12 +18,11 @@ from vfplan.cli.verify import finding_lines, seal_lines
 def command(fixture, everything, values) -> CommandResult:
     """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it.
 
-    `--json` always has all of it. -v adds the bound on the time of a tick.
+    `--json` always has all of it.
     """
     from vfplan.bundle import describe
 
-    # Of a cloud of millions of points the bound takes as long as all the rest.
-    data = describe(fixture, values=values, work=is_verbose() or is_json())
+    data = describe(fixture, values=values, work=True)
     if everything:
         text = full_text(data)
     else:
@@ -33,16 +31,18 @@ def command(fixture, everything, values) -> CommandResult:
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
         verdict = "sound, not signed"
+        if data["seal"]["signed"]:
+            verdict = "sound, signed"
         image = None
         if any(path.startswith("/image@") for path in data):
             image = "IMAGE"
-        has_page = "/curve/stroke" in data and "/mesh/triangles" not in data
-        next_step = review_command(fixture, image, has_page=has_page)
-        if data["reviewed"] is not None:
-            next_step = sign_command(fixture)
-        if data["seal"]["signed"]:
-            verdict = "sound, signed"
-            next_step = shlex.join(["vfplan", "verify", str(fixture), "--keys", "KEYS.pub"])
+        next_step = approval_command(
+            fixture,
+            data["seal"],
+            is_reviewed=data["reviewed"] is not None,
+            image=image,
+            has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
+        )
     return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
@@ -74,12 +74,14 @@ def summary_text(data: dict[str, Any]) -> str:
     if "/rendering/stiffness" in data:
         stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
         radius_m = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
-        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm"
-        work = data.get("tick_work")
-        if work is not None and work["us"] is not None:
+        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, "
+        work = data["tick_work"]
+        if work["us"] is None:
+            line += "but no engine renders it"
+        else:
             line += (
-                f", rule {work['rule']}, a tick at most {work['us']:.0f} us "
-                f"(given {work['at_most_us']:.0f})"
+                f"rule {work['rule']}, a tick takes at most {work['us']:.0f} us "
+                f"({work['at_most_us']:.0f} us are allowed)"
             )
         lines.append(line)
     if "/pieces/vertices" in data:

@@ -103,6 +103,30 @@ def _refuse(paths: list[Path]) -> None:
             raise OutputError(
                 f"{reason}. Name another file", where=str(path), code="output-place"
             ) from None
+        try:
+            check_takes_files(path.parent)
+        except OSError as error:
+            raise not_written(path, error) from None
+
+
+def check_takes_files(folder: Path) -> None:
+    """Make an empty file in a folder and remove it; raises `OSError` where that cannot be done."""
+    trial = hidden_name(folder / "trial", "tmp")
+    create(trial).close()
+    trial.unlink()
+
+
+def not_written(path: Path | None, error: OSError) -> OutputError:
+    """The error of an output that the system does not let write."""
+    reason = error.strerror or str(error)
+    where = None
+    if path is not None:
+        where = str(path)
+    return OutputError(
+        f"cannot be written: {reason}. Check the folder and its free space",
+        where=where,
+        code="output-not-written",
+    )
 
 
 def refuse_place(path: Path) -> None:
@@ -174,15 +198,10 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
             else:
                 context.meta.setdefault(PLACED, []).append((placed, locks))
         except OSError as error:
-            reason = error.strerror or str(error)
-            where = None
+            first = None
             if pairs:
-                where = str(pairs[0][1])
-            raise OutputError(
-                f"cannot be written: {reason}. Check the folder and its free space",
-                where=where,
-                code="output-not-written",
-            ) from error
+                first = pairs[0][1]
+            raise not_written(first, error) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.
             for temporary, path in pairs:

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from vfplan.cli import options
-from vfplan.cli.following import accept_command, page_command, sign_command
+from vfplan.cli.following import (
+    accept_command,
+    page_command,
+    public_key_of,
+    sign_command,
+    verify_command,
+)  # fmt: skip
 from vfplan.cli.options import option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line
@@ -146,9 +152,12 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
             findings=session.findings,
         )  # fmt: skip
     data["output"] = str(output)
-    next_step = sign_command(output)
-    if arguments["key"] is not None:
-        next_step = shlex.join(["vfplan", "replay", str(output), "SESSION", "--report", "DIR"])
+    if arguments["key"] is None:
+        source = session.source
+        next_step = sign_command(output, case=source.case, robot_serial=source.robot_serial)
+    else:
+        keys = public_key_of(arguments["key"])
+        next_step = verify_command(output, keys, case=arguments["case"])
     return CommandResult(
         data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
         next_step=next_step,

@@ -174,12 +174,6 @@ def command_line() -> str:
     return shlex.join(["vfplan", *sys.argv[1:]])
 
 
-def is_json() -> bool:
-    """Whether the command at hand prints a JSON document."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.params.get("as_json"))
-
-
 def is_verbose() -> bool:
     """Whether the running command was given `-v`: its text then holds the statistics too."""
     context = click.get_current_context(silent=True)

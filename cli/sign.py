@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
-from pathlib import Path
-
+from vfplan.cli.following import public_key_of, verify_command
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -36,14 +34,12 @@ def command(fixture, output, key, **arguments) -> CommandResult:
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
-    # `keygen` names the public key so; a key from elsewhere may be without it.
-    public = key.with_suffix(".pub")
-    if not public.exists():
-        public = Path("KEYS.pub")
     data = {"output": str(output), **seal.describe()}
     return CommandResult(
         data,
         f"wrote {output}",
         verdict=f"signed with key {seal.key_id.hex()}",
-        next_step=shlex.join(["vfplan", "verify", str(output), "--keys", str(public)]),
+        next_step=verify_command(
+            output, public_key_of(key), case=seal.case, robot_serial=seal.robot_serial
+        ),
     )

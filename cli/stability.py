@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.following import review_command, sign_command
+from vfplan.cli.following import approval_command
 from vfplan.cli.options import OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, is_verbose, progress
@@ -76,7 +76,7 @@ def command(
     The exit code is 1 if K times the margin is not stable, or if a case did not end as it should.
     The files are written all the same.
     """
-    from vfplan.bundle import read_fixture
+    from vfplan.bundle import read_sealed
     from vfplan.robot import read_robot
     from vfplan.stability.study import DEFAULT_ROBOT, study
 
@@ -87,7 +87,7 @@ def command(
             judged_robot = replace(judged_robot, **{name: value})
     judged = None
     if fixture is not None:
-        judged = read_fixture(fixture)
+        judged, seal = read_sealed(fixture)
     with naming_place(fixture):
         studied = study(
             judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
@@ -115,13 +115,17 @@ def command(
         verdict = f"pass: {subject} is stable with this robot"
         robot_words = shlex.join(["--robot", robot or "NAME"])
         next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
-        if judged is not None and judged.reviewed is None:
+        if judged is not None:
             image = None
             if judged.image is not None:
                 image = "IMAGE"
-            next_step = review_command(fixture, image, has_page=judged.curve is not None)
-        elif judged is not None:
-            next_step = sign_command(fixture)
+            next_step = approval_command(
+                fixture,
+                seal.describe(),
+                is_reviewed=judged.reviewed is not None,
+                image=image,
+                has_page=judged.curve is not None,
+            )
     if not studied.rows:
         failed.append("not tested: no case ran")
         verdict = "not-tested: no case ran"

@@ -10,7 +10,13 @@ import click
 import pytest
 from conftest import ROOT
 from vfplan.cli import cli
-from vfplan.cli.following import page_command, register_command, review_command, sign_command
+from vfplan.cli.following import (
+    page_command,
+    register_command,
+    review_command,
+    sign_command,
+    verify_command,
+)
 
 ODD = Path("a folder/it's mine.h5")
 COMMANDS = {
@@ -20,6 +26,8 @@ COMMANDS = {
     "review on its slice": review_command(ODD, Path("my slice.png")),
     "review of a slice": page_command(ODD, None, Path("markers 2.csv"), output=ODD),
     "sign": sign_command(ODD),
+    "sign again": sign_command(ODD, case="it's", robot_serial="a 7"),
+    "verify": verify_command(ODD, "my keys.pub", case="it's", robot_serial="a 7"),
 }
 
 
@@ -31,7 +39,10 @@ def test_a_command_that_follows_is_understood(name):
     parsed, rest, _ = command.make_parser(click.Context(command)).parse_args(words)
     assert not rest
     assert str(ODD) in parsed.values()
-    assert parsed["output"].endswith(".h5")
+    if command_name != "verify":
+        assert parsed["output"].endswith(".h5")
+    if "a 7" in words:
+        assert (parsed["case"], parsed["robot_serial"]) == ("it's", "a 7")
 
 
 @pytest.mark.parametrize("make", [register_command, sign_command])

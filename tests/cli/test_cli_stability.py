@@ -61,6 +61,17 @@ def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, 
     assert run.json["robot"]["delay_ticks"] == 1
 
 
+def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
+    words = ("--part", "closed-loop", "--json")
+    assert vfplan_cli("stability", dot, *words).json["next"].startswith("vfplan review")
+    key, signed = tmp_path / "k.key", tmp_path / "signed.h5"
+    assert vfplan_cli("keygen", "-o", key).code == 0
+    case = ("--case", "C 1", "--despite-findings")
+    assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).code == 0
+    following = vfplan_cli("stability", signed, *words).json["next"]
+    assert following == f"vfplan verify {signed} --keys KEYS.pub --case 'C 1'"
+
+
 def test_options_win_over_the_robot(vfplan_cli, dot):
     options = ("--robot", "franka", "--delay-ticks", 0, "--damping", 20, "--rate", 500)
     run = vfplan_cli("stability", dot, *options, "--part", "closed-loop", "--json")

@@ -111,6 +111,36 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert run.json["digest"] == vfplan.read_fixture(output).reviewed.digest
 
 
+def test_a_folder_that_takes_no_file_is_refused_before_the_page_opens(vfplan_cli):
+    run = vfplan_cli("review", SLICE, "-o", "/proc/o.h5", "--no-browser")
+    assert (run.code, run.stdout) == (2, "")
+    assert "/proc/o.h5" in run.error_line
+
+
+@pytest.mark.parametrize("is_signed", [False, True])
+def test_the_next_step_names_the_case(fixture, is_signed, tmp_path, vfplan_cli):
+    key = tmp_path / "k.key"
+    vfplan_cli("keygen", "-o", key)
+    source, output = fixture, tmp_path / "o.h5"
+    words = ("--key", key, "--case", "C 1")
+    if not is_signed:
+        # An earlier signature says which case it was.
+        source, words = tmp_path / "s.h5", ()
+        options = ("--key", key, "--case", "C 1", "--despite-findings", "-o", source)
+        assert vfplan_cli("sign", fixture, *options).code == 0
+    review = Review(source, "--slice", SLICE, *words, "-o", output)
+    review.step(do="viewed")
+    review.answer_all()
+    review.page.send(json.dumps({"approve": "A. Planner"}))
+    review.heard("approved")
+    code, out, _ = review.end()
+    assert code == 0
+    following = shlex.split(out.splitlines()[-1].removeprefix("next: "))
+    assert following[following.index("--case") + 1] == "C 1"
+    following = [str(key) if word == "KEY" else word for word in following]
+    assert vfplan_cli(*following[1:]).code == 0
+
+
 @pytest.mark.slow
 def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
     output = tmp_path / "o.h5"

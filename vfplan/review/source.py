@@ -59,6 +59,8 @@ class Source:
         The marker files as they were given; empty if the markers come from a bundle.
     fixture
         The bundle's content, if one was given.
+    case, robot_serial
+        What that bundle was signed for; empty where it was not.
     """
 
     path: Path
@@ -72,6 +74,8 @@ class Source:
     inputs: dict[str, str]
     marker_files: tuple[Path, Path | None] | tuple[()] = ()
     fixture: Fixture | None = None
+    case: str = ""
+    robot_serial: str = ""
 
     @property
     def settings_in_force(self) -> dict[str, Any]:
@@ -309,9 +313,9 @@ def _of_bundle(
     extraction: ExtractSettings,
     planning: FixtureSettings,
 ) -> Source:
-    from vfplan.bundle import read_fixture
+    from vfplan.bundle import read_sealed
 
-    fixture = read_fixture(path)
+    fixture, seal = read_sealed(path)
     refuse_extraction_of_extracted(fixture, extraction)
     if fixture.curve is None or fixture.mesh is not None:
         raise InputError(
@@ -382,6 +386,8 @@ def _of_bundle(
         exclude=exclude,
         inputs=dict(fixture.provenance.inputs),
         fixture=fixture,
+        case=seal.case,
+        robot_serial=seal.robot_serial,
     )
 
 
