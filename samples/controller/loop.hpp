@@ -75,8 +75,11 @@ class Log {
         rows_.reserve(ticks);
         if (path_.empty()) return;
         file_ = std::fopen(path_.c_str(), "wx");
-        if (file_ == nullptr)
-            throw FileError(path_ + ": the log cannot be written: " + std::strerror(errno));
+        if (file_ != nullptr) return;
+        if (errno == EEXIST)
+            throw FileError(path_ + ": the log is there already. Give --log another name.");
+        throw FileError(path_ + ": the log cannot be written: " + std::strerror(errno) +
+                        ". Give --log a place that you may write to.");
     }
     Log(const Log&) = delete;
     Log& operator=(const Log&) = delete;
@@ -108,7 +111,8 @@ class Log {
         const bool bad = std::ferror(file) != 0;
         if (std::fclose(file) != 0 || bad) {
             std::remove(path_.c_str());
-            throw FileError(path_ + ": the log could not be written");
+            throw FileError(path_ +
+                            ": the log could not be written. See that the disk has room for it.");
         }
     }
 

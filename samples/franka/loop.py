@@ -4,8 +4,8 @@
     python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
 
 Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
-weight, and the only torques that are commanded are the fixture's, limited by the governor. Stop it
-by its button, or by Ctrl-C.
+weight, and the only torques that are commanded are the fixture's, limited by the governor. The loop
+stops by itself when the arm reports no sound position. Stop it by the arm's button, or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Run:
     force_max_n: the engine's largest force [N]
     force_step_n: the largest change of the engine's force from one tick to the next [N]
     torque_step_nm: the largest change of a joint's commanded torque [N m]
-    error: what the arm said when it stopped by itself; `None` if it did not
+    error: why the arm or this loop stopped before its time; `None` if neither did
     """
 
     ticks: int = 0
@@ -51,6 +51,8 @@ def connect(host: str) -> Any:
     """Connect to the arm and clear its errors."""
     import pylibfranka
 
+    # kIgnore lets libfranka run on a kernel that is not real-time, as beside the simulator. On an
+    # arm give kEnforce: without a real-time kernel libfranka then refuses to start.
     robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
     robot.automatic_error_recovery()
     robot.set_collision_behavior(
@@ -75,6 +77,9 @@ def render(
 ) -> Run:
     """Run the control loop for a number of ticks, or until the arm stops.
 
+    A position that the engine cannot use ends the run early. The fixture's torque then fades, and
+    the loop tells the arm that the motion has finished.
+
     governor
         A governor of torques; `None` commands the engine's force as it is.
     other_torque
@@ -94,7 +99,14 @@ def render(
             jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T
 
             last_force = force
-            force = engine.step(read_tip(state)).force
+            step = engine.step(read_tip(state))
+            if step.status & vfplan.Status.BAD_HIP and run.error is None:
+                run.error = (
+                    f"In tick {tick} the arm's position was not finite, or beyond 1e6 m. The loop "
+                    "stopped. Check the arm's connection and its state."
+                )
+            # After a bad position the engine repeats its last force, which nothing holds any more.
+            force = step.force if run.error is None else np.zeros(3)
 
             last_torque = torque
             if governor is None:
@@ -113,8 +125,11 @@ def render(
             run.torque_step_nm = max(run.torque_step_nm, torque_step_nm)
 
             command = pylibfranka.Torques(torque.tolist())
-            command.motion_finished = tick + 1 == ticks
+            has_stopped = run.error is not None and not torque.any()
+            command.motion_finished = tick + 1 == ticks or has_stopped
             control.writeOnce(command)
+            if has_stopped:
+                break
     except (pylibfranka.ControlException, pylibfranka.CommandException) as error:
         run.error = str(error).splitlines()[0]
     return run
@@ -161,6 +176,11 @@ def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan
         keys = read_keys(options.require_signature)
         trust = Trust(keys, options.case, options.robot_serial, options.max_age)
         fixture = vfplan.read_fixture(options.fixture, trust=trust)
+    if fixture.frame != "robot_base":
+        parser.error(
+            f"the fixture is in the frame {fixture.frame}, and the arm moves in robot_base. "
+            "Register it first, with `vfplan register`."
+        )
     if fixture.open_findings and not options.despite_findings:
         codes = ", ".join(finding.code for finding in fixture.open_findings)
         parser.error(
@@ -178,6 +198,15 @@ def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan
 def main(words: list[str]) -> int:
     """Read a fixture, and render it on the arm."""
     parser, options = parse(words)
+    try:
+        import pylibfranka  # noqa: F401
+    except ImportError:
+        print(
+            "pylibfranka is not installed. Run `make franka-env`, and this file with "
+            "`.venv-franka/bin/python`.",
+            file=sys.stderr,
+        )
+        return 1
     try:
         fixture = load(parser, options)
     except VfplanError as error:

@@ -394,6 +394,14 @@ def test_what_fails_in_the_loop_is_told_after_its_log_is_written(controller, dra
     assert len(logged(log)["time"]) == 50
 
 
+def test_a_log_that_exists_stays_and_the_next_step_is_told(controller, drawn, tmp_path):
+    (tmp_path / "log.csv").write_text("mine\n")
+    done = controller(drawn, "--seconds", 0.05, "--log", tmp_path / "log.csv")
+    assert done.returncode == 3
+    assert "Give --log another name" in done.stderr
+    assert (tmp_path / "log.csv").read_text() == "mine\n"
+
+
 def test_a_curve_has_no_points_to_edit(controller, planned, drawn, tmp_path):
     (tmp_path / "e.csv").write_text(EVENT + "0,remove,1\n")
     done = controller(planned, "--seconds", 0.05, "--events", tmp_path / "e.csv")

@@ -164,6 +164,52 @@ def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
     assert len(loop.arm.torques) == 20
 
 
+def test_the_loop_refuses_a_fixture_in_another_frame(loop, tmp_path, capsys):
+    path = str(tmp_path / "patient.h5")
+    fixture = replace(bundles.small(), frame="patient_lps", rendering=None, registration=None)
+    vfplan.write_fixture(fixture, path)
+    with pytest.raises(SystemExit) as stopped:
+        loop.main([path, *SHORT, "--unsigned"])
+    assert stopped.value.code == 2
+    assert "patient_lps" in capsys.readouterr().err
+    assert loop.arm.torques == []
+
+
+@pytest.mark.parametrize("governed", [True, False])
+def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, tmp_path, capsys):
+    """The tip presses, and from tick 5 on its position is not a number."""
+    path = str(tmp_path / "f.h5")
+    vfplan.write_fixture(bundles.small(), path)
+    control = loop.arm.start_torque_control()
+    start = list(loop.arm.state.O_T_EE)
+    ticks = iter(range(100))
+
+    def read_once():
+        tick = next(ticks)
+        loop.arm.state.O_T_EE = list(start)
+        loop.arm.state.O_T_EE[13] -= 0.0002 * tick
+        if tick >= 5:
+            loop.arm.state.O_T_EE[12] = float("nan")
+        return loop.arm.state, 0.001
+
+    loop.arm.start_torque_control = lambda: SimpleNamespace(
+        readOnce=read_once, writeOnce=control.writeOnce
+    )
+    words = [] if governed else ["--no-governor"]
+    assert loop.main([path, *SHORT, "--unsigned", *words]) == 1
+    assert "In tick 5 the arm's position was not finite" in capsys.readouterr().err
+    torques = np.array(loop.arm.torques)
+    assert 6 <= len(torques) < 20
+    assert not torques[-1].any()
+    assert torques[4].any()
+
+
+def test_the_loop_says_that_the_binding_is_missing(loop, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pylibfranka", None)
+    assert loop.main(["f.h5", *SHORT, "--unsigned"]) == 1
+    assert capsys.readouterr().err.startswith("pylibfranka is not installed. ")
+
+
 class Rendering:
     """A scene as the rehearsal's loop takes an engine."""
 
