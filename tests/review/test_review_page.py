@@ -106,6 +106,18 @@ def test_two_candidates_by_a_click(browser, run, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_line_of_another_pen_is_taken_by_a_button(browser, run, tmp_path):
+    picture = np.full((200, 300, 3), 90, np.uint8)
+    cv2.line(picture, (60, 100), (240, 110), (255, 0, 0), 3, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "blue.png"), picture)
+    program = run(tmp_path / "blue.png", "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    hand.press("Take the line in blue")
+    browser.until("review.state.curve_px.length === 1")
+    finish(hand, program, tmp_path / "o.h5", np.linspace((60, 100), (240, 110), 400))
+
+
+@pytest.mark.slow
 def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, run, tmp_path):
     """A small slice is shown larger than one to one at once, and perhaps to nobody."""
     picture = np.full((200, 300, 3), 90, np.uint8)

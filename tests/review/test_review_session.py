@@ -631,3 +631,34 @@ def test_undo_of_everything_returns_the_whole_first_state(sample):
     while session.steps:
         session = session.undo()
     assert {**session.state(), "can_redo": False} == sample.state()
+
+
+@pytest.fixture
+def blue(tmp_path):
+    """A slice with one line, drawn in blue."""
+    picture = np.full((200, 300, 3), 90, np.uint8)
+    cv2.line(picture, (60, 100), (240, 110), (255, 0, 0), 3, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "blue.png"), picture)
+    return tmp_path / "blue.png"
+
+
+def test_a_line_of_another_pen_is_taken_by_its_colour(blue):
+    session = Session.open(blue)
+    refusal = session.state()["refusal"]
+    assert (refusal["code"], refusal["other_pen"]) == ("no-line", "blue")
+    assert "--colour" not in refusal["text"]
+    taken = session.apply({"do": "choose_pen", "colour": "blue"})
+    wanted = Session.open(blue, colour="blue")
+    assert taken.state()["refusal"] is None
+    assert taken.state()["curve_px"] == wanted.state()["curve_px"]
+    # The file names the pen, and a box that is excluded later is measured by the same pen.
+    assert taken.curve().provenance.settings == wanted.curve().provenance.settings
+    box = {"do": "exclude", "box": [0, 0, 100, 200]}
+    assert taken.apply(box).state()["curve_px"] == wanted.apply(box).state()["curve_px"]
+    assert taken.undo().state() == session.state() | {"can_redo": True}
+
+
+@pytest.mark.parametrize("colour", ["no colour", "grey", "", 3, None])
+def test_what_is_no_pen_is_refused(blue, colour):
+    with pytest.raises(SettingError):
+        Session.open(blue).apply({"do": "choose_pen", "colour": colour})

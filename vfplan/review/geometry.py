@@ -33,11 +33,15 @@ may be a step along the line."""
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why there is no curve yet: the code, the words and, if known, the place (u, v) [px]."""
+    """Why there is no curve yet: the code, the words and, if known, the place (u, v) [px].
+
+    other_pen: the colour of another pen, whose line is the longest on the slice; empty for none
+    """
 
     code: str
     text: str
     place_px: tuple[float, float] | None = None
+    other_pen: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,15 +252,18 @@ def route_over(entry: Entry) -> Stroke:
 
 def _refusal_of(error: CurveError) -> Refusal:
     """The refusal without its advice to open the page, since it stands on that page."""
+    other_pen = error.numbers.get("other_colour", "")
     sentences = []
     for sentence in re.split(r"(?<=\.) ", error.message):
-        if "vfplan review" not in sentence:
+        # The page has a button for the other pen.
+        is_option = bool(other_pen) and "--colour" in sentence
+        if "vfplan review" not in sentence and not is_option:
             sentences.append(sentence)
     text = " ".join(sentences) or error.message
     place = None
     if "u_px" in error.numbers and "v_px" in error.numbers:
         place = (float(error.numbers["u_px"]), float(error.numbers["v_px"]))
-    return Refusal(error.code, text, place)
+    return Refusal(error.code, text, place, other_pen)
 
 
 def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:

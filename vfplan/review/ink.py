@@ -77,7 +77,13 @@ class SliceInk:
         self.rgb = rgb
         self.colour = colour
         self.roi = roi
+        self.exclude = exclude
         self._region = Region.of(roi, exclude, rgb.shape)
+
+    def of_pen(self, colour: str) -> SliceInk:
+        """The ink of another pen; raises `SettingError` for no colour."""
+        Pen.of_colour(colour)
+        return SliceInk(self.rgb, colour, self.exclude, self.roi)
 
     def without(self, exclude: tuple[Box, ...]) -> SliceInk:
         """The same ink but for what lies in the boxes."""

@@ -255,6 +255,7 @@ class Session:
                 "text": refusal.text,
                 "place_px": refusal.place_px,
                 "stage": "extract",
+                "other_pen": refusal.other_pen,
             }
         state["why_not"] = self.why_not
         state["approvable"] = not state["why_not"]
@@ -434,6 +435,9 @@ class Session:
         settings = self.source.settings_in_force
         if self.current.exclude:
             settings["exclude"] = self.current.exclude
+        ink = self.current.geometry.ink
+        if ink is not None and ink.colour != self.source.extraction.colour:
+            settings["colour"] = ink.colour
         image = self.source.image
         size = SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm)
         return Fixture(
@@ -475,7 +479,7 @@ def _sentence(text: str) -> str:
 def _title(step: dict[str, Any]) -> str:
     """A step in the list of steps."""
     words = step["do"].replace("_", " ")
-    for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label"):
+    for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):
         if name not in step:
             continue
         number = step[name]

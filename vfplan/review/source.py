@@ -123,14 +123,14 @@ class Source:
             "sides": _sides(self.image),
         }
 
-    def geometry_with(self, exclude: tuple[Box, ...]) -> Geometry:
-        """The slice extracted anew, with ink in the boxes left out."""
-        ink = self.geometry.ink.without(exclude)
-        return geometry_of_slice(self.slice_path, self.extraction_with(exclude), ink)
+    def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
+        """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
+        settings = self.extraction_with(ink, exclude)
+        return geometry_of_slice(self.slice_path, settings, ink.without(exclude))
 
-    def extraction_with(self, exclude: tuple[Box, ...]) -> ExtractSettings:
-        """The extraction's settings with these boxes excluded."""
-        return replace(self.extraction, exclude=exclude or None)
+    def extraction_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> ExtractSettings:
+        """The extraction's settings for the pen of this ink, with these boxes excluded."""
+        return replace(self.extraction, colour=ink.colour, exclude=exclude or None)
 
 
 def open_source(

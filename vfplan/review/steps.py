@@ -296,11 +296,17 @@ def reverse(session: Session, step: Step) -> State:
 def choose(session: Session, step: Step) -> State:
     """Take a candidate, by its number, as the curve."""
     state = session.current
-    _needs_ink(session)
-    settings = session.source.extraction_with(state.exclude)
+    settings = session.source.extraction_with(_needs_ink(session), state.exclude)
     number = _whole(step, "candidate")
     geometry = with_chosen(session.source.slice_path, settings, state.geometry, number)
     return state.changed(geometry=geometry)
+
+
+def choose_pen(session: Session, step: Step) -> State:
+    """Take another pen than the settings name; the slice is extracted anew."""
+    state = session.current
+    ink = _needs_ink(session).of_pen(_label(step, "colour"))
+    return state.changed(geometry=session.source.geometry_with(ink, state.exclude))
 
 
 def exclude(session: Session, step: Step) -> State:
@@ -336,7 +342,7 @@ def exclude(session: Session, step: Step) -> State:
         if earlier["do"] in BY_HAND:
             is_shaped = True
     if not is_shaped:
-        extracted = session.source.geometry_with(exclude)
+        extracted = session.source.geometry_with(ink, exclude)
         # A line that was chosen among several stays, if extraction alone still finds no curve.
         if extracted.strokes or not geometry.strokes:
             geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
@@ -538,6 +544,7 @@ STEPS: dict[str, Callable[[Session, Step], State]] = {
         delete_stroke,
         reverse,
         choose,
+        choose_pen,
         exclude,
         take,
         leave,

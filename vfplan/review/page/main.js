@@ -161,6 +161,7 @@ function showRefusal(state) {
   byId("refusal").hidden = !isShown;
   if (!isShown) return;
   const rows = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
+  if (refusal.other_pen) rows.push(penRow(refusal.other_pen));
   let text = refusal.text;
   if (refusal.code === "several-candidates" && rows.length) {
     text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
@@ -168,6 +169,14 @@ function showRefusal(state) {
   byId("refusal").querySelector("h2").textContent = isOfCurve ? "No curve yet" : "The plan is refused";
   byId("refusal-text").textContent = text;
   refill(byId("candidates"), rows);
+}
+
+// A line of another pen than the command named, by a button.
+function penRow(colour) {
+  const swatch = make("span", { class: "pen", style: `background:${colour}` });
+  const onclick = () => app.step({ do: "choose_pen", colour });
+  const button = make("button", { type: "button", class: "row", onclick }, swatch, `Take the line in ${colour}`);
+  return make("li", {}, button);
 }
 
 // Once, so that the planner can look elsewhere. To choose among several lines he has to see the
