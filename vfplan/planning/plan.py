@@ -1,11 +1,12 @@
-"""`plan` is `extract`, then `register`: from a planned slice and its markers to a fixture.
+"""From a planned slice and its markers to a fixture: `plan` calls `extract`, then `register`.
 
-    slice   -> the drawn curve                             extract()
-    markers -> transform with its error; the gate on it    register(): match, refine, target_error
-    curve   -> points, lines and arcs, and their margin    register(): add_margin, render
-    all     -> fixture, with a guide where one is wanted   register(): make_fixture, add_guidance
+    slice              -> the drawn curve                        extract()
+    markers            -> the registration and its error         register(): match, target_error
+    curve              -> points, lines and arcs for the robot   register(): add_margin, render
+    all of these       -> the fixture, with a guide if wanted    register(): make_fixture
 
-`extract` ends in a curve (a `Fixture` in the image's pixels); `register` begins with one.
+`extract` gives the curve as a `Fixture` whose points are pixels of the slice. `register` turns that
+into a `Fixture` whose points lie in front of the robot.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RegisterResult:
-    """A fixture, the registration it rests on, and what was found, as `--json` reports it."""
+    """A fixture, the registration it rests on, the report that `--json` prints, and findings."""
 
     fixture: Fixture
     registration: Registration
@@ -92,18 +93,18 @@ def plan(
     markers, markers2
         One file with both positions of each marker, or two joined by label.
     curve
-        A vector curve drawn on the slice, instead of a pen's.
+        A file of a curve that was drawn on the slice as vectors; no pen is then looked for.
     extraction, settings
-        How the curve is read, and how it becomes a fixture.
+        How the curve is extracted, and how it becomes a fixture.
 
     Raises
     ------
     ImageError, CurveError, MarkerError, SettingError, MissingExtra
         As `extract` and `register` do.
     InputError
-        SOURCE_DATE_EPOCH is no time.
+        The environment variable SOURCE_DATE_EPOCH is no time.
     CheckFailed
-        A gate that does not hold, or a guide that leads into what is forbidden.
+        A gate does not hold, or a guide leads into what is forbidden.
     """
     extracted = extract(image, extraction, curve=curve)
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
@@ -111,7 +112,7 @@ def plan(
 
 
 def register(
-    curve: Fixture,
+    unregistered: Fixture,
     markers: str | Path,
     markers2: str | Path | None = None,
     settings: FixtureSettings | None = None,
@@ -120,25 +121,28 @@ def register(
     touched: str | Path | None = None,
     tip_radius: float = 0.0,
 ) -> RegisterResult:
-    """Carry a curve into the frame of the target markers and sample it for rendering.
+    """Carry a curve or a surface by markers to the robot, and say how it is rendered there.
 
-    That is the robot's, or "patient_lps" where the target side is a Slicer file.
+    The fixture is then in the robot's frame. Where the second positions of the markers come from a
+    file of 3D Slicer, it is in the patient's frame, "patient_lps".
 
     Parameters
     ----------
-    curve
-        A fixture in frame "image" or "patient_lps" with its strokes; or a surface in
-        "patient_lps", whose samples and triangles are carried over as they are.
+    unregistered
+        A fixture that no markers carried yet: a curve in frame "image" or "patient_lps", or a
+        surface in "patient_lps". The points and triangles of a surface are carried as they are.
     markers, markers2
         One file with both positions of each marker, or two joined by label.
     settings
-        The registration, the sampling and the rendering.
+        How the markers are registered, the curve is sampled and the fixture is rendered.
     image
-        The slice the curve was drawn on; needed to find the markers in it, and where they are
-        given in the patient's frame, to which a DICOM slice carries the curve.
-    touched, tip_radius
-        Points that the robot touched on the surface refine a rigid registration of one; the radius
-        [m] of the ball that touched them.
+        The slice that the curve was drawn on. With it, marks on the slice are found and held
+        against the markers. It is needed where the markers are given in the patient's frame: a
+        DICOM slice says where its pixels lie there.
+    touched
+        A file of points that the robot touched on a surface. They refine a rigid registration.
+    tip_radius
+        The radius of the ball that touched them [m].
 
     Raises
     ------
@@ -146,9 +150,9 @@ def register(
         Markers that determine no transform, or that no slice or robot can have.
     CurveError, SettingError
     CheckFailed
-        A gate that does not hold: positions that meet no drawn marks, mistaken labels, residuals
-        above `settings.max_residual_m`, an error that may be larger than `settings.max_tre_m`. Or
-        a guide that leads into what is forbidden.
+        A gate does not hold: the markers meet no drawn marks, their labels are mistaken, their
+        residuals exceed `settings.max_residual_m`, or the error may exceed `settings.max_tre_m`.
+        Or a guide leads into what is forbidden.
     """
     from vfplan.registration import (
         describe_checks,
@@ -161,18 +165,19 @@ def register(
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
     settings = settings or FixtureSettings()
-    if curve.mesh is not None and settings.density_per_m is not None:
+    if unregistered.mesh is not None and settings.density_per_m is not None:
         raise SettingError(
             "a surface is sampled already; a density has no effect on it. Leave --density out",
             code="density-of-surface",
         )
     started = time.perf_counter()
 
-    # Markers -> transform, or a refusal that names the marker.
-    matched = match(curve, markers, markers2, settings, image)
-    # `drawn` is the curve as it is measured: in pixels, or in the patient's frame of its slice.
+    # Markers -> registration, or a refusal that names the marker.
+    matched = match(unregistered, markers, markers2, settings, image)
+    # The curve in the frame in which the markers are given: that of the image, or the patient's.
     drawn = matched.curve
     registration = matched.registration
+    # Touched points give a second registration, which begins at that of the markers.
     refined = None
     if touched is not None:
         refined = refine(drawn, registration, touched, tip_radius)
@@ -182,13 +187,16 @@ def register(
     error = target_error(registration, drawn.points)
     if settings.max_tre_length_m is not None:
         refuse_large_error(error, settings.max_tre_length_m, registration, drawn.points)
+
+    # A margin makes the fixture thicker: from here on `settings.point_radius` includes it.
     margin = None
     margin_m = 0.0
     if settings.margin is not None:
         settings, margin = add_margin(drawn, registration, settings)
         margin_m = margin.largest_m
 
-    # The curve in the target frame, sampled as finely as the tolerance asks.
+    # The curve in front of the robot, sampled as finely as the tolerance asks. The margin is given
+    # once more only because lines and arcs must be finer than it.
     rendered = render(drawn, registration, settings, matched.slice_axes, margin_m)
     fixture = make_fixture(matched, registration, rendered, settings, refined)
     guide_report: dict[str, Any] = {}
@@ -204,18 +212,19 @@ def register(
         findings += refined.findings
     findings += rendered.findings
     findings += guide_findings
-    size = size_doubt(fixture.points)
-    if size is not None:
-        findings.append(doubt("size-unusual", "plan", size))
+    unusual_size = size_doubt(fixture.points)
+    if unusual_size is not None:
+        findings.append(doubt("size-unusual", "plan", unusual_size))
     if fixture.pieces is not None:
-        work = slow_tick_text(fixture)
-        if work is not None:
-            findings.append(doubt("tick-too-long", "plan", work))
-    # The curve's own findings keep no place: theirs is in the frame that the fixture has left.
-    earlier = [replace(finding, place_m=None) for finding in curve.findings]
-    fixture = replace(fixture, findings=(*earlier, *findings))
+        slow_tick = slow_tick_text(fixture)
+        if slow_tick is not None:
+            findings.append(doubt("tick-too-long", "plan", slow_tick))
+    # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
+    of_extraction = [replace(finding, place_m=None) for finding in unregistered.findings]
+    fixture = replace(fixture, findings=(*of_extraction, *findings))
 
-    # The report: the markers' own fit, and what the touched points made of it.
+    # The report. Residuals and checks are those of the markers' registration, the error is that of
+    # the registration in use.
     report = registration_report(matched.registration, drawn.points, error=error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
@@ -235,32 +244,31 @@ def make_fixture(
     settings: FixtureSettings,
     refined: RefineResult | None,
 ) -> Fixture:
-    """The carried curve as a fixture, with the files and settings that it came from.
-
-    Only in the robot's frame a bundle holds its slice and its registration (docs/format.md).
-    """
+    """The fixture of the rendered curve, with the files and settings that it came from."""
     source = matched.curve
     carried = rendered.carried
     target_frame = matched.correspondences.target_frame
 
-    # The curve's provenance, continued.
+    # What the curve came from, and what was added to it here.
     inputs = source.provenance.inputs | matched.correspondences.inputs
     if refined is not None:
         inputs = inputs | {"touched": refined.sha256}
-    choices = rendered.settings
-    fit = matched.registration
-    if not fit.used.all():
-        excluded = [str(fit.labels[i]) for i in np.flatnonzero(~fit.used)]
-        choices["markers_left_out"] = ",".join(excluded)
+    chosen = rendered.settings
+    by_markers = matched.registration
+    if not by_markers.used.all():
+        labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
+        chosen["markers_left_out"] = ",".join(labels)
     if source.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
-    earlier = source.provenance
-    now = Provenance.now(inputs, settings)
+    provenance = Provenance.now(inputs, settings)
     provenance = replace(
-        now, settings=earlier.settings | now.settings | choices, history=earlier.history
+        provenance,
+        settings=source.provenance.settings | provenance.settings | chosen,
+        history=source.provenance.history,
     )
 
+    # A bundle holds its slice and its registration in the robot's frame alone (docs/format.md).
     image = None
     record = None
     if target_frame == "robot_base":

@@ -1,4 +1,13 @@
-"""replay(fixture, session): every tick through the engine, every number from the ticks."""
+"""Replay a session: every tick goes through the engine, and every number comes from the ticks.
+
+A session is a recording of where a hand held the tool. `replay` feeds it to the engine that the
+controller would run, with the rule that is asked for:
+
+    exact    renders lines, arcs and triangles as they are
+    robust   renders points, and never lets the proxy inside
+    paper    renders points as the paper published it, and may let the proxy inside
+    both     robust, and paper beside it, to compare the two
+"""
 
 from __future__ import annotations
 
@@ -37,17 +46,18 @@ class Replay:
     Parameters
     ----------
     rule, engine
-        What ran: "robust" or "paper"; "native" or "reference".
+        What ran: "exact", "robust", "paper" or "both"; "native" or "reference".
     ticks
-        One row a tick; of every `stride` ticks the deepest where a bound was set.
+        One row for each tick. If fewer rows were asked for than there are ticks, one row stands
+        for `stride` ticks: it is the one in which the tool was deepest.
     metrics
         The report: the contract's keys and more, defined in docs/replay.md.
     fixture
-        What was replayed against.
+        The fixture that was rendered.
     stride
-        Ticks of the session each row of `ticks` stands for.
+        The number of ticks that each row of `ticks` stands for.
     other
-        With rule "both": the run of the paper's rule; this one is then the robust one.
+        With rule "both" the replay by rule "paper"; `ticks` are then those of rule "robust".
     """
 
     rule: str
@@ -70,7 +80,7 @@ class Replay:
 
     @property
     def passed(self) -> bool:
-        """Whether every limit that was given holds; see `verdict` for what that is worth."""
+        """Whether every limit that was given holds, also where the tool never touched."""
         return all(check["pass"] for check in self.metrics.get("checks", []))
 
     @property
@@ -80,7 +90,7 @@ class Replay:
 
 
 def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
-    """The part of a report that belongs in a result file: what was replayed, how, on what."""
+    """The part of a report that a result file keeps: what was replayed against what, and how."""
     names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
     return {name: metrics[name] for name in names if name in metrics}
 
@@ -111,53 +121,55 @@ def replay(
     session
         A `Session`, a `SessionStream`, or the path of a session file.
     rule
-        "robust", "paper", "exact", or "both": robust and paper. `None`: the fixture's best.
+        "exact", "robust", "paper" or "both", as above. `None`: the one that comes nearest to what
+        is forbidden, "exact" where the fixture has lines and arcs.
     engine
-        "native", or "reference": the paper's algorithms in NumPy (rule "paper" only).
+        "native": the controller's own. "reference": the paper's algorithms in NumPy, which have
+        rule "paper" only.
     robot
-        Hold forces, their steps and speeds against its limits.
+        Check forces, steps of the force and speeds against the limits of this robot.
     link
-        Deliver the session through a lossy link, and compare with a perfect one.
+        Let the positions come through a lossy link, and compare with a perfect one.
     governor
-        Hold the forces to this robot's limits, as `vfplan.Governor` does; `force` is then what was
-        commanded.
+        Hold the forces to the limits of this robot, as `vfplan.Governor` does. The forces of the
+        ticks are then those that it let through.
     limits
-        (number in the report, "at_most" or "at_least", limit), to be checked.
+        (name of a number of the report, "at_most" or "at_least", limit) each.
     keep
-        At most this many ticks in the result's `ticks`; `None`: all of them.
+        The most rows that `ticks` of the result may have; `None`: one for each tick.
     sinks
-        Called with (rule, block of ticks) as the replay goes.
+        Functions that get (rule, block of ticks) during the replay, as writers of files do.
     trust
-        A `vfplan.bundle.Trust`: what a bundle's signature must show.
+        A `vfplan.bundle.Trust`: who must have signed the bundle, and for what.
     poses
-        Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. Numbers of the report are
-        then those of the fixture's frame, and the energy of its own motion is told apart.
+        Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. The numbers of the report
+        are then in the frame of the fixture, and the energy of its motion stands by itself.
     events
-        Exchanges and edits, each with its tick: a file, or `Event`s. A session's path to a log with
-        columns `poses` and `events` says in which ticks the loop knew of them.
+        When the fixture was exchanged or edited: a file, or `Event`s. A controller learns of poses
+        and events some ticks late. If the session is its log, with columns `poses` and `events`,
+        the replay takes both up in the same ticks as the controller did.
     moving
-        The settings of the controller's `MovingFrame`, where they are not the defaults.
+        Settings of the controller's `MovingFrame` that are not its defaults.
 
     Raises
     ------
     SessionError
-        A session that cannot be read, or one in another frame than the fixture.
+        The session cannot be read, or its frame is not that of the fixture.
     InputError, SettingError, BundleError
-        A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
+        The fixture cannot be rendered, the rule or engine is unknown, or the bundle is bad.
     """
     started = clock.perf_counter()
 
-    # What is replayed against what: both in one frame.
+    # Fixture and session, which must be in one frame. `common` is what every report will hold.
     path = None
-    record: dict[str, Any] = {}
+    common: dict[str, Any] = {}
     if not isinstance(fixture, Fixture):
         from vfplan.bundle import read_sealed
 
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)
-        is_checked = trust is not None
-        record["fixture"] = {
-            "name": path.name, **seal.describe(), "signature_checked": is_checked,
+        common["fixture"] = {
+            "name": path.name, **seal.describe(), "signature_checked": trust is not None,
         }  # fmt: skip
     if isinstance(session, (str, Path)):
         poses, events = as_the_loop_saw(session, poses, events)
@@ -170,12 +182,12 @@ def replay(
             code="frame-differs",
         )
 
-    # One run of each rule, and behind a lossy link one more over a perfect link. On a mesh, a rule
-    # for points renders the mesh's samples; of two rules, both are rules for points.
+    # One run for each rule. With a lossy link one more run has a perfect link, to compare.
     rules = chosen_rules(rule, fixture)
     if link is not None and not link.faulty:
         link = None
     with naming_place(path):
+        # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
         changing = None
         if poses is not None or events is not None:
@@ -198,30 +210,30 @@ def replay(
     recording = SamplingReport()
     between_rules = Comparison()
     between_links = Comparison()
-    for time, hand in session.blocks():
-        recording.update(time, hand)
+    for times, positions in session.blocks():
+        recording.update(times, positions)
         blocks = []
         for run in runs:
-            ticks = run.feed(time, hand)
+            ticks = run.feed(times, positions)
             blocks.append(ticks)
             for sink in sinks:
                 sink(run.rule, ticks)
         if rule == "both":
             between_rules.update(*blocks)
         if perfect is not None:
-            between_links.update(blocks[0], perfect.feed(time, hand))
+            between_links.update(blocks[0], perfect.feed(times, positions))
 
-    # What is the same for every run.
-    record["session"] = {
+    # What all reports hold: the session, the link and the time that it all took.
+    common["session"] = {
         "name": session.name, "frame": session.frame, **session.notes, **recording.report(),
     }  # fmt: skip
     if session.sha256 is not None:
-        record["session"]["sha256"] = session.sha256
+        common["session"]["sha256"] = session.sha256
     if perfect is not None:
-        record["link"] = link_report(link, runs[0], perfect, between_links, robot)
-    record["elapsed_s"] = clock.perf_counter() - started
+        common["link"] = link_report(link, runs[0], perfect, between_links, robot)
+    common["elapsed_s"] = clock.perf_counter() - started
 
-    # Each run's report: its numbers, what a person should look at, and the limits that were given.
+    # The report of each run: its numbers, the findings, and whether the limits hold.
     if robot is not None:
         limits = (*limits, *robot_limits(robot))
     results = []
@@ -234,9 +246,9 @@ def replay(
             **numbers,
             "scene": scene_report(fixture, parameters),
             "left_out": dict(run.engine.left_out),
-            **record,
-            "findings": replay_findings(numbers, record, parameters, robot),
-            "real_time_factor": numbers["duration_s"] / record["elapsed_s"],
+            **common,
+            "findings": replay_findings(numbers, common, parameters, robot),
+            "real_time_factor": numbers["duration_s"] / common["elapsed_s"],
         }
         if limits:
             metrics["checks"] = check_limits(metrics, limits)
@@ -246,7 +258,8 @@ def replay(
     if len(results) == 1:
         return results[0]
 
-    # The robust rule's report, with the paper's inside and how far the two differ.
+    # Rule "both": the report of rule "robust", with that of rule "paper" inside, and how far apart
+    # the two were.
     robust, paper = results
     paper_numbers = dict(paper.metrics)
     for name in ("session", "fixture", "link"):
@@ -258,7 +271,7 @@ def replay(
 
 
 def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
-    """The rules that run: the one asked for, both for points, or the fixture's best."""
+    """The rules to run: the one that is asked for, "robust" and "paper" for "both", or the best."""
     if rule is None:
         return [best_rule(fixture)]
     if rule == "both":
@@ -271,10 +284,12 @@ def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
 def link_report(
     link: Link, run: EngineRun, perfect: EngineRun, comparison: Comparison, robot: Robot | None
 ) -> dict[str, Any]:
-    """What the link did, and what the same session gives over a perfect one."""
+    """What the lossy link did, and the numbers of the same session over a perfect one."""
     assert run.link is not None
-    unaffected = perfect.finish()
-    numbers = {k: v for k, v in unaffected.items() if isinstance(v, (int, float))}
+    over_perfect = perfect.finish()
+    numbers = {
+        name: value for name, value in over_perfect.items() if isinstance(value, (int, float))
+    }
     lost_limit = None
     if robot is not None:
         lost_limit = robot.lost_packets_limit
@@ -282,12 +297,12 @@ def link_report(
         **link.report(),
         **run.link.report(lost_limit),
         "apart": comparison.report(),
-        "perfect": {**numbers, "episodes": episode_count(unaffected)},
+        "perfect": {**numbers, "episodes": episode_count(over_perfect)},
     }
 
 
 def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
-    """What was rendered."""
+    """The fixture and the parameters that were rendered."""
     scene = {
         "planar": fixture.ignore_axis is not None,
         "points": len(fixture.points),
