@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 def f_exceeds(dof: ArrayLike, other_dof: ArrayLike, f: ArrayLike) -> Array:
     """The probability that F of these degrees of freedom exceeds f >= 0."""
     share = np.divide(other_dof, np.multiply(dof, f) + other_dof)
-    return _beta_share(share, np.divide(other_dof, 2), np.divide(dof, 2))
+    a, b = np.divide(other_dof, 2), np.divide(dof, 2)
+    return _beta_share(share, a, b, _log_beta(a, b))
 
 
 def f_quantile(dof: ArrayLike, other_dof: ArrayLike, probability: float) -> Array:
@@ -25,12 +26,13 @@ def f_quantile(dof: ArrayLike, other_dof: ArrayLike, probability: float) -> Arra
     # Newton's method for log F, whose distribution is nearly symmetric; in bounds, which are halved
     # where a step would lead out of them.
     log_f, low, high = np.zeros(a.shape), np.full(a.shape, -700.0), np.full(a.shape, 700.0)
+    log_beta = _log_beta(a, b)
     for _ in range(100):
         f = np.exp(log_f)
-        excess = 1 - probability - f_exceeds(2 * a, 2 * b, f)
+        excess = 1 - probability - _beta_share(b / (a * f + b), b, a, log_beta)
         low, high = np.where(excess < 0, log_f, low), np.where(excess < 0, high, log_f)
         x = a * f / (a * f + b)
-        density = np.exp(a * np.log(x) + b * np.log1p(-x) - _log_beta(a, b))
+        density = np.exp(a * np.log(x) + b * np.log1p(-x) - log_beta)
         tried = log_f - excess / np.maximum(density, 1e-300)
         tried = np.where((low <= tried) & (tried <= high), tried, (low + high) / 2)
         largest_step = np.abs(tried - log_f).max(initial=0.0)
@@ -40,8 +42,10 @@ def f_quantile(dof: ArrayLike, other_dof: ArrayLike, probability: float) -> Arra
     return np.exp(log_f)
 
 
-def _beta_share(x: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
+def _beta_share(x: ArrayLike, a: ArrayLike, b: ArrayLike, log_beta: ArrayLike) -> Array:
     """The regularised incomplete beta function I_x(a, b), by its continued fraction.
+
+    `log_beta` is the logarithm of the beta function of a and b.
 
     NIST's Digital Library of Mathematical Functions, 8.17.22, evaluated from the front. It
     converges quickly below the mean; above it I_x(a, b) = 1 - I_(1-x)(b, a).
@@ -63,11 +67,11 @@ def _beta_share(x: ArrayLike, a: ArrayLike, b: ArrayLike) -> Array:
         if not (np.abs(c * d - 1) >= 1e-15).any():  # Of no number it never is.
             break
     x = np.maximum(x, np.finfo(float).tiny)
-    share = fraction / a * np.exp(a * np.log(x) + b * np.log1p(-x) - _log_beta(a, b))
+    share = fraction / a * np.exp(a * np.log(x) + b * np.log1p(-x) - log_beta)
     return np.where(is_above, 1 - share, share)
 
 
-def _log_beta(a: Array, b: Array) -> Array:
+def _log_beta(a: ArrayLike, b: ArrayLike) -> Array:
     """The logarithm of the beta function."""
     log_gamma = np.vectorize(math.lgamma, otypes=[float])
-    return log_gamma(a) + log_gamma(b) - log_gamma(a + b)
+    return log_gamma(a) + log_gamma(b) - log_gamma(np.add(a, b))
