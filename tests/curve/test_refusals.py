@@ -80,6 +80,20 @@ def test_several_candidates_with_the_gap_between_them():
     assert refusal(image, stroke=3).code == "stroke-number"
 
 
+@pytest.mark.parametrize(
+    ("second", "max_gap", "advised"),
+    [
+        (line(160, 100, 290, 100), 10.0, True),
+        (line(160, 100, 170, 230), 60.0, False),  # the directions differ
+        (line(240, 100, 330, 100), 20.0, False),  # the gap is longer than a line
+    ],
+)
+def test_a_wider_gap_is_advised_only_where_it_joins_the_lines(second, max_gap, advised):
+    error = refusal(paint(line(30, 100, 120, 100), second), max_gap_px=max_gap)
+    assert error.code == "several-candidates"
+    assert ("--max-gap" in str(error)) == advised
+
+
 def test_a_fork_names_its_place():
     error = refusal(paint(line(40, 150, 300, 150), line(170, 150, 250, 60)))
     assert error.code == "line-forks"

@@ -22,7 +22,12 @@ Choice = int | Literal["all", "longest"] | None
 
 
 def choose_lines(
-    lines: list[Candidate], choice: Choice, ink: Ink, pen: Pen, region: Region
+    lines: list[Candidate],
+    choice: Choice,
+    ink: Ink,
+    pen: Pen,
+    region: Region,
+    max_gap_px: float,
 ) -> list[Candidate]:
     """The lines that are meant; raises `CurveError` where that is left open.
 
@@ -46,7 +51,7 @@ def choose_lines(
     if choice == "all":
         return candidates
     if choice is None and len(candidates) > 1:
-        raise _several_error(candidates)
+        raise _several_error(candidates, max_gap_px)
     return candidates[:1]
 
 
@@ -84,7 +89,7 @@ def describe(line: Candidate) -> str:
     return f"open, {line.length:.0f} px long, {ends}"
 
 
-def _several_error(candidates: list[Candidate]) -> CurveError:
+def _several_error(candidates: list[Candidate], max_gap_px: float) -> CurveError:
     listed = "; ".join(f"{k}: {describe(line)}" for k, line in enumerate(candidates[:DESCRIBED], 1))
     message = (
         f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
@@ -93,19 +98,22 @@ def _several_error(candidates: list[Candidate]) -> CurveError:
     numbers: dict = {"candidates": len(candidates)}
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
-        gap, place = nearest
-        message += (
-            f". Two of them end {gap:.0f} px apart at ({place[0]:.0f}, {place[1]:.0f}); "
-            f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
-        )
+        gap, longest, place = nearest
+        message += f". Two of them end {gap:.0f} px apart at ({place[0]:.0f}, {place[1]:.0f}); "
+        if gap > longest:
+            message += "that is longer than one of them, so they are not joined"
+        elif gap <= max_gap_px:
+            message += "their directions differ too much to join them"
+        else:
+            message += f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
         numbers |= {"gap_px": gap, "u_px": place[0], "v_px": place[1]}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)
     return error
 
 
-def _nearest_ends(lines: list[Candidate]) -> tuple[float, tuple[float, float]] | None:
-    """The shortest gap between ends of two lines, and its middle [px]."""
+def _nearest_ends(lines: list[Candidate]) -> tuple[float, float, tuple[float, float]] | None:
+    """The shortest gap between ends of two lines, the longest that joins them, and the middle."""
     nearest = None
     for i, one in enumerate(lines):
         for other in lines[i + 1 :]:
@@ -114,7 +122,8 @@ def _nearest_ends(lines: list[Candidate]) -> tuple[float, tuple[float, float]] |
                     gap = gap_px(one, end, other, other_end)
                     if one.may_go_on and other.may_go_on and (nearest is None or gap < nearest[0]):
                         middle = (one.path[end] + other.path[other_end]) / 2
-                        nearest = (gap, (float(middle[0]), float(middle[1])))
+                        longest = min(one.length, other.length)
+                        nearest = (gap, longest, (float(middle[0]), float(middle[1])))
     return nearest
 
 

@@ -140,7 +140,7 @@ def extract_curve(
     passing = lines
     if places and stroke is None:
         passing = lines_through(lines, start, end)
-    chosen = choose_lines(passing, stroke, ink, pen, region)
+    chosen = choose_lines(passing, stroke, ink, pen, region, max_gap_px)
     others = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
 
