@@ -1,8 +1,9 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Rule `exact` for lines and arcs, not for samples of them. The hand moves the HIP, and the proxy
-// follows it in the plane of the curve as far as the curve lets it. The numbers in brackets, as
-// (E1), are the equations of docs/exact.md.
+// Rule `exact` for lines and arcs, not for samples of them. The hand moves the HIP (haptic
+// interface point), which is where the tool is, and the proxy follows it in the plane of the curve
+// as far as the curve lets it. The numbers in brackets, as (E1), are the equations of
+// docs/exact.md.
 //
 //     R         distance from the curve at which the proxy rests on it [m]
 //     b         the band, 1e-7 R for most curves: roundings may let the proxy sink by it [m]
@@ -61,8 +62,8 @@ class Curve {
   public:
     Curve() = default;
 
-    /// `strokes`: lines and arcs from vertex to vertex, in space. `plane`: the plane across which
-    /// they are infinite. `radius`: R of the proxy that is to go round the curve [m].
+    /// `strokes`: lines and arcs from vertex to vertex, in space. `plane`: what they are projected
+    /// into, along the ignored axis. `radius`: R of the proxy that is to go round the curve [m].
     Curve(const std::vector<Stroke>& strokes, const Slice& plane, double radius) : R_(radius) {
         for (const Stroke& stroke : strokes) {
             std::vector<Vec2> corners(stroke.bulges.size());
@@ -142,7 +143,7 @@ class Curve {
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < n; ++i)
             cut_into_quarters(corners[i], corners[(i + 1) % n], stroke.bulges[i], pieces);
         const int first_feature = static_cast<int>(features_.size());
-        if (pieces.empty()) {
+        if (pieces.empty()) {  // a dot
             features_.push_back(joint(corners[0]));
             return;
         }
@@ -248,6 +249,8 @@ class FeatureQuery {
 
     FeatureQuery(Curve curve, double radius, double band)
         : curve_(std::move(curve)),
+          // Three lengths, of which rules/constants.hpp gives the reasons: b / 1000, 3 b / 4 and
+          // b / 10.
           limits_{.start_slack = tuned::start_slack * band,
                   .max_sink = tuned::max_sink * band,
                   .full_hollow = tuned::full_hollow * band},
@@ -291,6 +294,7 @@ class FeatureQuery {
             if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
             bool is_touching;
             curve_.spend(steps_a_try);
+            // Where the path goes into what the feature forbids. (E5)
             const double t =
                 first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
             if (t < hit.t) hit = {t, i, is_touching};

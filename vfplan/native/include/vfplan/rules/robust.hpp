@@ -1,14 +1,16 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The default rule, for a cloud of points. The hand moves the HIP, and the proxy follows it as far
-// as the cloud lets it: the force on the hand is that of a spring from the HIP to the proxy. The
-// numbers in brackets, as (R3), are the equations of docs/robust.md.
+// The default rule, for a cloud of points. The hand moves the HIP (haptic interface point), which
+// is where the tool is, and the proxy follows it as far as the cloud lets it. The force on the hand
+// is that of a spring from the HIP to the proxy. The numbers in brackets, as (R3), are the
+// equations of docs/robust.md.
 //
 //     x, h   proxy and HIP [m]; u = h - x leads from the proxy to the HIP
 //     R      distance from a point at which the proxy rests on it: contact radius + point radius
 //     b      the band [m]: the proxy may sink to R - b from a point, never further
 //     g      sqrt(b / R): about the slope that points have against each other on a flat sheet whose
 //            dimples, between the points, are as deep as the band
+//     D      3 in space; 2 where the fixture ignores an axis, along which all is projected
 //     lift   of a plane: how far the proxy has to go along the plane's normal to stand R above the
 //            nearest point of its surface [m]; below 0 where it stands higher and may sink (R2)
 //
@@ -211,6 +213,7 @@ class RobustMotion {
     RuleAnswer<D> contact(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
         RuleAnswer<D> answer;
         const double contact_distance = R_ + p_.band;
+        // Up to this distance of a point the state is `free_motion`, beyond it `no_neighbour`.
         const double neighbourhood = p_.outer_radius + p_.point_radius;
         const bool is_known_to_touch = surfaces_.is_known_at(proxy) && surfaces_.count() > 0;
         if (nearest2_ <= contact_distance * contact_distance || is_known_to_touch) {
@@ -271,7 +274,8 @@ class RobustMotion {
         if (!(distance > 0)) return Iteration::rests;
 
         // Touch: the points within R + 2 b are sorted into surfaces, and a quadric fitted to each
-        // surface gives its plane. (R1, R2)
+        // surface gives its plane. What is known at this place already is not computed again. (R1,
+        // R2)
         surfaces_.update(neighbours_, proxy);
         const int surfaces = surfaces_.count();
         if (surfaces == 0) {
@@ -283,7 +287,8 @@ class RobustMotion {
         // has to end. A stalled proxy has to come nearer, and so has one between several surfaces,
         // for their fitted planes would let it wander. Any other stays within `distance_limit_`,
         // which was measured from the HIP and holds here because the goal of a proxy that is not
-        // stalled is the HIP. (R6)
+        // stalled is the HIP. A lift keeps a margin to what is accepted, so that no rounding
+        // makes it too long. (R6)
         double lift_limit = distance_limit_;
         if (stall.is_stalled()) lift_limit = distance - gain_margin();
         double accept_limit = lift_limit + gain_margin();
@@ -389,10 +394,11 @@ class RobustMotion {
         move_to(proxy, next, path);
         return Iteration::moved;
     }
-    /// The step v nearest to `to_goal` with (x - p) . v >= 0 for the points p at R from x (R4). The
-    /// product is held a little above 0, so that a rounding does not stop the step at once. The
-    /// point that v runs into most steeply becomes a plane that v has to keep to, until v runs into
-    /// none, or there are as many planes as there may be.
+    /// The step v nearest to `to_goal` with (x - p) . v >= 0 for every point p at R from x, or
+    /// nearer (R4). The point that v runs into most steeply becomes a plane that v has to keep to,
+    /// and v is chosen anew, until v runs into no point or there are as many planes as there may
+    /// be. Each plane asks for a lift of one slack, which v may miss by half: so v leads a little
+    /// out of the points, and a rounding does not stop it at once.
     Vec<D> god_object_step(const Vec<D>& x, const Vec<D>& to_goal) noexcept {
         constexpr int max_points = 8;
         ContactPlane<D> planes[max_points];
