@@ -17,6 +17,10 @@ from drawing import (
 )
 
 from vfplan.curve import extract_curve
+from vfplan.curve.centreline import is_noisy
+from vfplan.curve.coverage import find_ink
+from vfplan.curve.pen import Pen
+from vfplan.curve.region import Region
 
 RED = (255, 0, 0)
 SHAPE = (300, 340)
@@ -96,6 +100,17 @@ def test_a_hands_curve_over_bones(quality, limit_px):
     # The stated deviation tells the error; of a crisp line it is the pixel grid's, and larger.
     assert np.median(ratios) < 1.0
     assert np.median(ratios) > (0.15 if quality is None else 0.5)
+
+
+@pytest.mark.parametrize("width", [2.0, 5.0, 9.0, 13.0])
+def test_the_noise_of_jpeg_is_seen_beside_thin_and_thick_pens(width):
+    curve = hand(5)
+    for quality, noisy in ((None, False), (90, True), (60, True)):
+        image = drawn(curve, width)
+        if quality:
+            image = jpeg(image, quality)
+        ink = find_ink(image, Pen.of_colour("red"), Region())
+        assert is_noisy(ink, curve, width) == noisy
 
 
 @pytest.mark.parametrize("opacity", [0.4, 0.7])

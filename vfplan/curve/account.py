@@ -279,7 +279,19 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    return [_finding("width-changes", text, curve.path[at])]
+    return [_finding("width-changes", text, curve.path[_middle_of_wide_run(curve, at)])]
+
+
+def _middle_of_wide_run(curve: MeasuredStroke, at: int) -> int:
+    """The middle of the wider stretch that begins or ends where the width changes."""
+    ratio = relative_width(curve)
+    near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
+    wide = ratio > (near.min() + near.max()) / 2
+    nearest = at
+    for run in runs(wide, curve.closed):
+        if np.abs(run - at).min() <= tuned.SUDDEN_PX:
+            nearest = int(run[len(run) // 2])
+    return nearest
 
 
 def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:

@@ -149,7 +149,7 @@ def drawn_length(path: NDArray, closed: bool) -> float:
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
     normal = normals(filters.gaussian(path, tuned.SMOOTH_PX), False)
-    away = (width + 5.0) * normal
+    away = (width / 2 + 2 * tuned.FLANK_PX) * normal
     places = np.rint(np.vstack([path - away, path + away])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
     return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY

@@ -76,7 +76,8 @@ class Profiles:
         if whole.sum() < tuned.MIN_PROFILES:
             return centroid
         mean = symmetric(self.coverage[whole].mean(0))
-        shift = fit_shift(self.x, self.coverage, self.is_line, mean)
+        level = np.ones((len(self.x), 1))
+        shift = fit_shift(self.x, self.coverage, self.is_line, mean, level)
         clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
         usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
@@ -121,13 +122,15 @@ def symmetric(profile: NDArray) -> NDArray[np.float64]:
     return (profile + profile[::-1]) / 2
 
 
-def fit_shift(x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray) -> NDArray[np.float64]:
+def fit_shift(
+    x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray
+) -> NDArray[np.float64]:
     """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
 
-    A least-squares fit of the profile, its derivative and a level, through the samples that are
-    the line's own; 0 where the profile does not show.
+    A least-squares fit of the profile, its derivative and a ground (K, G), through the samples that
+    are the line's own; 0 where the profile does not show.
     """
-    basis = np.column_stack([mean, np.gradient(mean, x), np.ones(len(x))])
+    basis = np.column_stack([mean, np.gradient(mean, x), ground])
     fit = values @ np.linalg.pinv(basis).T
     for row in np.flatnonzero(~is_line.all(1)):
         visible = is_line[row]
@@ -177,11 +180,18 @@ def add_brightness(
     depth = np.where(clear, depth, 1.0)
     weight = np.where(clear, depth / rough**2, 0.0)
     mean = symmetric(weight @ line / (weight @ depth))
-    by_light = fit_shift(x, line / depth[:, None], profiles.is_line | ~clear[:, None], mean)
-    by_light = np.clip(by_light, x[0], x[-1])
+    is_line = profiles.is_line | ~clear[:, None]
+    by_light = fit_shift(x, line / depth[:, None], is_line, mean, ramp)
+    # Brightness that lies more than half a width off the colour is not the line's.
+    clear &= np.abs(by_light - offset) <= profiles.width / 2
+    if clear.sum() < tuned.MIN_PROFILES:
+        return offset
     trend = filters.gaussian(offset, tuned.TREND_PX)
     colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])
+    # JPEG stores colour at half the resolution, so its noise hangs together over twice the length,
+    # and smoothing along the line averages half as much of it.
+    light_variance /= 2
     share = np.where(clear, colour_variance / (colour_variance + light_variance), 0.0)
     return offset + share * (by_light - offset)

@@ -93,7 +93,7 @@ SMOOTH_PX = 2.0
 """Pixels over which the spline smooths, and over which the stairs of a skeleton are smoothed. Hands
 bend over 10 px and more."""
 
-SMOOTH_NOISY_PX = 3.5
+SMOOTH_NOISY_PX = 3.0
 """Pixels over which the spline smooths where colour is noisy. The noise of JPEG hangs together over
 blocks of 8 px, so it takes a longer stretch to average it."""
 
