@@ -109,8 +109,8 @@ def ridges(document: Document) -> str:
         f"- On {len(gains)} drawings `ridge` is {median(gains):.1f} times nearer to the true line "
         f"than `skeleton` in the median ({min(gains):.1f} to {max(gains):.0f}), in "
         f"{median(costs):.1f} times its time.\n"
-        f"- Refused: {'; '.join(dict.fromkeys(refused)) or 'nothing'}.\n"
-        f"- More than 5 px of the true line missed by `ridge`: {'; '.join(gaps) or 'nowhere'}."
+        f"- These drawings were refused: {'; '.join(dict.fromkeys(refused)) or 'none'}.\n"
+        f"- `ridge` missed more than 5 px of the true line here: {'; '.join(gaps) or 'nowhere'}."
     )
 
 
@@ -214,10 +214,10 @@ def choice(document: Document) -> str:
         if "max_iterations" in result["settings"]:
             iterations.append(result["settings"]["max_iterations"])
     return (
-        f"For {settings['tolerance_m'] * 1e3:g} mm and R = 5 mm: points at most "
-        f"{settings['spacing_m'] * 1e3:.3g} mm apart, a band of "
-        f"{settings['band_m'] * 1e6:.3g} µm, {settings['max_iterations']} iterations in the plane "
-        f"and {max(iterations)} in space."
+        f"With τ = {settings['tolerance_m'] * 1e3:g} mm and R = 5 mm, points are at most "
+        f"{settings['spacing_m'] * 1e3:.3g} mm apart, and the band is "
+        f"{settings['band_m'] * 1e6:.3g} µm. A tick has {settings['max_iterations']} iterations in "
+        f"the plane and {max(iterations)} in space."
     )
 
 

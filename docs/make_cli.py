@@ -25,7 +25,7 @@ shows the usual options, and `--help-all` every option.
 - An error is one line on stderr. It says what is wrong and what to do. `-vv` adds the traceback.
 - Outputs appear whole or not at all. They replace a file only with `--overwrite`.
 - If a command is killed (SIGKILL, a power cut), it can leave hidden files whose names begin with
-  `.vfplan-`. Delete them when no command is at work in that folder.
+  `.vfplan-`. The next command that writes in that folder removes them.
 
 | exit code | meaning |
 |---|---|
