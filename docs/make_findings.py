@@ -39,20 +39,20 @@ HEAD = """# Findings and errors
 
 <!-- Made by docs/make_findings.py from the sources and docs/findings.toml. Do not edit. -->
 
-Reference. vfplan names everything that it doubts or refuses by a code. A code never changes its
-meaning; a sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for a
-value of your data.
+Reference. Everything that vfplan doubts or refuses has a code. The meaning of a code never changes,
+but its sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for a value of
+your data.
 
-- A **doubt** wants an answer before `vfplan sign`. Answer it on the page of `vfplan review`, or by
+- A **doubt** wants an answer before `vfplan sign`. Answer it on the page of `vfplan review`, or with
   `vfplan accept`.
-- A **note** informs.
-- An **error** ends the command, and nothing is written. Its exit code says what is at fault: 1 a
-  check, 2 the command line, 3 the input, 4 a bundle that cannot be trusted.
+- A **note** only informs.
+- An **error** ends the command, and nothing is written. The exit code is 1 if a check failed, 2 if
+  the command line is wrong, 3 if the input is, and 4 if a bundle cannot be trusted.
 
 ![Small slices, each with what vfplan says about it](pictures/findings.png)
 
-Each picture is a drawn slice that was given to `vfplan extract`. The ring is the place that the
-command named.
+Each picture is a slice that `vfplan extract` was given. The ring marks the place that the command
+named.
 """
 
 FOOT = """
