@@ -39,12 +39,12 @@ HEAD = """# Findings and errors
 
 <!-- Made by docs/make_findings.py from the sources and docs/findings.toml. Do not edit. -->
 
-Reference. Everything that vfplan doubts or refuses has a code. The meaning of a code never changes,
-but its sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for a value of
-your data.
+Reference. Everything that vfplan doubts or refuses has a code. The meaning of a code never
+changes, but its sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for
+a value of your data.
 
-- A **doubt** wants an answer before `vfplan sign`. Answer it on the page of `vfplan review`, or with
-  `vfplan accept`.
+- A **doubt** wants an answer before `vfplan sign`. Answer it on the page of `vfplan review`, or
+  with `vfplan accept`.
 - A **note** only informs.
 - An **error** ends the command, and nothing is written. The exit code is 1 if a check failed, 2 if
   the command line is wrong, 3 if the input is, and 4 if a bundle cannot be trusted.
