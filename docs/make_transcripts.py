@@ -36,6 +36,7 @@ PLAN = (
 # What the commands of a page need in their folder, made by a command before them.
 BEFORE = {
     "bundles.md": f"{PLAN} && cp tests/data/bundles/0.1-everything.h5 old.h5",
+    "campaigns.md": f"{PLAN} && mv fixture.h5 elbow.h5",
     "registration.md": "awk -F, -v OFS=, '/^x4/ {$2 += 0.006} 1'"
     " samples/elbow_markers_robot.csv > moved.csv",
     "replay.md": r"printf 't,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n' > bad.csv",
