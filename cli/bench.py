@@ -23,7 +23,7 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
 @click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
 @options_in_order(
     option("-o", "--output", type=FILE, metavar="DIR",
-           help="Write bench.json, bench.csv and a diagram of each stage into this folder."),
+           help="Write bench.json, bench.csv and a diagram of each step into this folder."),
     OVERWRITE,
     option("--quick", is_flag=True,
            help="Measure fewer cases, in about a minute instead of ten."),
@@ -37,7 +37,7 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
            help="Measure nothing. Print and draw what this bench.json holds."),
 )  # fmt: skip
 def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
-    """Measure error and run time of STAGE (by default of all) against a known truth.
+    """Measure error and run time of a step, by default of every step, against a known truth.
 
     For each scene the table has every method with its error and its time, which is that of one
     call or of one tick. The last sentences compare the chosen setting with other settings.

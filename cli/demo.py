@@ -33,7 +33,7 @@ def command(what, output) -> CommandResult:
     """Plan a fixture on the shipped slice, replay the shipped session, and draw both.
 
     \b
-    WHAT is one of
+    The demonstrations are
       pipeline     the default: mask, overlay, fixture bundle, result of the replay, force and
                    penetration over time, and a picture of cloud and paths
       paper        the paper's Figs. 2, 4, 5 and 6, each with its numbers as JSON
