@@ -239,6 +239,8 @@ def main(folder: Path) -> None:
         rows.append(f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}")
     write_csv(folder / "elbow_session.csv", "t,x,y,z", rows)
 
+    # Every twentieth point, a pixel apart, and the last one, where the pen was lifted.
+    truth_px = np.vstack([curve[:-1:20], curve[-1:]])
     length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
     truth = {
         "T_robot_image": T_robot_image.tolist(),
@@ -246,7 +248,7 @@ def main(folder: Path) -> None:
         "pen_px": PEN_PX,
         "length_px": round(length, 2),
         "marker_sigma_m": FLE_SIGMA_M,
-        "curve_px": np.round(curve[::20], 3).tolist(),
+        "curve_px": np.round(truth_px, 3).tolist(),
     }
     (folder / "elbow_truth.json").write_text(json.dumps(truth) + "\n")
 
