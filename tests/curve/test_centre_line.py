@@ -102,6 +102,16 @@ def test_a_hands_curve_over_bones(quality, limit_px):
     assert np.median(ratios) > (0.15 if quality is None else 0.5)
 
 
+def test_the_stated_deviation_is_honest_close_to_an_end():
+    ratios = []
+    for seed in range(8):
+        curve = hand(seed)
+        stroke = stroke_of(drawn(curve, 2.0 + seed / 2, ground=anatomy(SHAPE, seed)))
+        error = normal_errors(stroke.points_px, curve, False) / stroke.sigma_px
+        ratios += [*error[2:6], *error[-6:-2]]
+    assert 0.3 < rms(ratios) < 0.8
+
+
 @pytest.mark.parametrize("width", [2.0, 5.0, 9.0, 13.0])
 def test_the_noise_of_jpeg_is_seen_beside_thin_and_thick_pens(width):
     curve = hand(5)

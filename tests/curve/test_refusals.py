@@ -131,6 +131,23 @@ def test_a_pressed_pen_is_no_second_run():
     assert extraction.findings == ()
 
 
+@pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])
+def test_a_valley_between_two_lines_is_a_double_line(apart):
+    curve = line(40, 150, 300, 150, 30)
+    error = refusal(paint(curve, np.add(curve, (0.0, apart)), width=2.0))
+    assert error.code == "double-line"
+    assert error.numbers["dip"] > 0.12
+
+
+def test_more_pieces_than_anybody_draws():
+    image = np.full((600, 600, 3), 128, np.uint8)
+    for v in range(5, 595, 10):
+        for u in range(5, 595, 10):
+            image[v : v + 3, u : u + 3] = RED
+    error = refusal(image)
+    assert (error.code, error.numbers["pieces"]) == ("too-many-pieces", 59**2)
+
+
 def test_two_lines_all_along():
     curve = line(40, 150, 300, 150, 30)
     error = refusal(paint(curve, np.add(curve, (0.0, 3.4)), width=2.2))

@@ -128,7 +128,7 @@ so that smoothing averages fewer residuals."""
 
 END_FACTOR = 4.0
 """Times by which the deviation grows towards an open end, because ink holds the line from one side
-only."""
+only. On seed 9000 with PNG the true error over the stated one was 0.9 there, and 2.0 without it."""
 
 OTHER_SIGMA_PX = 0.15
 """Pixels of standard deviation that a line has where another colour lies at its edge, over or under
