@@ -481,10 +481,11 @@ class CurveMotion {
           band_(p.band),
           neighbourhood_(p.outer_radius + p.point_radius) {}
 
-    // What GuardedRule asks every motion for.
-
     const Curve& curve() const noexcept { return query_.curve(); }
     const FeatureQuery& query() const noexcept { return query_; }
+
+    // GuardedRule asks every motion for what follows, down to `contact`.
+
     InsideCurve inside() const noexcept { return {curve(), R_}; }
     void begin_tick() noexcept {}
     /// The proxy is put elsewhere: it touches nothing that is known.
@@ -524,6 +525,7 @@ class CurveMotion {
         RuleAnswer<2> answer;
         if (distance_ <= R_ + band_) {
             answer.state = State::in_contact;
+            // Where it is not one feature that holds the proxy, the spring tells the direction.
             if (current_ == none || outcome_ == Outcome::corner)
                 answer.normal = along(proxy - hip, 1);
             else
@@ -558,9 +560,8 @@ class CurveMotion {
         return MotionEnd::rests;
     }
 
-    /// Freely until something is met, then along it, and so on. `ball`, where there is one, holds
-    /// the proxy.
-    /// Each turn of the loop is an iteration.
+    /// Moves freely until something is met, then along it, and so on: each turn of the loop is an
+    /// iteration. `ball` is null except after a start inside, when the proxy may not leave it.
     Outcome move_freely_and_slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         for (int i = 0; i < max_iterations; ++i) {
             const Vec2 to_hip = hip - proxy;

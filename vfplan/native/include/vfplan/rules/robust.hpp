@@ -308,7 +308,8 @@ class RobustMotion {
             step = surfaces_.step(to_goal, plane_slack());
         } else {
             ContactPlane<D> plane = surfaces_.planes()[0];
-            // After the lift, the goal lies at most `lift_limit` below the proxy along the normal.
+            // A lift may take the proxy no further than `lift_limit` from the goal: along the
+            // normal n, a lift l takes it at least l - n . u away, where u is `to_goal`.
             plane.lift = std::min(plane.lift, lift_limit + dot(plane.normal, to_goal));
             has_lift = plane.lift > min_step();
             lifts_only = is_lift_due && has_lift;
@@ -319,8 +320,8 @@ class RobustMotion {
         }
         const double length = norm(step);
         if (!(length > min_step())) {
-            // One plane leaves no step where the proxy is nearest to the goal. Several may leave
-            // none although there is a way between their points.
+            // One plane leaves no step where the proxy is as near to the goal as the plane lets it.
+            // Several may leave none although there is a way between their points.
             if (surfaces == 1) return Iteration::rests;
             return move_between_points(proxy, goal, path);
         }
@@ -340,9 +341,10 @@ class RobustMotion {
         if (is_stopped_at_once && surfaces > 1 && lift_then_move(proxy, goal, step, path))
             return Iteration::moved;
 
-        // Accept: the place is near enough to the goal, and the proxy got somewhere or is lifted
-        // next, over what has stopped its slide. What is not accepted is tried past the points.
-        // (R6)
+        // Accept: the place is near enough to the goal, and the sweep was not stopped at once. A
+        // slide that was stopped at once is accepted too if the plane asks for a lift, because the
+        // next iteration then lifts the proxy over what has stopped it. Where nothing is accepted,
+        // the proxy is moved past the points that touch it instead. (R6)
         const bool is_lifted_next = is_stopped && has_lift && !lifts_only;
         const double distance_after = norm(goal - next);
         if (!(distance_after < accept_limit) || (is_stopped_at_once && !is_lifted_next))
@@ -363,10 +365,10 @@ class RobustMotion {
         charge_plane_choices(surfaces_.count());
         const Vec<D> up =
             nearest_step(Vec<D>{}, surfaces_.planes(), surfaces_.count(), plane_slack());
-        const Vec<D> rest = step - up;
-        if (!(norm(up) > min_step() && norm(rest) > min_step())) return false;
+        const Vec<D> remainder = step - up;
+        if (!(norm(up) > min_step() && norm(remainder) > min_step())) return false;
         const Vec<D> top = swept(proxy, up);
-        const Vec<D> next = swept(top, rest);
+        const Vec<D> next = swept(top, remainder);
         if (!(norm(goal - next) < norm(goal - proxy))) return false;
         move_to(proxy, top, path);
         move_to(proxy, next, path);
