@@ -7,9 +7,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from bundles import whole
+from bundles import small, whole
 
 from vfplan import Trace
+from vfplan.fixture import Curve, Pieces
 from vfplan.stability import (
     CASES,
     ExtremeCase,
@@ -25,7 +26,18 @@ from vfplan.stability import (
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 
 
-@pytest.mark.parametrize("on", [None, whole()], ids=["patch", "bundle"])
+def bay():
+    """An open curve of 0.35 m, around whose ends a proxy reaches the far side within a tick."""
+    t = np.linspace(0, 1, 900)
+    x, y = 0.375 + 0.3 * t, -0.05 - 0.06 * np.sin(4 * t)
+    points = np.column_stack([x, y, 0.02 + 0 * t])
+    strokes = np.zeros(len(t), np.int32), np.array([False])
+    curve = Curve(*strokes, pieces=Pieces(points, 0 * t, *strokes))
+    rendering = replace(small().rendering, ignore_axis=np.array([0.0, 0, 1]))
+    return replace(small(), points=points, curve=curve, rendering=rendering)
+
+
+@pytest.mark.parametrize("on", [None, whole(), bay()], ids=["patch", "bundle", "open curve"])
 @pytest.mark.parametrize(
     "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
 )

@@ -175,11 +175,16 @@ def drift_at_rest(contact: Contact, make_engine: EngineFactory, ticks: int) -> f
 
 
 def breach_by_jump(contact: Contact, make_engine: EngineFactory, distance: float) -> float:
-    """Breach while the HIP jumps `distance` [m] through the cloud, and back [m]."""
+    """Breach while the HIP jumps `distance` [m] through the cloud, and back [m].
+
+    The HIP presses before each jump. A jump alone may show no force, because the proxy reaches the
+    far side within the tick where it can go around the end of a line.
+    """
     engine = engine_at_start(contact, make_engine)
     start = contact.start
+    pressed = contact.touch - 0.25 * contact.radius * contact.normals[0]
     beyond = -distance * contact.normals[0]
-    hips = np.array([start, beyond, start, -beyond, start, beyond, beyond, start])
+    hips = np.array([start, pressed, beyond, start, -beyond, start, pressed, beyond, beyond, start])
     return breach(contact, engine, engine.run(hips))
 
 
