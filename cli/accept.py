@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import click
-from vfplan.cli.following import sign_command
+from vfplan.cli.next_commands import sign_command
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command

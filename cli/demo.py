@@ -17,7 +17,7 @@ from vfplan.cli.values import FILE
 
 from vfplan.display import length
 from vfplan.io.json_types import to_json_types
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 
 @command("demo")

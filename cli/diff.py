@@ -91,7 +91,7 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     """Where the two replays of a session differ, and whether the tool touched a fixture."""
     from vfplan.replaying import replay
     from vfplan.replaying.compare import Comparison
-    from vfplan.replaying.limits import has_touched
+    from vfplan.replaying.verdict import has_touched
     from vfplan.session import read_session
 
     recorded = read_session(session)

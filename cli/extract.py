@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.following import page_command, register_command
+from vfplan.cli.next_commands import page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     option,

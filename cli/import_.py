@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import click
-from vfplan.cli.following import review_command
+from vfplan.cli.next_commands import review_command
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command

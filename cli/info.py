@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vfplan.cli.following import approval_command
+from vfplan.cli.next_commands import approval_command
 from vfplan.cli.options import FIXTURE, option
 from vfplan.cli.run import CommandResult, command
 from vfplan.cli.units import millimetres

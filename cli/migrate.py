@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import click
-from vfplan.cli.following import review_command
+from vfplan.cli.next_commands import review_command
 from vfplan.cli.options import output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command

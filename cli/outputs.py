@@ -10,7 +10,7 @@ import click
 from vfplan.cli.values import OutputFile
 
 from vfplan.errors import OutputError, VfplanError
-from vfplan.io.staging import (
+from vfplan.io.writing import (
     create,
     hidden_name,
     made_folder,

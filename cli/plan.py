@@ -15,7 +15,7 @@ from vfplan.cli.extract import (
     pointing_to_page,
     write_pictures,
 )  # fmt: skip
-from vfplan.cli.following import page_command, review_command
+from vfplan.cli.next_commands import page_command, review_command
 from vfplan.cli.options import option, options_in_order, output_option, settings_from_options
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.extract import findings_verdict
-from vfplan.cli.following import register_command, review_command
+from vfplan.cli.next_commands import register_command, review_command
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, is_verbose

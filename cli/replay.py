@@ -23,7 +23,7 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 from vfplan.cli.values import CSV, FILE, DecimalNumber, Number, Numbers, Parsed, WholeNumber
 
 from vfplan.io.files import parse_decimal
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""

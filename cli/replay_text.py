@@ -10,7 +10,8 @@ from vfplan.cli.units import count, micrometres, millijoules, millimetres, milli
 
 from vfplan.display import MAX_LISTED, length
 from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.limits import LIMITS, has_touched
+from vfplan.replaying.limits import LIMITS
+from vfplan.replaying.verdict import has_touched
 
 NO_TOUCH = "the tool never touched the fixture"
 

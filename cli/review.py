@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from vfplan.cli import options
-from vfplan.cli.following import (
+from vfplan.cli.next_commands import (
     accept_command,
     page_command,
     public_key_of,

@@ -24,9 +24,9 @@ from typing import Any, NamedTuple, NoReturn, TextIO
 from unicodedata import category
 
 import click
+from vfplan.cli.matplotlib_settings import ignore_matplotlib_settings
 from vfplan.cli.outputs import commit, refuse_outputs, rollback
 from vfplan.cli.paged_help import PagedCommand
-from vfplan.cli.plain import ignore_matplotlib_settings
 from vfplan.cli.settings_file import merge_settings_file
 from vfplan.cli.stopping import Stopped, stoppable
 from vfplan.cli.values import FILE

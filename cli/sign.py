@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vfplan.cli.following import public_key_of, verify_command
+from vfplan.cli.next_commands import public_key_of, verify_command
 from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.following import approval_command
+from vfplan.cli.next_commands import approval_command
 from vfplan.cli.options import OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, is_verbose, progress
@@ -21,7 +21,7 @@ from vfplan.cli.values import FILE, DecimalNumber, WholeNumber
 from vfplan.bundle.schema import max_number
 from vfplan.io.files import naming_place
 from vfplan.io.json_types import to_json_types
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 REPORT_FILE = "stability.json"
 TABLE_FILE = "cases.csv"

@@ -12,7 +12,7 @@ from conftest import ROOT
 LAYERS = [
     ["errors", "display", "lazy"],
     ["io", "geometry", "palette", "findings"],
-    ["records", "robot"],
+    ["fixture_parts", "robot"],
     ["fixture"],
     ["dicom"],
     ["engine"],

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
-from vfplan.geometry.polyline import length_of, values_at
-from vfplan.io.files import now_utc
-from vfplan.records import (
+from vfplan.fixture_parts import (
     Frame,
     Guidance,
     RegistrationRecord,
@@ -26,6 +24,8 @@ from vfplan.records import (
     SourceImage,
     StabilityVerdict,
 )  # fmt: skip
+from vfplan.geometry.polyline import length_of, values_at
+from vfplan.io.files import now_utc
 
 __all__ = [
     "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",

@@ -172,8 +172,8 @@ def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
     script = (
         "import os, signal, sys\n"
         "from vfplan.cli.main import cli\n"
-        "from vfplan.io import staging\n"
-        "staging.PlacedFiles.commit = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "from vfplan.io import writing\n"
+        "writing.PlacedFiles.commit = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
         "cli.main(sys.argv[1:])\n"
     )
     assert vfplan_cli("keygen", "-o", tmp_path / "k").code == 0
@@ -190,7 +190,7 @@ def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeyp
 
     victim = tmp_path / "victim"
     victim.write_bytes(b"theirs")
-    monkeypatch.setattr("vfplan.io.staging.hidden_name", lambda *_: tmp_path / "guessed")
+    monkeypatch.setattr("vfplan.io.writing.hidden_name", lambda *_: tmp_path / "guessed")
     (tmp_path / "guessed").symlink_to(victim)
     for write in (lambda path: write_whole(path, [b"ours"], overwrite=True), CsvWriter):
         with pytest.raises(vfplan.VfplanError, match="File exists"):

@@ -19,7 +19,7 @@ from vfplan.cli.run import (
 from vfplan.cli.units import millijoules, millimetres
 from vfplan.cli.values import FILE, PNG, Number
 from vfplan.display import MAX_LISTED
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
     from vfplan.session import Session

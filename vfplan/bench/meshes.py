@@ -116,6 +116,6 @@ def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
 
 def refined_points(mesh: tuple[Array, Triangles], spacing: float) -> Array:
     """(N, 3) points on a mesh, none of its edges longer than `spacing` [m]."""
-    from vfplan.bundle.clouds import refined
+    from vfplan.bundle.importing import refined
 
     return refined(*mesh, spacing)[0]

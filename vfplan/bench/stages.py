@@ -29,7 +29,7 @@ from vfplan.bench.summary import summaries
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.io.json_types import to_json_types
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose
 

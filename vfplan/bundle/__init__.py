@@ -22,7 +22,7 @@ __all__ = [
 __getattr__ = on_demand(
     __name__,
     {
-        "clouds": "import_cloud mesh_band sample_band refined",
+        "importing": "import_cloud mesh_band sample_band refined",
         "description": "describe diff",
         "exporting": "export left_out",
         "keys": "keygen read_keys",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"

@@ -14,7 +14,7 @@ from typing import Any
 
 from vfplan.errors import InputError, OutputError, SettingError, requires_extra
 from vfplan.io.files import MAX_SETTINGS_BYTES, opened_file
-from vfplan.io.staging import write_together
+from vfplan.io.writing import write_together
 
 BEGIN = b"-----BEGIN PUBLIC KEY-----"
 END = b"-----END PUBLIC KEY-----"

@@ -24,7 +24,7 @@ from vfplan.bundle.seal import (
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 
 def sign(

@@ -20,7 +20,7 @@ from vfplan.bundle.schema import FORMAT, VERSION, Content, Row, document, table
 from vfplan.errors import InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.hdf5 import h5py
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 
 h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
 GEOMETRY = (

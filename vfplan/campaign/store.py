@@ -20,7 +20,7 @@ from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.session import Session
 
 FORMAT = "vfplan-campaign"

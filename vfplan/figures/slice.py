@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_LISTED, nice_length
 from vfplan.figures.outline import outline_along
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
-from vfplan.io.staging import write_whole
-from vfplan.markers.marks import MIN_CONTRAST
+from vfplan.io.writing import write_whole
+from vfplan.markers.check_marks import MIN_CONTRAST
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.palette import CYCLE
 
 DPI = 150

@@ -9,7 +9,7 @@ __getattr__ = on_demand(
     __name__,
     {
         "json_types": "to_json_types",
-        "staging": "move_into_place working_in write_whole",
+        "writing": "move_into_place working_in write_whole",
         "sandbox": "run_in_sandbox",
         "files": "parse_decimal read_whole stream_over",
     },

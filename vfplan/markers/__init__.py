@@ -11,8 +11,8 @@ __all__ = ["Correspondences", "read_markers"]
 __getattr__ = on_demand(
     __name__,
     {
-        "drawn": "Mark find_markers fit_mark",
-        "marks": "compare_with_marks drawn_marks",
+        "find_marks": "Mark find_markers fit_mark",
+        "check_marks": "compare_with_marks drawn_marks",
         "slicer": "parse_fcsv parse_mrk_json",
     },
 )

@@ -20,8 +20,8 @@ from vfplan.planning.settings import FixtureSettings
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
     from vfplan.markers import Correspondences
-    from vfplan.markers.drawn import DrawnMarker
-    from vfplan.markers.marks import MarkComparison
+    from vfplan.markers.check_marks import MarkComparison
+    from vfplan.markers.find_marks import DrawnMarker
     from vfplan.registration import Registration
 
 # RMS distance of a layout's markers from their centre [m]: metres read as millimetres are below.
@@ -78,7 +78,7 @@ def match(
         Markers to be found in a slice that is not there, or a model that cannot be fitted.
     """
     from vfplan.markers import read_markers
-    from vfplan.markers.marks import compare_with_marks
+    from vfplan.markers.check_marks import compare_with_marks
     from vfplan.registration import (
         fit_registration,
         refuse_wrong_markers,
@@ -211,7 +211,7 @@ def find_drawn(
     correspondences: Correspondences, image: PlannedImage | None, slice_image: PlannedImage | None
 ) -> tuple[DrawnMarker, ...]:
     """The markers as they are drawn on the slice, for `--find-markers`."""
-    from vfplan.markers.drawn import find_markers
+    from vfplan.markers.find_marks import find_markers
 
     if correspondences.source_frame != "image":
         raise SettingError(

@@ -33,7 +33,7 @@ __all__ = [
 __getattr__ = on_demand(
     __name__,
     {
-        "labels": "label_mistakes",
+        "mistaken_labels": "label_mistakes",
         "nearest": "NearestOnMesh on_triangles",
         "perspective": "perspective_test",
         "scale": "scale_departures",

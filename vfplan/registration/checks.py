@@ -16,9 +16,10 @@ from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
 from vfplan.markers.correspondences import MAX_RADIUS_M
 from vfplan.registration.error import TargetError
-from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_model, fit_similarity
-from vfplan.registration.labels import SURE_PROBABILITY, label_mistakes
+from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_similarity
+from vfplan.registration.mistaken_labels import SURE_PROBABILITY, label_mistakes
 from vfplan.registration.models import Array, rms_length
+from vfplan.registration.outliers import outlier_findings, single_outlier
 from vfplan.registration.perspective import perspective_test
 from vfplan.registration.registration import Registration, describe_side
 from vfplan.registration.scale import (
@@ -116,25 +117,6 @@ def refuse_wrong_markers(
     refuse_wrong_scale(registration)
 
 
-def single_outlier(registration: Registration) -> tuple[int, float] | None:
-    """The marker of largest F, and the RMS residual of the others without it [m].
-
-    `None` where no marker is an outlier, or the others do not agree either.
-    """
-    f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
-    worst = int(f.argmax())
-    others = registration.used & (np.arange(len(f)) != worst)
-    problem = registration.fit.problem
-    has_residual = 3 * others.sum() > problem.model.parameters
-    if not f[worst] > registration.f_limits[worst] or not has_residual:
-        return None
-    without = fit_model(problem, others)
-    others_m = rms_length(without.vectors[others])
-    if others_m > registration.fre_rms_m / 2:
-        return None
-    return worst, others_m
-
-
 def refuse_large_error(
     error: TargetError, max_tre_m: float, registration: Registration, points: Array
 ) -> None:
@@ -210,31 +192,6 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def outlier_findings(registration: Registration) -> list[Finding]:
-    """Markers further from the others' prediction than chance explains, and those left out."""
-    findings = []
-    for i, label in enumerate(registration.labels):
-        if label not in registration.outliers:
-            continue
-        place = _place_px(registration, i)
-        distance_m = float(registration.residuals_m[i])
-        if not registration.used[i]:
-            text = (
-                f"Marker {label} was left out: it lies {_mm(distance_m)} from where the "
-                "others put it. Touch it again to have it count."
-            )
-            findings.append(note("marker-left-out", "register", text, place_px=place))
-            continue
-        if np.isfinite(registration.loo_m[i]):
-            distance_m = float(registration.loo_m[i])
-        text = (
-            f"Marker {label} lies {_mm(distance_m)} from where the others put it. Touch it again, "
-            "or leave it out with --robust."
-        )
-        findings.append(doubt("marker-suspect", "register", text, place_px=place))
-    return findings
-
-
 def layout_findings(registration: Registration) -> list[Finding]:
     """A layout that is long, very large, or has two markers at one place."""
     findings = []
@@ -252,7 +209,7 @@ def layout_findings(registration: Registration) -> list[Finding]:
                 f"Markers {labels[i]} and {labels[j]} stand at one place in the source. Correct "
                 "the file."
             )
-            place = _place_px(registration, i)
+            place = registration.place_px(i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
     radius_m = rms_length(registration.fit.problem.y)
     if radius_m > MAX_RADIUS_M:
@@ -282,7 +239,7 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
         return [note("markers-unchecked", "register", text)]
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
-    place = _place_px(registration, int(unchecked[0]))
+    place = registration.place_px(int(unchecked[0]))
     if share[unchecked].max() > DECISIVE_LEVERAGE:
         text += " Add a marker near it."
         return [doubt("markers-unchecked", "register", text, place_px=place)]
@@ -359,14 +316,6 @@ def describe_checks(registration: Registration) -> dict[str, Any]:
             "said": perspective.is_significant,
         }
     return report
-
-
-def _place_px(registration: Registration, index: int) -> tuple[float, float] | None:
-    """Where a marker stands on the slice; `None` in space."""
-    if registration.source.shape[1] != 2:
-        return None
-    u, v = registration.source[index]
-    return float(u), float(v)
 
 
 def _mm(length_m: float) -> str:

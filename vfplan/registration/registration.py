@@ -20,7 +20,7 @@ from vfplan.registration.error import (
     target_error,
     whole_curve_factor,
 )
-from vfplan.registration.fit import Fit, f_limit, fit_model, leave_one_out, studentised_f
+from vfplan.registration.fit import Fit, fit_model, leave_one_out, studentised_f
 from vfplan.registration.models import (
     Array,
     Geometry,
@@ -29,8 +29,8 @@ from vfplan.registration.models import (
     geometry,
     homogeneous,
 )
+from vfplan.registration.outliers import consistent_markers, is_outlier
 from vfplan.registration.problem import Problem, make_problem
-from vfplan.registration.robust import consistent_markers
 
 # Directions in the robot's frame that have a word.
 SIDES = {"above": (0.0, 0.0, 1.0), "below": (0.0, 0.0, -1.0)}
@@ -159,22 +159,17 @@ class Registration:
         """(N,) F of each marker against the others; NaN where nothing is left to judge by."""
         return studentised_f(self.fit)
 
-    @property
-    def f_limits(self) -> Array:
-        """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
-        n = int(self.used.sum())
-        limits = np.full(len(self.used), np.inf)
-        for i, is_used in enumerate(self.used):
-            dof = self.dof - 3 * int(is_used)
-            if dof > 0:
-                limits[i] = f_limit(n, dof)
-        return limits
-
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
         """Labels of markers whose F is above its limit, and of those a robust fit left out."""
-        is_outlier = (np.nan_to_num(self.studentised_f) > self.f_limits) | ~self.used
-        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier))
+        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier(self.fit)))
+
+    def place_px(self, index: int) -> tuple[float, float] | None:
+        """Where a marker stands on the slice; `None` in space."""
+        if self.source.shape[1] != 2:
+            return None
+        u, v = self.source[index]
+        return float(u), float(v)
 
     def tre_covariance(self, points: ArrayLike) -> Array:
         """(M, 3, 3) covariance [m²] of the registration's error at source points."""

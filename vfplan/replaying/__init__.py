@@ -7,10 +7,11 @@ replay      the whole way: load, run, report
 run         one engine's run over a session
 link, governing, guiding, changing
             what stands between hand and engine, behind it, or in its place
-quantities, metrics, episodes, clearance, recording, timing
+quantities, metrics, episodes, clearance, session_sampling, timing
             what is measured
 limits, findings
             what the numbers are held against, and what a person should look at
+verdict     pass, fail, or not tested
 compare     two runs of the same ticks
 thinning    a bounded number of ticks for pictures
 approach    sessions that go along a drawn curve

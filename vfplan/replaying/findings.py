@@ -9,7 +9,7 @@ from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.geometry import ROUNDING_M
-from vfplan.replaying.recording import JUMP_M_S
+from vfplan.replaying.session_sampling import JUMP_M_S
 from vfplan.robot import Robot, read_robot
 
 NEVER_NEAR_M = 0.5

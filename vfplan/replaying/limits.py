@@ -100,24 +100,3 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             holds = value >= limit
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
     return checks
-
-
-def has_touched(report: dict[str, Any]) -> bool:
-    """Whether the fixture did anything: it pushed the tool, or a guide had hold of the tip.
-
-    report: as `Metrics.report` gives it
-    """
-    return report["contact_ticks"] > 0 or report.get("arc_m") is not None
-
-
-def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
-    """How a replay ended: "pass", "fail" or "not-tested".
-
-    A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
-    the tool stayed away, and a replay without limits, test nothing.
-    """
-    if any(not check["pass"] for check in checks):
-        return "fail"
-    if not checks or not has_touched(report):
-        return "not-tested"
-    return "pass"

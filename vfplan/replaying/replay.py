@@ -27,10 +27,11 @@ from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.findings import replay_findings
-from vfplan.replaying.limits import Limits, check_limits, robot_limits, verdict_of
+from vfplan.replaying.limits import Limits, check_limits, robot_limits
 from vfplan.replaying.link import Link
-from vfplan.replaying.recording import SamplingReport
 from vfplan.replaying.run import EngineRun
+from vfplan.replaying.session_sampling import SamplingReport
+from vfplan.replaying.verdict import verdict_of
 from vfplan.robot import Robot
 from vfplan.session import SessionSource, TickBlock, open_session
 from vfplan.session.events import Event, as_the_loop_saw

@@ -17,10 +17,10 @@ from vfplan.figures.depth import depth_plot, slice_depth
 from vfplan.figures.replay import MARK_HZ, scene, timeline
 from vfplan.figures.style import png_bytes
 from vfplan.io.files import now_utc
-from vfplan.io.staging import made_folder, write_whole
+from vfplan.io.writing import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
-from vfplan.replaying.limits import has_touched
+from vfplan.replaying.verdict import has_touched
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 

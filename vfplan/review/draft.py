@@ -11,7 +11,7 @@ from typing import Any
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.review.session import Session
 from vfplan.review.source import sha256_of
 

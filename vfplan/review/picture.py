@@ -13,8 +13,8 @@ from vfplan.curve.centreline import runs
 from vfplan.display import nice_length
 from vfplan.fixture import Stroke
 from vfplan.review import paper
+from vfplan.review.captions import Labeller
 from vfplan.review.insets import INSET_PX, draw_distance, ends_of
-from vfplan.review.labels import Labeller
 from vfplan.review.paper import (
     BAND_COLOUR,
     BLACK,

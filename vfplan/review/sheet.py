@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.images.read import as_uint8
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.review import paper
 from vfplan.review.insets import (
     INSET_STEP,
@@ -26,7 +26,6 @@ from vfplan.review.insets import (
     draw_insets,
     insets_of,
 )
-from vfplan.review.lists import draw_facts, draw_lists, list_lines, total_height
 from vfplan.review.paper import (
     BLACK,
     BODY,
@@ -44,6 +43,7 @@ from vfplan.review.paper import (
 )
 from vfplan.review.picture import COLUMN_WIDTH, draw_picture
 from vfplan.review.sheet_input import SheetInput
+from vfplan.review.sheet_text import draw_facts, draw_lists, list_lines, total_height
 from vfplan.review.views import draw_views
 
 COLUMN_X = PAGE_WIDTH - MARGIN - COLUMN_WIDTH

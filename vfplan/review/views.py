@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan.display import nice_length
 from vfplan.review import paper
-from vfplan.review.labels import Labeller
+from vfplan.review.captions import Labeller
 from vfplan.review.paper import (
     BLACK,
     BODY,

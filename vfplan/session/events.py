@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SessionError
 from vfplan.io.files import MAX_TEXT_BYTES, OpenedFile, parse_decimal
-from vfplan.io.staging import write_whole
 from vfplan.io.table import open_number_table, read_text, split_rows
+from vfplan.io.writing import write_whole
 from vfplan.session.poses import Poses, read_poses
 
 HEADER = ["tick", "what", "x", "y", "z"]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.io.hdf5 import h5py
-from vfplan.io.staging import require_same, whole_file
+from vfplan.io.writing import require_same, whole_file
 from vfplan.session.result import RESULT_FORMAT, RESULT_VERSION, TABLE, Result, TickBlock
 from vfplan.session.session import BLOCK
 

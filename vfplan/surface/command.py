@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from vfplan.cli.following import register_command
+from vfplan.cli.next_commands import register_command
 from vfplan.cli.options import (
     COLOUR,
     STIFFNESS,

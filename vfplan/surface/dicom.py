@@ -18,7 +18,7 @@ from vfplan.dicom.dataset import group_value, open_dataset, pixel_axes, refuse_c
 from vfplan.errors import InputError
 from vfplan.io.files import MAX_TEXT_BYTES, read_bytes
 from vfplan.surface.contours import Contours, Structure, choose_structure
-from vfplan.surface.labels import (
+from vfplan.surface.labelmaps import (
     MAX_VOXEL_M,
     MIN_VOXEL_M,
     rings_of_mask,

@@ -8,7 +8,7 @@ from vfplan.dicom.dataset import begins_like_dicom
 from vfplan.errors import InputError
 from vfplan.io.files import naming_place, opened_file
 from vfplan.surface.contours import Contours
-from vfplan.surface.labels import contours_of_volume
+from vfplan.surface.labelmaps import contours_of_volume
 
 HEAD_BYTES = 256
 """Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132."""

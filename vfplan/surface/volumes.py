@@ -23,7 +23,7 @@ from vfplan.io.files import (
     read_bytes,
 )
 from vfplan.surface.contours import Structure
-from vfplan.surface.labels import LabelVolume, checked_place
+from vfplan.surface.labelmaps import LabelVolume, checked_place
 from vfplan.surface.slicing import SAME_M
 
 PLACES_AGREE_M = SAME_M / 2

@@ -16,7 +16,7 @@ from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.polyline import ring_of
 from vfplan.images.read import PlannedImage, as_uint8
-from vfplan.io.staging import write_whole
+from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.thinning import contact_marks
 from vfplan.session import TickBlock

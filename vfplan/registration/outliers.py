@@ -1,24 +1,33 @@
-"""Which markers agree with each other, found without a random number.
+"""Outliers among the markers: judged by an F test, and left out by a robust fit.
 
-Least trimmed squares (P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc.
-79, 1984) over the transforms through all minimal subsets finds the half of the markers that agrees
-best. A forward search (A. C. Atkinson and M. Riani, "Robust diagnostic regression analysis", 2000)
-then takes in one marker after another, for as long as the next one fits.
+A marker is an outlier if it lies further from where the others put it than chance explains. A plain
+fit keeps it and names it. A robust fit rests on the markers alone that agree with each other.
+
+They are found without a random number. Least trimmed squares (P. J. Rousseeuw, "Least median of
+squares regression", J. Am. Stat. Assoc. 79, 1984) over the transforms through all minimal subsets
+finds the half of the markers that agrees best. A forward search (A. C. Atkinson and M. Riani,
+"Robust diagnostic regression analysis", 2000) then takes in one marker after another, for as long
+as the next one fits.
 """
 
 from __future__ import annotations
 
 from itertools import combinations, islice
 from math import comb
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.geometry import ROWS_AT_ONCE
-from vfplan.registration.fit import f_limit, fit_model, studentised_f
-from vfplan.registration.models import Array
+from vfplan.registration.fit import Fit, f_limit, fit_model, studentised_f
+from vfplan.registration.models import Array, rms_length
 from vfplan.registration.problem import MAX_CONDITION, Problem
+
+if TYPE_CHECKING:
+    from vfplan.registration.registration import Registration
 
 # All minimal subsets are tried, and this many take some seconds.
 MAX_SUBSETS = 500_000
@@ -26,6 +35,66 @@ MAX_SUBSETS = 500_000
 # The forward search stops before a good marker once in twenty sets. That leaves out a good marker
 # now and then, and seldom takes in a wrong one.
 STOP_PROBABILITY = 0.05
+
+
+def outlier_limits(fit: Fit) -> Array:
+    """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
+    marker_count = int(fit.used.sum())
+    limits = np.full(len(fit.used), np.inf)
+    for i, is_used in enumerate(fit.used):
+        dof = fit.dof - 3 * int(is_used)
+        if dof > 0:
+            limits[i] = f_limit(marker_count, dof)
+    return limits
+
+
+def is_outlier(fit: Fit) -> NDArray[np.bool_]:
+    """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
+    return (np.nan_to_num(studentised_f(fit)) > outlier_limits(fit)) | ~fit.used
+
+
+def single_outlier(registration: Registration) -> tuple[int, float] | None:
+    """The marker of largest F, and the RMS residual of the others without it [m].
+
+    `None` where no marker is an outlier, or the others do not agree either.
+    """
+    f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
+    worst = int(f.argmax())
+    others = registration.used & (np.arange(len(f)) != worst)
+    problem = registration.fit.problem
+    has_residual = 3 * others.sum() > problem.model.parameters
+    if not f[worst] > outlier_limits(registration.fit)[worst] or not has_residual:
+        return None
+    without = fit_model(problem, others)
+    others_m = rms_length(without.vectors[others])
+    if others_m > registration.fre_rms_m / 2:
+        return None
+    return worst, others_m
+
+
+def outlier_findings(registration: Registration) -> list[Finding]:
+    """Markers further from the others' prediction than chance explains, and those left out."""
+    findings = []
+    for i, label in enumerate(registration.labels):
+        if label not in registration.outliers:
+            continue
+        place = registration.place_px(i)
+        distance_m = float(registration.residuals_m[i])
+        if not registration.used[i]:
+            text = (
+                f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
+                "others put it. Touch it again to have it count."
+            )
+            findings.append(note("marker-left-out", "register", text, place_px=place))
+            continue
+        if np.isfinite(registration.loo_m[i]):
+            distance_m = float(registration.loo_m[i])
+        text = (
+            f"Marker {label} lies {1e3 * distance_m:.2f} mm from where the others put it. Touch it "
+            "again, or leave it out with --robust."
+        )
+        findings.append(doubt("marker-suspect", "register", text, place_px=place))
+    return findings
 
 
 def consistent_markers(problem: Problem) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST
+from vfplan.markers.check_marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST
 
 Array = NDArray[np.float64]
 Shape = Literal["cross", "dot"]

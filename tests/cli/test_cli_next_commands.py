@@ -10,7 +10,7 @@ import click
 import pytest
 from conftest import ROOT
 from vfplan.cli import cli
-from vfplan.cli.following import (
+from vfplan.cli.next_commands import (
     page_command,
     register_command,
     review_command,
