@@ -182,10 +182,22 @@ class MendedStroke(Stroke):
         first, first_distance = nearest_point(self.points, drawn[0])
         last, last_distance = nearest_point(self.points, drawn[-1])
         if first_distance <= JOIN_PX and last_distance <= JOIN_PX:
+            is_turned = first > last
             if self.closed:
-                return self._redraw_closed(first, last, drawn, ink)
-            if first > last:
+                # The ends cut a ring into two parts. The one nearer to the drawing is replaced.
+                middle = drawn[len(drawn) // 2]
+                _, forward = nearest_point(self.points[self._run(first, last)], middle)
+                _, backward = nearest_point(self.points[self._run(last, first)], middle)
+                is_turned = backward < forward
+            if is_turned:
                 first, last, drawn = last, first, drawn[::-1]
+            if self.closed and first == last:
+                raise SettingError(
+                    "The drawn stretch begins and ends at one point of the curve. Let it span a "
+                    "part.",
+                    code="stretch-too-short",
+                    numbers={"points": len(drawn)},
+                )
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
@@ -268,24 +280,6 @@ class MendedStroke(Stroke):
         for name in PER_POINT:
             values[name] = getattr(self, name)[order]
         return replace(self, **values, knots=knots)
-
-    def _redraw_closed(
-        self, first: int, last: int, drawn: NDArray, ink: SliceInk | None
-    ) -> MendedStroke:
-        """Of the two parts between the drawn stretch's ends the one nearer to it is replaced."""
-        middle = drawn[len(drawn) // 2]
-        _, forward = nearest_point(self.points[self._run(first, last)], middle)
-        _, backward = nearest_point(self.points[self._run(last, first)], middle)
-        if backward < forward:
-            first, last, drawn = last, first, drawn[::-1]
-        if (last - first) % len(self.points) < 1:
-            raise SettingError(
-                "The drawn stretch begins and ends at one point of the curve. Let it span a part.",
-                code="stretch-too-short",
-                numbers={"points": len(drawn)},
-            )
-        stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
-        return self._with_stretch(first, last, stretch, ink)
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
