@@ -122,7 +122,12 @@ class Engine {
         Step s = impl_->step(hip);
         if (changes) limit_force(*changes, s, hip);
         if (previous_ && !(s.status & (inside | bad_hip))) changes->retire(previous_.release());
-        if (!(s.status & bad_hip)) last_ = {s.proxy, s.force, hip, true};
+        if (!(s.status & bad_hip)) {
+            last_.proxy = s.proxy;
+            last_.force = s.force;
+            last_.hip = hip;
+            last_.is_placed = true;
+        }
         return s;
     }
 

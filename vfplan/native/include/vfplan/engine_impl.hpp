@@ -70,7 +70,8 @@ class RuleInSpace : public EngineImpl {
         last_.force = stiffness_.force(space_, proxy_ - h);
         last_.state = answer.state;
         last_.status = answer.status;
-        return last_;
+        // Field by field: a copy of the whole would wait until the fields have reached the cache.
+        return {last_.proxy, last_.normal, last_.force, last_.state, last_.status};
     }
     bool planar() noexcept final { return D == 2; }
     double work_time() noexcept final { return rule_.work_time(); }

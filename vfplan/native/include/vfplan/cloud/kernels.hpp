@@ -90,7 +90,8 @@ struct FitWindow {
 /// The loops over points, for one width.
 template <int D>
 struct Kernels {
-    /// Copies the points of `in` within sqrt(reach2) of x to `out`; returns how many.
+    /// Copies the points of `in` within sqrt(reach2) of x to `out`; returns how many. Up to eight
+    /// places behind them are written too.
     std::size_t (*gather)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
                           double* const* out);
     /// Smallest squared distance to x.

@@ -165,6 +165,24 @@ VFPLAN_INLINE unsigned bits(Mask m) {
     return b;
 }
 
+// Stores those of the eight float64 at `from` whose bit in `chosen` is set, one behind the other at
+// `to`, without a branch that a processor could guess wrong. All eight places there are written.
+// Returns how many were chosen.
+VFPLAN_INLINE std::size_t store_chosen(const double* from, unsigned chosen, double* to) {
+#if VFPLAN_LANES == 8
+    const auto mask = static_cast<__mmask8>(chosen);
+    _mm512_storeu_pd(to, _mm512_maskz_compress_pd(mask, _mm512_loadu_pd(from)));
+    return static_cast<std::size_t>(__builtin_popcount(chosen));
+#else
+    std::size_t n = 0;
+    for (unsigned j = 0; j < 8; ++j) {
+        to[n] = from[j];
+        n += chosen >> j & 1;
+    }
+    return n;
+#endif
+}
+
 VFPLAN_INLINE double sum(Float8 a) {
     double v[8];
     store(a, v);
@@ -207,10 +225,10 @@ std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, doubl
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
-        for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n) {
-            const auto j = i + static_cast<std::size_t>(__builtin_ctz(m));
-            for (int k = 0; k < D; ++k) out[k][n] = in.c[k][j];
-        }
+        const unsigned within = bits(b.d2 <= reach2);
+        std::size_t found = 0;
+        for (int k = 0; k < D; ++k) found = store_chosen(in.c[k] + i, within, out[k] + n);
+        n += found;
     }
     return n;
 }
