@@ -84,7 +84,7 @@ def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
     ink = Ink(rgb, np.zeros(shape, np.float16), np.zeros(shape, np.uint8), np.zeros(shape, bool))
     windows = list(_coloured_windows(rgb))
     drawn = _measured_pen(rgb, pen, region, windows)
-    if drawn is None:
+    if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
         return ink
     pen, strength = drawn
     for window in windows:
@@ -188,6 +188,20 @@ def _measured_pen(
     sums[levels < tuned.HALF * strongest] = 0
     angle = float(np.arctan2(sums.sum(), counts @ levels))
     return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
+
+
+def _is_edge_of_another(
+    rgb: NDArray, named: Pen, drawn: Pen, region: Region, windows: list[Window]
+) -> bool:
+    """Whether the ink belongs to a pen beyond the named pen's hues, of which JPEG spread some in.
+
+    Such ink is measured near the edge of the named pen's hues. Around that hue there is more of it,
+    and its mean then lies beyond the edge.
+    """
+    if abs(drawn.degrees_from(named)) < tuned.HUE_GATE_DEG / 2:
+        return False
+    again = _measured_pen(rgb, drawn, region, windows)
+    return again is not None and abs(again[0].degrees_from(named)) > tuned.HUE_GATE_DEG
 
 
 def _quantile(levels: NDArray, counts: NDArray, share: float) -> float:

@@ -58,6 +58,10 @@ class Pen:
         along = cos * self.along + sin * self.across
         return Pen(along, cos * self.across - sin * self.along, self.name)
 
+    def degrees_from(self, other: Pen) -> float:
+        """The angle of this pen's hue from that of another [degrees]."""
+        return float(np.degrees(np.arctan2(self.along @ other.across, self.along @ other.along)))
+
 
 def parse_colour(colour: str) -> NDArray[np.float64]:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
