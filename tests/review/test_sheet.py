@@ -469,7 +469,7 @@ def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
     rendering = replace(fixture.rendering, stiffness=np.array(stiffness))
     facts = dict(of_fixture(replace(fixture, rendering=rendering), "f.h5").facts)
     for value in stiffness:
-        assert f"{value:g}" in facts["Stiffness"]
+        assert f"{value:g}" in facts["The wall"]
     sheet = draw_sheet(of_fixture(replace(fixture, rendering=rendering), "f.h5"))
     assert any(box.kind == "text" and "N/m" in box.words for box in sheet.boxes)
     check_layout(sheet)

@@ -45,6 +45,7 @@ def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, pa
         if ruler is not None:
             share_per_bin, edges = np.histogram(1e3 * ruler.arclength, BINS, weights=share)
             axes["along"].stairs(share_per_bin, edges, fill=True, color=CONTACT, alpha=0.7)
+            axes["along"].set_axisbelow(True)
             axes["along"].set(xlabel="along the curve [mm]")
         axes["along"].set(
             ylabel="probability",

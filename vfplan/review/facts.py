@@ -82,8 +82,10 @@ def facts_of(
             what = "surface"
         elif fixture.curve is None:
             what = "points"
-        facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
-        facts.append(("Stiffness", stiffness_in_words(fixture.rendering.stiffness)))
+        stiffness = stiffness_in_words(fixture.rendering.stiffness)
+        facts.append(
+            ("The wall", f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}")
+        )
     return tuple(facts)
 
 
