@@ -1,4 +1,4 @@
-"""What a measured line shows that only a person can settle: these lines are refused."""
+"""What a line shows that only a person can settle: such a line is refused."""
 
 from __future__ import annotations
 
@@ -11,6 +11,20 @@ from vfplan.curve.candidates import Candidate
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.errors import CurveError
 from vfplan.geometry import filters
+
+
+def refuse_junctions(line: Candidate) -> None:
+    """Raise `CurveError` for a line that forks or crosses itself."""
+    if len(line.junctions) == 0:
+        return
+    u, v = (float(x) for x in line.junctions[len(line.junctions) // 2])
+    raise CurveError(
+        "The line forks or crosses itself here, so it has several ways to go on. "
+        "Choose one: vfplan review IMAGE.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="line-forks",
+        numbers={"u_px": u, "v_px": v},
+    )
 
 
 def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:

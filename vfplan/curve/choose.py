@@ -66,20 +66,6 @@ def is_frame(line: Candidate) -> bool:
     return on_side and len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
 
 
-def refuse_junctions(line: Candidate) -> None:
-    """Raise `CurveError` for a line that forks or crosses itself."""
-    if len(line.junctions) == 0:
-        return
-    u, v = (float(x) for x in line.junctions[len(line.junctions) // 2])
-    raise CurveError(
-        "The line forks or crosses itself here, so it has several ways to go on. "
-        "Choose one: vfplan review IMAGE.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="line-forks",
-        numbers={"u_px": u, "v_px": v},
-    )
-
-
 def describe(line: Candidate) -> str:
     """One line in words: its shape, its length, and where it is."""
     (u, v), (last_u, last_v) = line.path[[0, -1]]

@@ -24,13 +24,14 @@ from vfplan.curve.account import (
 from vfplan.curve.ambiguity import (
     refuse_double_line,
     refuse_fit_off_ink,
+    refuse_junctions,
     refuse_long_bridge,
     refuse_wide_run,
 )
 from vfplan.curve.between import cut_to, lines_through, without_cut_off
 from vfplan.curve.candidates import Candidate, find_candidates
 from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
-from vfplan.curve.choose import choose_lines, refuse_junctions
+from vfplan.curve.choose import choose_lines
 from vfplan.curve.coverage import Ink, find_ink
 from vfplan.curve.pen import Pen
 from vfplan.curve.region import Box, Region

@@ -129,16 +129,16 @@ def register(
     Parameters
     ----------
     unregistered
-        A fixture that no markers carried yet: a curve in frame "image" or "patient_lps", or a
-        surface in "patient_lps". The points and triangles of a surface are carried as they are.
+        What is to be carried: a curve in frame "image" or "patient_lps", or a surface in
+        "patient_lps". The points and triangles of a surface are carried as they are.
     markers, markers2
         One file with both positions of each marker, or two joined by label.
     settings
         How the markers are registered, the curve is sampled and the fixture is rendered.
     image
-        The slice that the curve was drawn on. With it, marks on the slice are found and held
-        against the markers. It is needed where the markers are given in the patient's frame: a
-        DICOM slice says where its pixels lie there.
+        The slice that the curve was drawn on. With it, the positions of the markers are compared
+        with the marks that are drawn on the slice. It is needed where the markers are given in the
+        patient's frame: a DICOM slice says where its pixels lie there.
     touched
         A file of points that the robot touched on a surface. They refine a rigid registration.
     tip_radius
@@ -150,7 +150,7 @@ def register(
         Markers that determine no transform, or that no slice or robot can have.
     CurveError, SettingError
     CheckFailed
-        A gate does not hold: the markers meet no drawn marks, their labels are mistaken, their
+        A gate does not hold: the markers lie at no drawn marks, their labels are mistaken, their
         residuals exceed `settings.max_residual_m`, or the error may exceed `settings.max_tre_m`.
         Or a guide leads into what is forbidden.
     """
@@ -195,8 +195,8 @@ def register(
         settings, margin = add_margin(drawn, registration, settings)
         margin_m = margin.largest_m
 
-    # The curve in front of the robot, sampled as finely as the tolerance asks. The margin is given
-    # once more only because lines and arcs must be finer than it.
+    # The curve in front of the robot, sampled as finely as the tolerance asks. `render` needs the
+    # margin to check that lines and arcs follow the curve more closely than the margin is wide.
     rendered = render(drawn, registration, settings, matched.slice_axes, margin_m)
     fixture = make_fixture(matched, registration, rendered, settings, refined)
     guide_report: dict[str, Any] = {}
@@ -223,8 +223,8 @@ def register(
     of_extraction = [replace(finding, place_m=None) for finding in unregistered.findings]
     fixture = replace(fixture, findings=(*of_extraction, *findings))
 
-    # The report. Residuals and checks are those of the markers' registration, the error is that of
-    # the registration in use.
+    # The report. Residuals and checks are those of the registration by markers. The error is that
+    # of the registration in use, which touched points may have refined.
     report = registration_report(matched.registration, drawn.points, error=error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
@@ -268,7 +268,7 @@ def make_fixture(
         history=source.provenance.history,
     )
 
-    # A bundle holds its slice and its registration in the robot's frame alone (docs/format.md).
+    # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
     image = None
     record = None
     if target_frame == "robot_base":

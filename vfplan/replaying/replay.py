@@ -81,8 +81,8 @@ class Replay:
 
     @property
     def passed(self) -> bool:
-        """Whether every limit that was given holds, also where the tool never touched."""
-        return all(check["pass"] for check in self.metrics.get("checks", []))
+        """Whether the verdict is "pass"."""
+        return self.verdict == "pass"
 
     @property
     def verdict(self) -> str:
@@ -122,8 +122,8 @@ def replay(
     session
         A `Session`, a `SessionStream`, or the path of a session file.
     rule
-        "exact", "robust", "paper" or "both", as above. `None`: the one that comes nearest to what
-        is forbidden, "exact" where the fixture has lines and arcs.
+        "exact", "robust", "paper" or "both", as above. `None`: "exact" where the fixture has lines
+        and arcs, or triangles that a tick has time for; else "robust".
     engine
         "native": the controller's own. "reference": the paper's algorithms in NumPy, which have
         rule "paper" only.
@@ -144,11 +144,12 @@ def replay(
         A `vfplan.bundle.Trust`: who must have signed the bundle, and for what.
     poses
         Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. The numbers of the report
-        are then in the frame of the fixture, and the energy of its motion stands by itself.
+        are then in the frame of the fixture. The energy that the moving fixture gave to the tool is
+        a number of its own.
     events
         When the fixture was exchanged or edited: a file, or `Event`s. A controller learns of poses
-        and events some ticks late. If the session is its log, with columns `poses` and `events`,
-        the replay takes both up in the same ticks as the controller did.
+        and events some ticks late. If the session is the log of a controller, with columns `poses`
+        and `events`, the replay takes both up in the same ticks as that controller did.
     moving
         Settings of the controller's `MovingFrame` that are not its defaults.
 
