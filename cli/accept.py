@@ -27,7 +27,6 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     """
     from vfplan.bundle import read_sealed, write_fixture
     from vfplan.review.acceptance import accept
-    from vfplan.review.digest import digest_of
 
     if answers and answer_all:
         raise click.UsageError("--answer and --answer-all exclude each other. Give one")
@@ -35,19 +34,18 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
     with outputs(output) as (path,):
         write_fixture(accepted, path)
-    warnings = []
-    if accepted.reviewed.digest != digest_of(before):
-        warnings.append(
-            "this digest is of a sheet without the slice: nobody saw the ends of the line on it"
-        )
+    answered = []
+    for finding in accepted.findings:
+        if finding not in before.findings:
+            answered.append(finding.code)
     data = {
         "output": str(output),
         "digest": accepted.reviewed.digest,
         "by": by,
-        "answered": [finding.code for finding in before.open_findings],
+        "answered": answered,
     }
     return CommandResult(
-        data, f"wrote {output}", warnings=warnings, findings=accepted.findings,
+        data, f"wrote {output}", findings=accepted.findings,
         verdict=f"accepted by {by}",
         next_step=sign_command(output, case=seal.case, robot_serial=seal.robot_serial),
     )  # fmt: skip

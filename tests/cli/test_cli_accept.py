@@ -68,17 +68,21 @@ def test_unknown_code_or_name_is_a_mistake_in_the_call(vfplan_cli, sheet, tmp_pa
     assert vfplan_cli(*call, "--by", "A", "--answer", "ink-left", "--answer-all").code == 2
 
 
-def test_digest_of_a_sheet_without_its_slice_is_told(vfplan_cli, tmp_path):
+def test_a_sheet_without_its_slice_leaves_a_doubt_to_answer(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
     write_fixture(bundles.whole(), path)
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json")
     out = tmp_path / "a.h5"
-    done = vfplan_cli(
-        "accept", path, "--digest", run.json["digest"], "--by", "A", "-o", out, "--json"
-    )
+    call = ("accept", path, "--digest", run.json["digest"], "--by", "A", "-o", out, "--json")
+    refused = vfplan_cli(*call)
+    assert refused.code == 1
+    assert refused.json["error"]["code"] == "findings-unanswered"
+    done = vfplan_cli(*call, "--answer", "slice-not-shown")
     assert done.code == 0, done.stderr
-    assert any("slice" in warning for warning in done.json["warnings"])
-    assert read_fixture(out).reviewed.by == "A"
+    assert done.json["answered"] == ["slice-not-shown"]
+    accepted = read_fixture(out)
+    (finding,) = [f for f in accepted.findings if f.code == "slice-not-shown"]
+    assert (accepted.reviewed.by, finding.answered_by) == ("A", "A")
 
 
 def test_migrated_bundle_is_not_reviewed(vfplan_cli, root, tmp_path):

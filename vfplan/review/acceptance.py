@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from vfplan.errors import CheckFailed, SettingError
+from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
 from vfplan.review.digest import digest_of
@@ -37,7 +38,8 @@ def accept(
     Raises
     ------
     CheckFailed
-        The digest is that of another plan, or a doubt stays without an answer.
+        The digest is that of another plan, or a doubt stays without an answer. If the sheet did not
+        show the slice, the fixture gets the doubt "slice-not-shown", which wants an answer too.
     SettingError
         There is no name, or a code that no open finding has.
     """
@@ -55,6 +57,9 @@ def accept(
             code="digest-other",
             numbers={"given": digest, "expected": digest_of(fixture)},
         )
+    if digest.lower() != digest_of(fixture):
+        fixture = without_slice(fixture)
+        digest = digest_of(fixture, slice_shown=False)
     open_codes = {finding.code for finding in fixture.open_findings}
     unknown = sorted(set(answers) - open_codes)
     if unknown:
@@ -79,6 +84,17 @@ def accept(
             numbers={"unanswered": left},
         )
     return replace(fixture, findings=tuple(findings), reviewed=Review(by, now, digest.lower()))
+
+
+def without_slice(fixture: Fixture) -> Fixture:
+    """The fixture with the doubt that nobody saw its line on the slice."""
+    if any(finding.code == "slice-not-shown" for finding in fixture.findings):
+        return fixture
+    text = (
+        "The sheet did not show the slice, so neither the line's ends nor other ink could be seen. "
+        "Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE --sheet-out PNG."
+    )
+    return replace(fixture, findings=(*fixture.findings, doubt("slice-not-shown", "review", text)))
 
 
 def is_digest_of(fixture: Fixture, digest: str) -> bool:

@@ -60,7 +60,7 @@ def facts_of(
         error = "not registered yet"
     elif record.tre95_m is not None:
         bound = float(record.tre95_m.max())
-        error = f"the whole line lies within {bound * 1e3:.2f} mm"
+        error = f"moves the line by at most {bound * 1e3:.2f} mm"
         if record.metres_per_px is not None:
             error += f" ({bound / record.metres_per_px:.1f} px)"
         error += " (95 %)"
