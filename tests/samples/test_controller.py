@@ -514,7 +514,7 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         if "p.csv" in args or "0.01,20" in args:
             assert any(" ".join(args[-2:]) in line for line in done.stderr.splitlines()), args
         if log in args:
-            assert done.stderr.splitlines()[-1].startswith(f"{log}: the log cannot be written")
+            assert done.stderr.splitlines()[-1].startswith(f"{log}: the log is there already")
     assert log.read_text() == "precious"
     bare = controller(curve)
     assert bare.returncode == 3  # says nothing of its rendering
