@@ -106,6 +106,9 @@ def test_exchanged_labels_are_named(model):
         assert error.numbers["fre_rms_m_corrected"] == pytest.approx(right)
         assert NAMES[i] in error.message
         assert f"{1e3 * right:.2f} mm" in error.message
+        # As they are given, the markers would be refused for their residuals all the same.
+        assert "--markers-as-given" not in error.message
+        error = refusal(fit(grid(), target, model), None)
         assert "--markers-as-given" in error.message
         assert error.exit_code == 1
 

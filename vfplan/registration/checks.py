@@ -73,9 +73,12 @@ def refuse_wrong_markers(
     if mistakes and mistakes[0].p_value < SURE_PROBABILITY and not markers_as_given:
         mistake = mistakes[0]
         if registration.used[mistake.moved].any():
+            advice = "Correct the labels"
+            # As they are given, the markers would only be refused for their residuals.
+            if max_residual_m is None or registration.fre_rms_m <= max_residual_m:
+                advice += ", or give --markers-as-given"
             raise CheckFailed(
-                f"{mistake.sentence(labels)} (as given: {as_given}). Correct the labels, or give "
-                "--markers-as-given",
+                f"{mistake.sentence(labels)} (as given: {as_given}). {advice}",
                 code="labels-mistaken",
                 numbers={
                     "fre_rms_m": registration.fre_rms_m,
