@@ -19,7 +19,9 @@ class PaperRule {
         : p_(p),
           kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {}
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {
+        if constexpr (D == 2) neighbours_.keep_wide();
+    }
 
     void reset() noexcept {
         neighbours_.forget();
