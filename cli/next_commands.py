@@ -14,8 +14,16 @@ import click
 
 
 def file_beside(path: Path, ending: str) -> str:
-    """The name of a bundle beside another one: elbow.h5 and "signed" give elbow-signed.h5."""
-    return str(path.with_name(f"{path.stem}-{ending}.h5"))
+    """The name of a new bundle beside another: elbow.h5 and "signed" give elbow-signed.h5.
+
+    Where that is there already, a number follows: elbow-signed-2.h5.
+    """
+    name = path.with_name(f"{path.stem}-{ending}.h5")
+    number = 2
+    while name.exists():
+        name = path.with_name(f"{path.stem}-{ending}-{number}.h5")
+        number += 1
+    return str(name)
 
 
 def register_command(curve: Path, image: Path | None = None) -> str:

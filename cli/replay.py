@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.next_commands import review_command
 from vfplan.cli.options import (
     FIXTURE,
     SESSION,
@@ -20,6 +21,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
+from vfplan.cli.units import count
 from vfplan.cli.values import CSV, FILE, DecimalNumber, Number, Numbers, Parsed, WholeNumber
 
 from vfplan.io.files import parse_decimal
@@ -151,12 +153,27 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
     for path in (output, csv_out, index_path):
         if path is not None:
             lines.append(f"wrote {path}")
+    wrote_files = any(path is not None for path in (output, csv_out, index_path))
+    warnings = []
+    unanswered = len(replayed.fixture.open_findings)
+    if unanswered:
+        warnings.append(
+            f"Nobody has answered {count(unanswered, 'finding')} of this fixture. Answer first: "
+            f"{review_command(fixture, 'IMAGE')}"
+        )
     return CommandResult(
         metrics,
         "\n".join(lines),
+        warnings=warnings,
         failed=failed_line(metrics),
         verdict=replayed.verdict,
-        next_step=next_step(metrics, str(fixture), str(arguments["robot"] or "NAME")),
+        next_step=next_step(
+            metrics,
+            str(fixture),
+            str(arguments["robot"] or "NAME"),
+            index_path,
+            wrote_files=wrote_files,
+        ),
     )
 
 

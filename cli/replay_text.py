@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import Any
 
 from vfplan.cli.run import command_line, is_verbose
@@ -226,14 +227,25 @@ def failed_line(report: dict[str, Any]) -> str:
     return ""
 
 
-def next_step(report: dict[str, Any], fixture: str, robot: str) -> str:
-    """What to do after the replay of a fixture; fixture and robot are named as they were typed."""
+def next_step(
+    report: dict[str, Any], fixture: str, robot: str, index_page: Path | None, *, wrote_files: bool
+) -> str:
+    """What to do after the replay of a fixture; fixture and robot are named as they were typed.
+
+    index_page: the page of the report, if one was made
+    wrote_files: whether the same command finds its own files when it is given again
+    """
+    again = command_line()
+    if wrote_files and "--overwrite" not in again:
+        again += " --overwrite"
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:
-        return f"hold it against a robot's limits: {command_line()} --robot NAME"
+        return f"hold it against a robot's limits: {again} --robot NAME"
+    if report["verdict"] == "fail" and index_page is not None:
+        return f"look at the ticks that failed: {index_page}"
     if report["verdict"] == "fail":
-        return f"draw the session tick by tick: {command_line()} --report DIR"
+        return f"draw the session tick by tick: {again} --report DIR"
     return shlex.join(["vfplan", "stability", fixture, "--robot", robot])
 
 

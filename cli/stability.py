@@ -112,7 +112,7 @@ def command(
         verdict = "fail: a case did not end as it should"
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
-        verdict = f"pass: {subject} is stable with this robot"
+        verdict = f"pass: {subject} is stable with robot {judged_robot.name!r}"
         robot_words = shlex.join(["--robot", robot or "NAME"])
         next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
         if judged is not None:
@@ -132,7 +132,7 @@ def command(
         next_step = "leave out --part, or give a bundle that renders something"
     if not judgement.stable:
         failed.insert(0, f"{subject} does not pass")
-        verdict = f"fail: {subject} is not stable with this robot"
+        verdict = f"fail: {subject} is not stable with robot {judged_robot.name!r}"
         next_step = (
             "plan with a smaller --stiffness, or judge it with the robot's true --mass and "
             "--damping"

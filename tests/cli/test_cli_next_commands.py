@@ -11,6 +11,7 @@ import pytest
 from conftest import ROOT
 from vfplan.cli import cli
 from vfplan.cli.next_commands import (
+    file_beside,
     page_command,
     register_command,
     review_command,
@@ -65,3 +66,9 @@ def result_calls():
 @pytest.mark.parametrize("keywords", list(result_calls()))
 def test_every_command_ends_in_a_verdict_and_a_next_step(keywords):
     assert {"verdict", "next_step"} <= keywords
+
+
+def test_a_bundle_that_is_there_already_is_not_named_again(tmp_path):
+    assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed.h5")
+    (tmp_path / "f-signed.h5").touch()
+    assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed-2.h5")

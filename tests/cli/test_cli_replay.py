@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from replays import fixture_of, line, probing
 
 import vfplan
+from vfplan.findings import doubt
 
 NATIVE: tuple[str, ...] = ()
 PAPER = ("--rule", "paper", "--engine", "reference")
@@ -242,3 +245,24 @@ def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, f
 def test_a_broken_limit_fails_also_without_touch(vfplan_cli, files, far):
     run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")
     assert (run.code, run.json["verdict"]) == (1, "fail")
+
+
+def test_the_next_step_runs_although_the_files_are_there(vfplan_cli, files, tmp_path):
+    bundle, session = files
+    call = ("replay", bundle, session, "-o", tmp_path / "r.h5", "--report", tmp_path / "rep")
+    first = vfplan_cli(*call, "--json").json["next"]
+    words = shlex.split(first.partition(": ")[2].replace("NAME", "franka"))[1:]
+    assert vfplan_cli(*words).code in (0, 1)
+    failed = vfplan_cli(*call, "--overwrite", "--at-most", "penetration_max_m=1e-9", "--json")
+    assert failed.code == 1
+    assert failed.json["next"].endswith(str(tmp_path / "rep" / "index.html"))
+
+
+def test_open_findings_are_told(vfplan_cli, files, tmp_path):
+    bundle, session = files
+    fixture = vfplan.read_fixture(bundle)
+    doubtful = replace(fixture, findings=(doubt("size-unusual", "plan", "Large."),))
+    vfplan.write_fixture(doubtful, tmp_path / "d.h5")
+    for path, count in ((bundle, 0), (tmp_path / "d.h5", 1)):
+        run = vfplan_cli("replay", path, session, "--json")
+        assert len(run.json.get("warnings", [])) == count
