@@ -39,7 +39,7 @@ def command(fixture, **arguments) -> CommandResult:
         reason = " and ".join(reasons)
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
-        next_step = "ask who signed it why; a controller refuses it unless told to accept that"
+        next_step = "ask who signed it why, before a robot loads it"
     return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
 
 

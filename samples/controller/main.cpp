@@ -84,11 +84,12 @@ std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, con
 /// who made it: anybody who can write the file can seal another one.
 vfplan::bundle::Fixture read_signed(const Options& o, const std::string& path) {
     if (o.unsigned_allowed) {
+        vfplan::bundle::Fixture fixture = vfplan::bundle::read_fixture(path);
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
                      "anybody may have made it, for any patient. Sign it with `vfplan sign`.\n",
                      path.c_str());
-        return vfplan::bundle::read_fixture(path);
+        return fixture;
     }
 #ifdef WITH_SIGNATURES
     vfplan::bundle::Trust trust;
@@ -111,6 +112,12 @@ vfplan::bundle::Fixture read_approved(const Options& o, const std::string& path)
             "unsafe.findings", path,
             "open findings of its planning: " + std::to_string(open) +
                 ". Answer them with `vfplan review`, or give --despite-findings.");
+    }
+    if (!fixture.reviewed && !o.unsigned_allowed) {
+        std::fprintf(stderr,
+                     "controller: warning: %s is signed, but nobody has reviewed its plan. Ask who "
+                     "signed it why.\n",
+                     path.c_str());
     }
     return fixture;
 }

@@ -164,18 +164,24 @@ def parse(words: list[str]) -> tuple[argparse.ArgumentParser, argparse.Namespace
 def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan.Fixture:
     """Read the fixture that is named, and refuse one that must not be rendered."""
     if options.unsigned:
+        fixture = vfplan.read_fixture(options.fixture)
         print(
             f"warning: {options.fixture} is loaded without a signature: it is undamaged, but "
             "anybody may have made it, for any patient. Sign it with `vfplan sign`.",
             file=sys.stderr,
         )
-        fixture = vfplan.read_fixture(options.fixture)
     else:
         from vfplan.bundle import Trust, read_keys
 
         keys = read_keys(options.require_signature)
         trust = Trust(keys, options.case, options.robot_serial, options.max_age)
         fixture = vfplan.read_fixture(options.fixture, trust=trust)
+        if fixture.reviewed is None:
+            print(
+                f"warning: {options.fixture} is signed, but nobody has reviewed its plan. Ask who "
+                "signed it why.",
+                file=sys.stderr,
+            )
     if fixture.frame != "robot_base":
         parser.error(
             f"the fixture is in the frame {fixture.frame}, and the arm moves in robot_base. "

@@ -16,7 +16,7 @@ from conftest import ROOT, need_program
 
 import vfplan
 from vfplan.findings import doubt
-from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
+from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering, Review
 from vfplan.geometry import fit_arcs
 from vfplan.live import decode
 from vfplan.scenes import Omega, Sheet
@@ -547,7 +547,13 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
         assert (refused.returncode, refused.stdout) == (2, ""), words
         assert "--keys" in refused.stderr
     approved = controller(tmp_path / "s.h5", *short, maker=("--keys", keys, "--case", "17"))
-    assert (approved.returncode, approved.stderr) == (0, "")
+    assert (approved.returncode, approved.stderr.count("\n")) == (0, 1)
+    assert "nobody has reviewed" in approved.stderr
+    review = Review("A. Planner", "2026-01-02T03:00:00Z", "0" * 64)
+    vfplan.write_fixture(replace(vfplan.read_fixture(drawn), reviewed=review), tmp_path / "r.h5")
+    sign(tmp_path / "r.h5", tmp_path / "rs.h5", tmp_path / "k")
+    reviewed = controller(tmp_path / "rs.h5", *short, maker=("--keys", keys))
+    assert (reviewed.returncode, reviewed.stderr) == (0, "")
     for words in ([drawn, "--keys", keys], [tmp_path / "s.h5", "--keys", other],
                   [tmp_path / "s.h5", "--keys", keys, "--case", "18"],
                   [tmp_path / "s.h5", "--keys", keys, "--robot-serial", "R2"]):  # fmt: skip
