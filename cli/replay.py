@@ -157,9 +157,13 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
     warnings = []
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
+        image = None
+        if replayed.fixture.image is not None:
+            image = "IMAGE"
+        review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         warnings.append(
             f"Nobody has answered {count(unanswered, 'finding')} of this fixture. Answer first: "
-            f"{review_command(fixture, 'IMAGE')}"
+            f"{review}"
         )
     return CommandResult(
         metrics,

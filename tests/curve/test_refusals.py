@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+import slices
 from drawing import blend, coverage, flat, to_uint8, wavy
 
 from vfplan.curve import extract_curve
@@ -56,6 +57,14 @@ def test_no_ink_but_another_pens_line():
 def test_another_pen_is_named_by_its_nearest_hue(name, colour):
     # The gates of orange and yellow overlap, so both find either pen's line.
     assert refusal(paint(line(40, 150, 300, 150), colour=colour)).numbers["other_colour"] == name
+
+
+@pytest.mark.parametrize("seed", [6, 15, 18, 19])
+def test_an_orange_bar_in_jpeg_is_no_red_line(seed):
+    """JPEG spreads some of the bar's pixels into the hues of red."""
+    image = slices.draw("orange bar", seed, slices.TRAPS).image
+    assert refusal(image).code == "no-line"
+    assert len(extract_curve(image, colour="#ff7f0e").strokes) == 1
 
 
 def test_no_line_among_dots():

@@ -170,6 +170,9 @@ def test_limits_hold_or_do_not():
     assert force["value"] == found.metrics["force_max_n"]
     with refuses(SettingError, "no-such-number"):
         replay(fixture, session, limits=(("force", "at_most", 1.0),))
+    with refuses(SettingError, "no-such-number") as refused:
+        replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
+    assert "Did you mean penetration_max_m?" in str(refused.value)
 
 
 def test_robot_limits_are_counted():

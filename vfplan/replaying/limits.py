@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Any
 
 import numpy as np
@@ -89,8 +90,12 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             value = value.get(part)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
+            advice = "Give one of"
+            similar = difflib.get_close_matches(name, numbers, 1)
+            if similar:
+                advice = f"Did you mean {similar[0]}? Give one of"
             raise SettingError(
-                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
+                f"the report has no number {name!r} to hold against {limit:g}. {advice} "
                 f"{', '.join(numbers)}",
                 code="no-such-number",
             )
