@@ -90,13 +90,12 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             value = value.get(part)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
-            advice = "Give one of"
+            # The number that was probably meant comes first.
             similar = difflib.get_close_matches(name, numbers, 1)
-            if similar:
-                advice = f"Did you mean {similar[0]}? Give one of"
+            others = [number for number in numbers if number not in similar]
             raise SettingError(
-                f"the report has no number {name!r} to hold against {limit:g}. {advice} "
-                f"{', '.join(numbers)}",
+                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
+                f"{', '.join(similar + others)}",
                 code="no-such-number",
             )
         if sense == "at_most":
