@@ -13,15 +13,15 @@ from typing import Any
 import click
 
 
-def file_beside(path: Path, ending: str) -> str:
-    """The name of a new bundle beside another: elbow.h5 and "signed" give elbow-signed.h5.
+def file_beside(path: Path, ending: str, suffix: str = ".h5") -> str:
+    """The name of a new file beside another: elbow.h5 and "signed" give elbow-signed.h5.
 
     Where that is there already, a number follows: elbow-signed-2.h5.
     """
-    name = path.with_name(f"{path.stem}-{ending}.h5")
+    name = path.with_name(f"{path.stem}-{ending}{suffix}")
     number = 2
     while name.exists():
-        name = path.with_name(f"{path.stem}-{ending}-{number}.h5")
+        name = path.with_name(f"{path.stem}-{ending}-{number}{suffix}")
         number += 1
     return str(name)
 
@@ -44,8 +44,7 @@ def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = 
     if image is not None:
         words += ["--slice", str(image)]
     if not has_page:
-        sheet = fixture.with_name(f"{fixture.stem}-sheet.png")
-        return shlex.join([*words, "--sheet-out", str(sheet)])
+        return shlex.join([*words, "--sheet-out", file_beside(fixture, "sheet", ".png")])
     return shlex.join([*words, "-o", file_beside(fixture, "approved")])
 
 

@@ -26,6 +26,9 @@ from vfplan.io.files import parse_decimal
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+SIGNED_FOR = {"case": "--case CASE", "robot_serial": "--robot-serial SERIAL"}
+"""What a signature may be for, and the option that demands it."""
+
 UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 """The units of time that `--max-age` takes, with their names in `timedelta`."""
 
@@ -335,3 +338,25 @@ def trust(arguments: dict[str, Any]) -> Any:
             "--case, --robot-serial and --max-age read a signature. Give --require-signature KEYS"
         )
     return None
+
+
+def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
+    """What a trusted signature is for and the command did not demand: names of `SIGNED_FOR`.
+
+    seal: as `Seal.describe` gives it
+    """
+    if arguments["keys"] is None:
+        return []
+    return [name for name in SIGNED_FOR if name in seal and arguments[name] is None]
+
+
+def not_compared_warnings(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
+    """A warning for each name that `not_compared` gives."""
+    warnings = []
+    for name in not_compared(seal, arguments):
+        words = name.replace("_", " ")
+        warnings.append(
+            f"The bundle is signed for {words} {seal[name]!r}, which was compared with nothing. "
+            f"Give {SIGNED_FOR[name]} as it must be."
+        )
+    return warnings

@@ -154,7 +154,7 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
         if path is not None:
             lines.append(f"wrote {path}")
     wrote_files = any(path is not None for path in (output, csv_out, index_path))
-    warnings = []
+    warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
         image = None

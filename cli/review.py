@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -136,7 +138,8 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
             for stream in (sys.stdout, sys.stderr):
                 stream.flush()
             if not arguments["no_browser"]:
-                click.launch(server.address)
+                # A program that opens pages may run as long as its browser does.
+                threading.Thread(target=open_page, args=(server.address,), daemon=True).start()
             approver = server.run(write, is_stopped)
             time.sleep(FAREWELL_S)
     finally:
@@ -162,6 +165,29 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
         data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
+
+
+def open_page(address: str) -> None:
+    """Open the page in the browser, and say where it is if there is none."""
+    if sys.platform in ("darwin", "win32"):
+        code = click.launch(address)
+    else:
+        # xdg-open lists every browser that it looked for, so its own words are not shown. In a
+        # session of its own the browser outlives a Ctrl-C that ends the review.
+        silent = subprocess.DEVNULL
+        try:
+            code = subprocess.call(
+                ["xdg-open", address], stdin=silent, stdout=silent, stderr=silent,
+                start_new_session=True,
+            )  # fmt: skip
+        except OSError:
+            code = 1
+    if code:
+        click.echo(
+            f"vfplan: warning: no browser was found. Open {address} in one; with --no-browser "
+            "none is looked for.",
+            err=True,
+        )
 
 
 def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) -> None:

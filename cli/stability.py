@@ -114,8 +114,13 @@ def command(
     else:
         verdict = f"pass: {subject} is stable with robot {judged_robot.name!r}"
         robot_words = shlex.join(["--robot", robot or "NAME"])
-        next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
-        if judged is not None:
+        if judged is None:
+            next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
+        elif judged_robot is DEFAULT_ROBOT:
+            # Neither a robot nor one of its figures was typed.
+            again = shlex.join(["vfplan", "stability", str(fixture)])
+            next_step = f"judge it with your own robot: {again} {robot_words}"
+        else:
             image = None
             if judged.image is not None:
                 image = "IMAGE"

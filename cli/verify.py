@@ -5,8 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from vfplan.cli.options import FIXTURE, signature_options, trust
-from vfplan.cli.run import CommandResult, command
+from vfplan.cli.options import (
+    FIXTURE,
+    SIGNED_FOR,
+    not_compared,
+    not_compared_warnings,
+    signature_options,
+    trust,
+)  # fmt: skip
+from vfplan.cli.run import CommandResult, command, command_line
 
 
 @command("verify")
@@ -23,6 +30,7 @@ def command(fixture, **arguments) -> CommandResult:
     data = {
         **seal.describe(),
         "ok": True,
+        "not_compared": not_compared(seal.describe(), arguments),
         "findings": [finding.as_dict() for finding in signed.findings],
         "reviewed": reviewed,
     }
@@ -30,6 +38,11 @@ def command(fixture, **arguments) -> CommandResult:
     lines += finding_lines(data["findings"], reviewed)
     verdict = "signed by a trusted key"
     next_step = "load it on the robot"
+    if data["not_compared"]:
+        words = " and ".join(data["not_compared"]).replace("_", " ")
+        verdict = f"signed by a trusted key, but its {words} was compared with nothing"
+        missing = [SIGNED_FOR[name] for name in data["not_compared"]]
+        next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if seal.despite_findings:
         reasons = []
         if signed.open_findings:
@@ -40,7 +53,10 @@ def command(fixture, **arguments) -> CommandResult:
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
         next_step = "ask who signed it why, before a robot loads it"
-    return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
+    return CommandResult(
+        data, "\n".join(lines), warnings=not_compared_warnings(data, arguments), verdict=verdict,
+        next_step=next_step,
+    )  # fmt: skip
 
 
 def seal_lines(seal: dict[str, Any]) -> list[str]:

@@ -72,3 +72,10 @@ def test_a_bundle_that_is_there_already_is_not_named_again(tmp_path):
     assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed.h5")
     (tmp_path / "f-signed.h5").touch()
     assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed-2.h5")
+
+
+def test_a_sheet_that_is_there_already_is_not_named_again(tmp_path):
+    for name in ("f-sheet.png", "f-sheet-2.png", "f-sheet-3.png"):
+        words = shlex.split(review_command(tmp_path / "f.h5", None, has_page=False))
+        assert words[words.index("--sheet-out") + 1] == str(tmp_path / name)
+        (tmp_path / name).touch()

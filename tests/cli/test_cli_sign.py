@@ -57,6 +57,22 @@ def test_verify_names_the_key(desk, vfplan_cli):
 
 
 @pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ((), ["case", "robot_serial"]),
+        (("--case", "C1"), ["robot_serial"]),
+        (("--robot-serial", "R7"), ["case"]),
+        (("--case", "C1", "--robot-serial", "R7"), []),
+    ],
+)
+def test_what_was_compared_with_nothing_is_said(words, names, desk, vfplan_cli):
+    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json")
+    assert run.code == 0
+    assert run.json["not_compared"] == names
+    assert len(run.json.get("warnings", [])) == len(names)
+
+
+@pytest.mark.parametrize(
     ("file", "words", "reason"),
     [
         ("a.h5", [], "not signed"),
@@ -104,6 +120,10 @@ def test_a_bundle_accepted_anew_is_signed_for_the_same_case(desk, vfplan_cli, tm
     assert words[words.index("--case") + 1] == "C1"
     known = [str(desk / "alice.key") if word == "KEY" else word for word in words]
     assert vfplan_cli(*known[1:]).code == 0
+    signed = words[words.index("-o") + 1]
+    following = next_words(vfplan_cli("verify", signed, "--keys", desk / "alice.pub"))
+    assert following[-2:] == ["--robot-serial", "SERIAL"]
+    assert following[following.index("--case") + 1] == "CASE"
 
 
 def test_a_changed_and_resealed_bundle_is_not_what_was_signed(desk):

@@ -61,8 +61,14 @@ def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, 
     assert run.json["robot"]["delay_ticks"] == 1
 
 
+def test_without_a_robot_the_next_step_asks_for_one(vfplan_cli, dot):
+    run = vfplan_cli("stability", dot, "--part", "closed-loop", "--json")
+    assert "'assumed'" in run.json["verdict"]
+    assert run.json["next"].endswith(f": vfplan stability {dot} --robot NAME")
+
+
 def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
-    words = ("--part", "closed-loop", "--json")
+    words = ("--damping", 5, "--part", "closed-loop", "--json")
     assert vfplan_cli("stability", dot, *words).json["next"].startswith("vfplan review")
     key, signed = tmp_path / "k.key", tmp_path / "signed.h5"
     assert vfplan_cli("keygen", "-o", key).code == 0

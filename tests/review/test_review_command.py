@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import signal
@@ -109,6 +110,29 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     sheet = ("review", output, "--sheet-out", tmp_path / "s.png", "--json")
     run = vfplan_cli(*sheet, *words)
     assert run.json["digest"] == vfplan.read_fixture(output).reviewed.digest
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="xdg-open is Linux's")
+@pytest.mark.parametrize("is_there", [False, True])
+def test_without_a_browser_the_address_is_said_and_no_noise(is_there, tmp_path):
+    if is_there:
+        program = tmp_path / "xdg-open"
+        program.write_text("#!/bin/sh\necho firefox: not found >&2\necho tried all\nexit 3\n")
+        program.chmod(0o755)
+    command = [sys.executable, "-m", "vfplan", "review", SLICE, "-o", tmp_path / "o.h5"]
+    pipe = subprocess.PIPE
+    review = subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "PATH": str(tmp_path)},
+        preexec_fn=heed_interrupts,
+    )  # fmt: skip
+    address = review.stdout.readline().strip()
+    warning = review.stderr.readline()
+    review.send_signal(signal.SIGINT)
+    out, err = review.communicate(timeout=60)
+    assert address in warning
+    assert "--no-browser" in warning
+    for noise in ("firefox", "tried all"):
+        assert noise not in warning + out + err
 
 
 def test_a_folder_that_takes_no_file_is_refused_before_the_page_opens(vfplan_cli):

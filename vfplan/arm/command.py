@@ -103,6 +103,7 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
             write_whole(index, [page(rehearsal, facts).encode("utf-8")], overwrite=True)
 
     # What to do now.
+    warnings += options.not_compared_warnings(seal.describe(), arguments)
     metrics = rehearsal.metrics
     lines = [rehearsed_text(metrics)]
     for path in (output, picture_out, index_path):

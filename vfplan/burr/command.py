@@ -37,12 +37,12 @@ def command(
     replays the session with these edits. It demonstrates editing under the hand, and does not
     simulate bone.
     """
-    from vfplan.bundle import read_fixture
+    from vfplan.bundle import read_sealed
     from vfplan.burr.burr import burr
     from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
 
-    planned = read_fixture(fixture, trust=options.trust(arguments))
+    planned, seal = read_sealed(fixture, trust=options.trust(arguments))
     hand = read_session(session, units=arguments["units"], frame=planned.frame)
     with progress("burr", len(hand.hip)) as done:
         burred = burr(planned, hand, 1e-3 * radius_mm, done=done)
@@ -58,7 +58,7 @@ def command(
             save_png(burr_figure(burred), picture)
 
     metrics = burred.metrics
-    warnings = []
+    warnings = options.not_compared_warnings(seal.describe(), arguments)
     for finding in metrics["findings"]:
         if finding["code"] == "burr-held":
             warnings.append(finding["message"])

@@ -32,7 +32,7 @@ from vfplan.stability.gate import (
 from vfplan.stability.passivity import passivity_cases
 from vfplan.stability.theory import Plant, exact_bound
 
-DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
+DEFAULT_ROBOT = Robot("assumed", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
 """The robot of the standard scenes: a mass of 1 kg with little damping, at 1 kHz."""
 
 DEFAULT_STIFFNESS = 1000.0
