@@ -77,7 +77,9 @@ def largest_force_step(places):
 def main() -> None:
     """Print the table."""
     rng = np.random.default_rng(18)
-    print("| motion | tracker | RMS error [mm] | largest [mm] | step [N a tick] | if held [N] |")
+    print(
+        "| motion | tracker | RMS error [mm] | largest error [mm] | step [N] | step if held [N] |"
+    )
     print("|---|---|---|---|---|---|")
     for name, motion in MOTIONS.items():
         for tracker_name, tracker in TRACKERS.items():
