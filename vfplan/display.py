@@ -18,9 +18,14 @@ _DURATIONS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 
 
 def length(metres: float) -> str:
-    """A length [m] as "4.02 µm"; below a nanometre it is rounding, and said to be that."""
-    if 0 < abs(metres) < 1e-9:
+    """A length [m] as "4.02 µm"; within a nanometre of 0 it is rounding, and only the side is said.
+
+    A negative length is a penetration where a clearance is meant, so its sign is never lost.
+    """
+    if 0 < metres < 1e-9:
         return "< 1 nm"
+    if -1e-9 < metres < 0:
+        return "> -1 nm"
     return _in_units(metres, _LENGTHS)
 
 
