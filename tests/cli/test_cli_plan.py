@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
@@ -190,6 +191,29 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, ca
     again = vfplan_cli(*args, "--json")
     assert again.code == code
     assert set(again.json["error"]) == {"kind", "message", "where", "code", "numbers"}
+
+
+@pytest.mark.parametrize("command", ["plan", "review"])
+@pytest.mark.parametrize(
+    "files",
+    [(PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)],
+)
+def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli, tmp_path):
+    run = vfplan_cli(command, *files, "-o", tmp_path / "f.h5", "--json")
+    assert (run.code, run.json["error"]["code"]) == (3, "wrong-order")
+    assert run.json["error"]["where"] == str(files[0])
+    assert "IMAGE MARKERS" in run.json["error"]["message"]
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)],
+)
+def test_what_is_no_wrong_order_is_not_called_one(name, error, vfplan_cli, tmp_path):
+    (tmp_path / "curve.csv").write_text("u_px,v_px\n100,100\n200,200\n")
+    os.mkfifo(tmp_path / "fifo")
+    run = vfplan_cli("plan", tmp_path / name, PIXELS, ROBOT, "-o", tmp_path / "f.h5", "--json")
+    assert run.json.get("error", {}).get("code") == error
 
 
 def test_three_collinear_markers_are_refused(vfplan_cli, tmp_path):

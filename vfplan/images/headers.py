@@ -62,6 +62,11 @@ class Header:
     orientation: int = 1
 
 
+def is_picture(data: bytes) -> bool:
+    """Whether the bytes begin as a file does whose header can be read here."""
+    return data.startswith((PNG_START, JPEG_START, BMP_START, *TIFF_BYTE_ORDERS))
+
+
 def read_header(data: bytes, where: str, max_pixels: int) -> Header:
     """The header of an image of at most `max_pixels`.
 

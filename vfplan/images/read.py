@@ -6,6 +6,7 @@ Pixels are counted u to the right and v down, and the *centre* of the top-left p
 from __future__ import annotations
 
 import hashlib
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.dicom.dataset import is_dicom
-from vfplan.errors import ImageError, SettingError
-from vfplan.images.headers import read_header
+from vfplan.errors import ImageError, InputError, SettingError
+from vfplan.images.headers import is_picture, read_header
 from vfplan.images.raster import decode_raster
-from vfplan.io.files import read_whole
+from vfplan.io.files import opened_file, read_whole
 
 MAX_BYTES = 2**31 - 1
 """Bytes of an image file. OpenCV's decoders take no more."""
@@ -80,6 +81,16 @@ def as_image(image: PlannedImage | NDArray | str | Path) -> PlannedImage:
             "Give (H, W, 3) of uint8 or uint16, red first."
         )
     return PlannedImage(rgb, None, hashlib.sha256(np.ascontiguousarray(rgb)).hexdigest())
+
+
+def is_picture_file(path: str | Path) -> bool:
+    """Whether a file begins as a picture does; `False` where it cannot be read."""
+    try:
+        with opened_file(Path(path)) as file:
+            start = file.read(io.DEFAULT_BUFFER_SIZE)
+    except InputError:
+        return False
+    return is_dicom(start) or is_picture(start)
 
 
 def read_image(

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.engine.choosing import slow_tick_text
-from vfplan.errors import SettingError
+from vfplan.errors import InputError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, size_doubt
 from vfplan.io.files import now_utc
@@ -102,13 +102,54 @@ def plan(
     ImageError, CurveError, MarkerError, SettingError, MissingExtra
         As `extract` and `register` do.
     InputError
-        The environment variable SOURCE_DATE_EPOCH is no time.
+        The slice and the markers are in the wrong order, or the environment variable
+        SOURCE_DATE_EPOCH is no time.
     CheckFailed
         A gate does not hold, or a guide leads into what is forbidden.
     """
+    refuse_wrong_order(image, markers, markers2)
     extracted = extract(image, extraction, curve=curve)
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return PlanResult(registered.fixture, extracted, registered)
+
+
+def refuse_wrong_order(
+    image: str | Path, markers: str | Path | None, markers2: str | Path | None
+) -> None:
+    """Refuse markers in the place of the slice.
+
+    Raises `InputError` where the first file is a table of markers, or no picture while another is.
+    """
+    from vfplan.images.read import is_picture_file
+
+    if is_picture_file(image) or not Path(image).is_file():
+        return
+    found = None
+    if holds_markers(image):
+        found = "it holds markers"
+    for path in (markers, markers2):
+        if path is not None and is_picture_file(path):
+            found = f"{path} is a picture"
+    if found is not None:
+        raise InputError(
+            f"the files are in the wrong order: {found}. Give the slice first and the markers "
+            "after it: IMAGE MARKERS [MARKERS2]",
+            where=str(image),
+            code="wrong-order",
+        )
+
+
+def holds_markers(path: str | Path) -> bool:
+    """Whether a file is a sound table of markers; a table of a curve has no labels."""
+    from vfplan.markers.correspondences import read_sides
+
+    if Path(path).suffix.lower() not in (".csv", ".txt", ".tsv"):
+        return False
+    try:
+        read_sides(Path(path))
+    except InputError:
+        return False
+    return True
 
 
 def register(

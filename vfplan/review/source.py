@@ -16,6 +16,7 @@ from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings
 from vfplan.planning.extraction import PEN_SETTINGS
+from vfplan.planning.plan import refuse_wrong_order
 from vfplan.review.account import extraction_of
 from vfplan.review.facts import labels_left_out
 from vfplan.review.geometry import Geometry, geometry_of_slice
@@ -156,6 +157,7 @@ def open_source(
                 f"{path} is a slice itself. Leave --slice out; it belongs to a bundle.",
                 code="slice-given-twice",
             )
+        refuse_wrong_order(path, markers, markers2)
         source = _of_slice(path, curve_path, extraction, planning)
     if markers is None:
         if source.fixture is not None:
