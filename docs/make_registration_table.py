@@ -98,7 +98,7 @@ def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
         verdicts: dict[str, list[tuple[str, str]]] = {
             "good, FLE 0.5 mm": [],
             "good, FLE 0.1 to 1 mm": [],
-            "of these not symmetric": [],
+            "the same without symmetric layouts": [],
             "labels mistaken": [],
             "one outlier, 4 to 12 markers": [],
             "one outlier, 3 markers": [],
@@ -110,7 +110,7 @@ def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
             verdict = judge(markers, markers.target, model)
             verdicts["good, FLE 0.1 to 1 mm"].append(verdict)
             if not markers.is_symmetric:
-                verdicts["of these not symmetric"].append(verdict)
+                verdicts["the same without symmetric layouts"].append(verdict)
             for order in mistaken_orders(rng, len(markers.source)).values():
                 verdicts["labels mistaken"].append(judge(markers, markers.target[order], model))
             name = "one outlier, 4 to 12 markers"
@@ -140,36 +140,36 @@ def reading_rows() -> list[str]:
     width = 871
     height = 786
     views = {
-        "v from below": np.column_stack([pixels[:, 0], height - 1 - pixels[:, 1]]),
-        "u from the right": np.column_stack([width - 1 - pixels[:, 0], pixels[:, 1]]),
-        "both": [width - 1, height - 1] - pixels,
+        "v counted from below": np.column_stack([pixels[:, 0], height - 1 - pixels[:, 1]]),
+        "u counted from the right": np.column_stack([width - 1 - pixels[:, 0], pixels[:, 1]]),
+        "u from the right and v from below": [width - 1, height - 1] - pixels,
         "u and v exchanged": pixels[:, ::-1],
-        "times 0.5": 0.5 * pixels,
-        "times 0.9": 0.9 * pixels,
-        "times 1.1": 1.1 * pixels,
-        "times 2": 2.0 * pixels,
-        "shifted by 50 px": pixels + 50,
-        "shifted by 10 px": pixels + 10,
-        "shifted by 3 px": pixels + 3,
-        "counted from 1": pixels + 1,
+        "pixels times 0.5": 0.5 * pixels,
+        "pixels times 0.9": 0.9 * pixels,
+        "pixels times 1.1": 1.1 * pixels,
+        "pixels times 2": 2.0 * pixels,
+        "pixels shifted by 50 px": pixels + 50,
+        "pixels shifted by 10 px": pixels + 10,
+        "pixels shifted by 3 px": pixels + 3,
+        "pixels counted from 1": pixels + 1,
     }
     outlier = robot.copy()
     outlier[3, 0] += 0.02
     exchanged = np.arange(9)
     exchanged[[1, 5]] = 5, 1
     places = {
-        "millimetres": 1e3 * robot,
-        "centimetres": 1e2 * robot,
-        "inches": robot / 0.0254,
-        "as if millimetres": 1e-3 * robot,
-        "y mirrored": robot * [1, -1, 1],
-        "x and y exchanged": robot[:, [1, 0, 2]],
+        "millimetres given as metres": 1e3 * robot,
+        "centimetres given as metres": 1e2 * robot,
+        "inches given as metres": robot / 0.0254,
+        "metres 1000 times too small": 1e-3 * robot,
+        "y of the robot mirrored": robot * [1, -1, 1],
+        "x and y of the robot exchanged": robot[:, [1, 0, 2]],
         "one column in millimetres": robot * [1e3, 1, 1],
-        "reversed": robot[::-1],
-        "shifted by one label": np.roll(robot, 1, axis=0),
+        "labels reversed": robot[::-1],
+        "labels shifted by one": np.roll(robot, 1, axis=0),
         "two labels exchanged": robot[exchanged],
         "one marker 20 mm off": outlier,
-        "another case": robot[[2, 0, 1, 5, 3, 4, 8, 6, 7]] * [1.02, 0.97, 1],
+        "markers of another case": robot[[2, 0, 1, 5, 3, 4, 8, 6, 7]] * [1.02, 0.97, 1],
     }
     by_verdict: dict[str, list[str]] = {}
     for name, wrong_pixels in views.items():
@@ -366,10 +366,10 @@ def processor_time() -> str:
 def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     """The tables of the page, each by its header."""
     yield (
-        "| sets | model | number | refused | doubt | note | silent |",
+        "| sets | model | number | refused | doubt | note | no finding |",
         label_rows(sets),
     )
-    yield "| `plan` says | the sample's markers, given |", reading_rows()
+    yield "| `plan` says | the mistake |", reading_rows()
     coverage = []
     for model in MODELS:
         coverage.append(coverage_row(model, 5 * sets))
@@ -378,13 +378,14 @@ def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     for tilt in (0, 1, 2, 5, 10, 20):
         photographs.append(photograph_row(tilt, sets))
     yield (
-        "| tilt | sets | refused | doubt | note | no finding | bound holds | bound or finding |",
+        "| tilt | photographs | refused | doubt | note | no finding | bound holds "
+        "| bound holds or vfplan warned |",
         photographs,
     )
     tilts = []
     for markers in (6, 8, 10, 12):
         tilts.append(tilt_row(markers))
-    yield "| markers | FLE 0.1 mm | 0.3 mm | 0.5 mm | 1 mm |", tilts
+    yield "| markers | FLE 0.1 mm | FLE 0.3 mm | FLE 0.5 mm | FLE 1 mm |", tilts
     rectified = []
     for view in (0, 3):
         line = rectified_row(view)
