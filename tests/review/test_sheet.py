@@ -9,16 +9,20 @@ import cv2
 import drawn_ends
 import numpy as np
 import pytest
+from conftest import ROOT
 from drawing import blend, coverage, flat, to_uint8
 
+import vfplan
 from vfplan import PlannedImage
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.review import AccountEntry, SheetInput, check_slice, draw_sheet, of_fixture
 from vfplan.review.insets import INSET_PX, ZOOM
-from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
+from vfplan.review.paper import DPI, FOOT, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
+from vfplan.review.sheet_input import of_plan
+from vfplan.review.sheet_text import draw_lists
 
 RED = (255, 0, 0)
 
@@ -264,6 +268,48 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
 
 
 # ---- what a sheet shows ----
+
+
+@pytest.fixture(scope="module")
+def planned_sheet():
+    """What the sheet of the sample shows with a margin and other ink: the longest column."""
+    samples = ROOT / "samples"
+    planned = vfplan.plan(
+        samples / "elbow.png",
+        samples / "elbow_markers_image.csv",
+        samples / "elbow_markers_robot.csv",
+        settings=vfplan.FixtureSettings(margin="tre95"),
+    )
+    other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175)
+    return replace(of_plan(planned, "elbow.h5"), account=(other_ink,))
+
+
+@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 1), (2, 1), (6, 2)])
+def test_a_sheet_with_few_findings_is_one_page(count, pages, planned_sheet):
+    findings = []
+    for number in range(count):
+        text = f"Number {number}. Look at the place, and accept it or cut the curve there."
+        findings.append(doubt("ink-touches", "plan", text, place_px=(300.0 + 90 * number, 300.0)))
+    sheet = draw_sheet(replace(planned_sheet, findings=tuple(findings)))
+    check_layout(sheet)
+    assert len(sheet.page_pngs()) == pages
+    # Heading, heads and texts stand together; all heads begin in the same column.
+    texts = [box for box in sheet.boxes if box.kind == "text"]
+    [heading] = [box for box in texts if box.words.startswith("Findings")]
+    heads = [box for box in texts if box.words.startswith("F") and "wants an answer" in box.words]
+    assert len(heads) == count
+    assert {(box.page, box.x) for box in heads} <= {(heading.page, heading.x)}
+
+
+@pytest.mark.parametrize("top", range(0, 400, 13))
+def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
+    findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
+    content = SheetInput("f.h5", "0" * 64, findings=findings)
+    sheet = Paper()
+    draw_lists(sheet, content, FOOT - top)
+    for number, box in enumerate(sheet.boxes[:-1]):
+        if box.words.startswith("F"):
+            assert sheet.boxes[number + 1].page == box.page
 
 
 def test_open_line_has_both_ends_and_each_bridge_enlarged():

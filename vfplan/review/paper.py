@@ -109,6 +109,11 @@ class Style:
         """From one line of text to the next."""
         return round(1.35 * self.points * DPI / 72)
 
+    @property
+    def baseline(self) -> float:
+        """From the top of a line to where its letters stand."""
+        return 0.78 * self.line_height
+
     def width_of(self, words: str) -> float:
         """How long a line of text is."""
         return _font(self.points, self.bold).getlength(words)
@@ -140,9 +145,13 @@ class Paper:
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
         self._texts.append([])
 
+    def has_space(self, y: float, height: float) -> bool:
+        """Whether something of this height fits between the row `y` and the foot of the page."""
+        return y + height <= FOOT - 12
+
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
-        if y + height <= FOOT - 12:
+        if self.has_space(y, height):
             return y
         self.add_page()
         return float(MARGIN)
@@ -218,7 +227,7 @@ class Paper:
                 size = (int(style.width_of(words)) + 2, style.line_height + 4)
                 letters = Image.new("L", size)
                 ImageDraw.Draw(letters).text(
-                    (0, 0.78 * style.line_height),
+                    (0, style.baseline),
                     words,
                     fill=255,
                     font=_font(style.points, style.bold),
@@ -236,6 +245,8 @@ class Paper:
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
     """The lines that a text takes; a word longer than a line is broken."""
+    if style.width_of(printable(words)) <= width:
+        return [printable(words)]
     lines = [""]
     for word in printable(words).split():
         longer = f"{lines[-1]} {word}".strip()

@@ -99,11 +99,14 @@ def draw_sheet(content: SheetInput) -> Sheet:
         column_y = draw_facts(sheet, content, COLUMN_X, column_y + 10, COLUMN_WIDTH)
         insets = insets_of(content)
         last_row, y = draw_insets(sheet, insets, rgb, content, max(bottom, column_y) + 20)
-        # Short lists stand in what the last row leaves free, so that most sheets are one page.
+        # Where the page ends below the insets, short lists stand in what the last row leaves free,
+        # so that most sheets are one page.
         in_last_row = len(insets) % INSETS_IN_A_ROW
         x = MARGIN + in_last_row * INSET_STEP
         lines = list_lines(content, PAGE_WIDTH - MARGIN - x)
-        if in_last_row in (1, 2) and total_height(lines) <= ROW_HEIGHT:
+        height_below = total_height(list_lines(content, CONTENT_WIDTH))
+        is_beside = in_last_row > 0 and total_height(lines) <= ROW_HEIGHT
+        if is_beside and not sheet.has_space(y, height_below):
             for line in lines:
                 last_row = line.draw(sheet, x, last_row)
         else:

@@ -21,12 +21,16 @@ WHAT_TO_LOOK_FOR = (
 
 @dataclass(frozen=True)
 class TextLine:
-    """A line of a list, its indent, and the space above it [px of the page]."""
+    """A line of a list, its indent, and the space above it [px of the page].
+
+    `is_head` is true where the next line belongs to this one: both stand on one page.
+    """
 
     words: str
     style: paper.Style = BODY
     indent: float = 0
     above: float = 0
+    is_head: bool = False
 
     @property
     def height(self) -> float:
@@ -45,7 +49,10 @@ def total_height(lines: Iterable[TextLine]) -> float:
 
 
 def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: float) -> float:
-    """What to look for at the ends, and the numbers of the plan."""
+    """What to look for at the ends, and the numbers of the plan.
+
+    Where there is room, a number stands beside its heading.
+    """
     facts = []
     if content.rgb is not None:
         facts += _facts_of_ends(content)
@@ -53,7 +60,12 @@ def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: flo
     for heading, words in facts:
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
-        y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
+        beside = HEADING.width_of(f"{heading}  ")
+        if beside + BODY.width_of(words) <= width:
+            sheet.text(x + beside, y + HEADING.baseline - BODY.baseline, words)
+            y += HEADING.line_height + 10
+        else:
+            y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
     return y
 
 
@@ -83,21 +95,23 @@ def _facts_of_ends(content: SheetInput) -> list[tuple[str, str]]:
 
 def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
     """The findings and the other ink, over the whole width."""
-    for line in list_lines(content, CONTENT_WIDTH):
+    lines = list_lines(content, CONTENT_WIDTH)
+    for number, line in enumerate(lines):
         # A heading does not stand alone at the foot of a page.
-        needed = line.height
-        if line.style is not BODY:
-            needed += BODY.line_height
-        y = sheet.space_for(y, needed)
+        together = number
+        while lines[together].is_head:
+            together += 1
+        y = sheet.space_for(y, total_height(lines[number : together + 1]))
         y = line.draw(sheet, MARGIN, y)
     return y
 
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    lines = [TextLine("Findings", HEADING)]
+    heading = "Findings"
     if not content.findings:
-        lines = [TextLine("Findings: none", HEADING)]
+        heading = "Findings: none"
+    lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
     for number, finding in enumerate(content.findings, 1):
         kind, style = finding.severity, BODY
         if finding.is_open:
@@ -105,27 +119,45 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
         head = f"F{number}  {kind}: {finding.code}"
         if finding.place_px is not None:
             head += f", at ({finding.place_px[0]:.0f}, {finding.place_px[1]:.0f})"
-        lines.append(TextLine(paper.shortened(head, width, style), style, above=6))
+        lines += text_lines(head, width, style, above=6, is_head=True)
         words = finding.text
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
-        for line in paper.wrapped(words, width - 30, BODY):
-            lines.append(TextLine(line, indent=30))
+        lines += text_lines(words, width, BODY, indent=30)
     if content.rgb is None:
         return lines
+    heading = "Other ink in the pen's colour"
     if content.account is None:
-        return [*lines, TextLine("Other ink: not kept in the bundle", HEADING, above=20)]
-    if not content.account:
-        return [*lines, TextLine("Other ink in the pen's colour: none", HEADING, above=20)]
-    lines.append(TextLine("Other ink in the pen's colour", HEADING, above=20))
-    for entry in content.account[:LISTED_ENTRIES]:
+        heading = "Other ink: not kept in the bundle"
+    elif not content.account:
+        heading += ": none"
+    lines += text_lines(heading, width, HEADING, above=20, is_head=bool(content.account))
+    account = content.account or ()
+    for entry in account[:LISTED_ENTRIES]:
         words = f"{entry.number}: "
         if entry.what:
             words += f"{entry.what}, "
         words += f"{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, {entry.v:.0f})"
-        lines.append(TextLine(paper.shortened(words, width, BODY)))
-    smaller = content.account[LISTED_ENTRIES:]
+        lines += text_lines(words, width, BODY)
+    smaller = account[LISTED_ENTRIES:]
     if smaller:
         pixels = sum(entry.pixels for entry in smaller)
-        lines.append(TextLine(f"and {len(smaller)} smaller, {pixels} px together"))
+        lines += text_lines(f"and {len(smaller)} smaller, {pixels} px together", width, BODY)
+    return lines
+
+
+def text_lines(
+    words: str,
+    width: float,
+    style: paper.Style,
+    *,
+    indent: float = 0,
+    above: float = 0,
+    is_head: bool = False,
+) -> list[TextLine]:
+    """A text in lines of at most this width; the first has the space above it."""
+    lines = []
+    for line in paper.wrapped(words, width - indent, style):
+        lines.append(TextLine(line, style, indent, above, is_head))
+        above = 0
     return lines
