@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import fields, replace
-from datetime import timedelta
 from typing import Any, TypeVar
 
 import click
@@ -22,15 +20,12 @@ from vfplan.cli.values import (
     WholeNumber,
 )  # fmt: skip
 
-from vfplan.io.files import parse_decimal
+from vfplan.io.files import parse_decimal, parse_seconds
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 SIGNED_FOR = {"case": "--case CASE", "robot_serial": "--robot-serial SERIAL"}
 """What a signature may be for, and the option that demands it."""
-
-UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
-"""The units of time that `--max-age` takes, with their names in `timedelta`."""
 
 
 def option(*names: str, **attributes: Any) -> Callable[[F], F]:
@@ -130,17 +125,6 @@ def parse_margin(text: str) -> str | float:
     if not 0 < probability < 1:
         raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
     return probability
-
-
-def parse_seconds(text: str) -> float:
-    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
-    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
-    if match is None:
-        raise ValueError(f"{text!r} is not a time. Type one like 90s, 30min, 12h or 2d")
-    try:
-        return timedelta(**{UNITS_OF_TIME[match[2]]: float(match[1])}).total_seconds()
-    except OverflowError:
-        raise ValueError(f"{text!r} is longer than any bundle is old. Type less") from None
 
 
 def both_spacings(

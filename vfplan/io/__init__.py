@@ -11,6 +11,6 @@ __getattr__ = on_demand(
         "json_types": "to_json_types",
         "writing": "move_into_place working_in write_whole",
         "sandbox": "run_in_sandbox",
-        "files": "parse_decimal read_whole stream_over",
+        "files": "parse_decimal parse_seconds read_whole stream_over",
     },
 )

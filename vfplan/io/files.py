@@ -1,6 +1,7 @@
 """Read files from outside: regular files of a bounded size, whole or through one open descriptor.
 
-Also strict decimal numbers as text holds them, and the time that outputs are stamped with.
+Also strict decimal numbers and lengths of time as text holds them, and the time that outputs are
+stamped with.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -33,6 +34,9 @@ MAX_TEXT_BYTES = 1 << 28
 
 MAX_LINE_BYTES = 1 << 16
 """Bytes of a line of text. No program that exports tables writes a longer one."""
+
+UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
+"""The units of a length of time, with their names in `timedelta`."""
 
 # Digits, a point, an exponent. Python and NumPy would also take 1_000, nan and digits of other
 # scripts, and other readers take 0x10 and 1d3.
@@ -271,6 +275,17 @@ def parse_decimal(text: str) -> float:
     if math.isinf(value):
         raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
     return value
+
+
+def parse_seconds(text: str) -> float:
+    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a time. Type one like 90s, 30min, 12h or 2d")
+    try:
+        return timedelta(**{UNITS_OF_TIME[match[2]]: float(match[1])}).total_seconds()
+    except OverflowError:
+        raise ValueError(f"{text!r} is longer than any bundle is old. Type less") from None
 
 
 def now_utc() -> str:
