@@ -178,7 +178,7 @@ inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine
                           : region.remake();
     if (!done) throw FileError("too much waits for the loop. Put more ticks between the events.");
 } catch (const std::exception& error) {
-    throw FileError(event.where + ": " + error.what());
+    throw FileError(event.where + ": " + reason(error));
 }
 
 class Changing {

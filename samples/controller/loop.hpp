@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <csignal>
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
@@ -26,6 +27,30 @@ namespace controller {
 struct FileError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
+
+/// A log that is there already or cannot be written; names it.
+struct OutputError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+/// What an error says. Where a place is named before it, the library's name is left out.
+inline std::string reason(const std::exception& error) {
+    const std::string words = error.what();
+    const std::string name = "vfplan: ";
+    return words.starts_with(name) ? words.substr(name.size()) : words;
+}
+
+/// The number of the signal that asks the loop to stop; 0 while there is none.
+inline volatile std::sig_atomic_t stop_signal = 0;
+
+/// From now on these signals end the loop and not the program, so that the log is written. A signal
+/// that the program was started to ignore stays ignored.
+inline void catch_stop_signals() {
+    for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+        const auto before = std::signal(number, [](int caught) { stop_signal = caught; });
+        if (before == SIG_IGN) std::signal(number, SIG_IGN);
+    }
+}
 
 /// Absolute deadlines, one period apart; in simulated time it never waits.
 class Clock {
@@ -77,9 +102,9 @@ class Log {
         file_ = std::fopen(path_.c_str(), "wx");
         if (file_ != nullptr) return;
         if (errno == EEXIST)
-            throw FileError(path_ + ": the log is there already. Give --log another name.");
-        throw FileError(path_ + ": the log cannot be written: " + std::strerror(errno) +
-                        ". Give --log a place that you may write to.");
+            throw OutputError(path_ + ": the log is there already. Give --log another name.");
+        throw OutputError(path_ + ": the log cannot be written: " + std::strerror(errno) +
+                          ". Give --log a place that you may write to.");
     }
     Log(const Log&) = delete;
     Log& operator=(const Log&) = delete;
@@ -111,8 +136,8 @@ class Log {
         const bool bad = std::ferror(file) != 0;
         if (std::fclose(file) != 0 || bad) {
             std::remove(path_.c_str());
-            throw FileError(path_ +
-                            ": the log could not be written. See that the disk has room for it.");
+            throw OutputError(path_ +
+                              ": the log could not be written. See that the disk has room for it.");
         }
     }
 

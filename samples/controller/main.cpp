@@ -37,7 +37,7 @@ std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
     try {
         return std::make_unique<vfplan::Telemetry>(port, value.substr(0, colon));
     } catch (const std::invalid_argument& wrong) {
-        throw UsageError("--telemetry " + value + ": " + wrong.what());
+        throw UsageError("--telemetry " + value + ": " + reason(wrong));
     }
 }
 
@@ -52,18 +52,27 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
     return as_option(option, [&] { return vfplan::Governor(limits); });
 }
 
+/// How the loop ended.
+struct Ending {
+    std::size_t missed = 0;               // deadlines
+    std::optional<std::size_t> bad_tick;  // whose position could not be rendered
+};
+
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
-/// it allocates or waits.
-std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
-                Form& form, std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender,
-                Log& log) {
+/// it allocates or waits. A signal or a bad position ends it after its tick.
+///
+/// The arm is simulated, so the loop goes on whatever else `status` says, and the log shows it. The
+/// loop of a real arm must also stop at `stale_pose` and `other_side` (docs/controller.md).
+Ending run(Changing& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
+           Form& form, std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender,
+           Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
-    std::size_t missed = 0;
+    Ending ending;
     if (!simulated_time) engine.start(period);
     Clock clock(period, simulated_time);
     for (std::size_t k = 0; k < ticks; ++k) {
-        missed += clock.wait();
+        ending.missed += clock.wait();
         const double t = double(k) * period;
         if (simulated_time) engine.due(k, t);
         const auto before = std::chrono::steady_clock::now();
@@ -74,10 +83,12 @@ std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, con
         const std::chrono::duration<double, std::micro> took =
             std::chrono::steady_clock::now() - before;
         log.add({t, tip.position, step, rendered, took.count(), engine.seen(), engine.taken()});
+        if (step.status & vfplan::bad_hip) ending.bad_tick = k;
+        if (ending.bad_tick || stop_signal != 0) break;
         std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
     }
     engine.finish();
-    return missed;
+    return ending;
 }
 
 /// The fixture, signed by one of the keys. Without keys it is undamaged, which says nothing about
@@ -160,15 +171,15 @@ int control(const Options& o) {
     // Load, check, copy to plain arrays, close: no file meets the loop.
     const vfplan::bundle::Fixture fixture = read_approved(o, o.fixture);
     if (fixture.frame != "robot_base")
-        throw std::invalid_argument("vfplan: frame " + fixture.frame +
-                                    ", not robot_base. Register it first: vfplan register.");
+        throw FileError(o.fixture + ": the fixture is in the frame " + fixture.frame +
+                        ", and the arm moves in robot_base. Register it first: vfplan register.");
     auto poses = o.poses.empty() ? std::vector<Posed>{} : read_poses(o.poses);
     auto events = o.events.empty() ? std::vector<Event>{} : read_events(o.events);
     const bool changes = !poses.empty() || !o.events.empty();
     if (changes && fixture.guidance)
-        throw std::invalid_argument(
-            "vfplan: poses and events are for forbidden regions, and this fixture guides. Leave "
-            "--poses and --events out.");
+        throw FileError(o.fixture +
+                        ": poses and events are for forbidden regions, and this fixture guides. "
+                        "Leave --poses and --events out.");
     if (changes && !o.telemetry.empty())
         std::fprintf(stderr,
                      "controller: warning: `vfplan live` draws the fixture as it was first. Do not "
@@ -195,16 +206,17 @@ int control(const Options& o) {
     const auto ticks = std::size_t(o.seconds / period + 0.5);
     auto governed = governor(o, stiffest);
     const auto sender = telemetry(o.telemetry);
+    catch_stop_signals();
     Log log(o.log, ticks, governed.has_value());
     if (changes) log.begun = [&](std::uint64_t taken) { return changing.begun(taken); };
     Form form = o.form;
     // Without page faults later. The system refuses it to a user without the right to.
     mlockall(MCL_CURRENT | MCL_FUTURE);
-    const std::size_t missed =
+    const Ending ending =
         run(changing, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();
     log.write();
-    log.report(missed);
+    log.report(ending.missed);
     changing.report(log.stale());
     if (sender)
         std::printf("telemetry: %llu ticks dropped, %llu datagrams not taken by the system\n",
@@ -214,6 +226,17 @@ int control(const Options& o) {
         std::printf("governor: gave up to %.4f mJ of %.4f mJ stored\n",
                     1e3 * governed->energy_given(), 1e3 * governed->energy_stored());
     changing.check();
+    if (ending.bad_tick) {
+        std::cerr << o.fixture << ": the loop stopped in tick " << *ending.bad_tick
+                  << ", because the tip's place in the fixture was not finite, or beyond 1e6 m. "
+                     "Check the poses and where the tip starts.\n";
+        return 1;
+    }
+    if (stop_signal != 0) {
+        std::cerr << o.fixture << ": signal " << stop_signal
+                  << " stopped the loop. Start it again for all of its ticks.\n";
+        return 128 + stop_signal;
+    }
     return 0;
 }
 
@@ -235,11 +258,14 @@ int main(int argc, char** argv) {
     } catch (const vfplan::bundle::BundleError& error) {
         std::cerr << error.what() << "\n";  // names the file
         return error.kind() == "InputError" ? 3 : 4;
+    } catch (const OutputError& error) {
+        std::cerr << error.what() << "\n";
+        return 2;
     } catch (const FileError& error) {
         std::cerr << error.what() << "\n";
         return 3;
     } catch (const std::exception& error) {
-        std::cerr << options.fixture << ": " << error.what() << "\n";
+        std::cerr << options.fixture << ": " << reason(error) << "\n";
         return 3;
     }
 }

@@ -25,7 +25,7 @@ inline constexpr const char* usage =
     "  --form impedance|admittance|velocity   how the force reaches the arm; impedance\n"
     "  --rule robust|paper|exact              how the proxy moves; exact where the bundle holds\n"
     "                                         lines and arcs, else robust\n"
-    "  --seconds S                            how long, up to 3600; 5\n"
+    "  --seconds S                            how long, from 0.001 to 3600; 5\n"
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
     "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
@@ -40,10 +40,12 @@ inline constexpr const char* usage =
     "  --unsigned                             take it from anybody: all that is known is that it\n"
     "                                         is undamaged\n"
     "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
-    "  --max-age TIME                         how long ago it may have been signed: 12h, 30min\n"
+    "  --max-age TIME                         how long ago it may have been signed: 90s, 30min,\n"
+    "                                         12h or 2d\n"
     "  --despite-findings                     take it though findings of its planning are open\n"
     "  --help                                 this page\n"
-    "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
+    "exit: 0 done, 1 stopped at a bad position, 2 bad usage or log, 3 bad input, 4 a bundle that\n"
+    "cannot be trusted, 128 + number after a signal\n";
 
 struct UsageError : std::runtime_error {
     using std::runtime_error::runtime_error;
@@ -74,34 +76,61 @@ T choose(const std::map<std::string, T>& allowed, const std::string& option,
     throw UsageError(option + " " + value + " is not known. Give one of " + names + ".");
 }
 
-/// A number above 0 and at most 3600.
-inline double positive(const std::string& option, const std::string& value) {
-    double number = 0;
-    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+/// How long the loop runs [s]: one tick at least, so that there is something to report.
+inline double duration(const std::string& value) {
+    double seconds = 0;
+    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), seconds);
     if (error != std::errc{} || end != value.data() + value.size() ||
-        !(number > 0 && number <= 3600))
-        throw UsageError(option + " " + value +
-                         " is out of range. Give a number above 0 and at most 3600.");
-    return number;
+        !(seconds >= period && seconds <= 3600))
+        throw UsageError("--seconds " + value +
+                         " is out of range. Give a number from 0.001 to 3600.");
+    return seconds;
 }
 
-/// A time with its unit, as 12h, 30min or 45s.
+/// A time with its unit, as the commands of vfplan take it: 90s, 30min, 12h or 2d. The age of a
+/// signature is counted in whole seconds, so a part of a second is cut off.
 inline std::chrono::seconds age(const std::string& value) {
-    const std::size_t digits = std::min(value.find_first_not_of("0123456789"), value.size());
-    const std::string unit = value.substr(digits);
-    const std::map<std::string, long> seconds_of{{"h", 3600}, {"min", 60}, {"s", 1}};
-    if (digits == 0 || digits > 6 || !seconds_of.contains(unit))
+    const std::map<std::string, double> seconds_of{
+        {"s", 1}, {"min", 60}, {"h", 3600}, {"d", 86400}};
+    const double longest = 1e9 * seconds_of.at("d");  // [s] as for those commands
+    const std::size_t length = std::min(value.find_first_not_of("0123456789."), value.size());
+    const std::string digits = value.substr(0, length);
+    const auto unit = seconds_of.find(value.substr(length));
+    double seconds = longest;
+    if (unit != seconds_of.end() && !digits.starts_with('.') && !digits.ends_with('.')) {
+        double count = 0;
+        const char* const end = digits.data() + digits.size();
+        const auto [stop, error] = std::from_chars(digits.data(), end, count);
+        if (error == std::errc{} && stop == end) seconds = count * unit->second;
+    }
+    if (!(seconds < longest))
         throw UsageError("--max-age " + value +
-                         " is no time. Give a number and its unit, as 12h, 30min or 45s.");
-    return std::chrono::seconds(std::stol(value.substr(0, digits)) * seconds_of.at(unit));
+                         " is no time. Give one such as 90s, 30min, 12h or 2d.");
+    return std::chrono::seconds(std::int64_t(seconds));
+}
+
+/// As many numbers as the example has, separated by commas.
+inline std::vector<double> numbers(const std::string& option, const std::string& value,
+                                   const std::string& example) {
+    std::vector<double> values;
+    try {
+        for (const std::string& field : split(value)) values.push_back(number<double>(field));
+    } catch (const FileError&) {
+        values.clear();
+    }
+    const std::size_t count = split(example).size();
+    if (values.size() != count)
+        throw UsageError(option + " " + value + " is not " + std::to_string(count) +
+                         " numbers. Give them with commas between, as " + example + ".");
+    return values;
 }
 
 /// The governor's limits, as STEP,MAX [N].
 inline vfplan::GovernorLimits governor_limits(const std::string& value) {
-    const std::size_t comma = std::min(value.find(','), value.size() - 1);
+    const std::vector<double> given = numbers("--governor", value, "1.2,20");
     vfplan::GovernorLimits limits;
-    limits.force_step = positive("--governor", value.substr(0, comma));
-    limits.force_max = positive("--governor", value.substr(comma + 1));
+    limits.force_step = given[0];
+    limits.force_max = given[1];
     limits.period = period;
     return limits;
 }
@@ -111,17 +140,7 @@ template <class F>
 auto as_option(const std::string& option, F&& use) try {
     return use();
 } catch (const std::invalid_argument& error) {
-    throw UsageError(option + ": " + error.what());
-}
-
-/// Three numbers, separated by commas.
-inline std::vector<double> three(const std::string& option, const std::string& value) try {
-    std::vector<double> numbers;
-    for (const std::string& field : split(value)) numbers.push_back(number<double>(field));
-    if (numbers.size() != 3) throw FileError("it has not three numbers. Give three, as 0,0,0.");
-    return numbers;
-} catch (const FileError& error) {
-    throw UsageError(option + " " + value + ": " + error.what());
+    throw UsageError(option + ": " + reason(error));
 }
 
 inline Options parse(const std::vector<std::string>& args) {
@@ -143,7 +162,7 @@ inline Options parse(const std::vector<std::string>& args) {
                                            {"exact", vfplan::Rule::exact}},
                                           "--rule", value());
         else if (args[i] == "--seconds")
-            o.seconds = positive("--seconds", value());
+            o.seconds = duration(value());
         else if (args[i] == "--log")
             o.log = value();
         else if (args[i] == "--telemetry")
@@ -167,10 +186,11 @@ inline Options parse(const std::vector<std::string>& args) {
         else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
             if (!o.moving) o.moving.emplace();
             const std::string option = args[i];
-            const std::vector<double> v = three(option, value());
             if (option == "--pivot") {
+                const std::vector<double> v = numbers(option, value(), "0,0,0");
                 o.moving->pivot = {{v[0], v[1], v[2]}};
             } else {
+                const std::vector<double> v = numbers(option, value(), "0.1,0.25,1");
                 o.moving->max_age = v[0];
                 o.moving->max_speed = v[1];
                 o.moving->max_turn = v[2];

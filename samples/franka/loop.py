@@ -1,25 +1,29 @@
 """Render a fixture on a Franka arm, over its own protocol, at 1 kHz.
 
-    python loop.py FIXTURE.h5 --robot HOST --require-signature KEYS.pub --case CASE --max-age S
+    python loop.py FIXTURE.h5 --robot HOST --require-signature KEYS.pub --case CASE --max-age 12h
     python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
 
 Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
 weight, and the only torques that are commanded are the fixture's, limited by the governor. The loop
 stops by itself when the arm reports no sound position. Stop it by the arm's button, or by Ctrl-C.
+
+It ends with the exit codes of docs/controller.md, as samples/controller does.
 """
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import vfplan
-from vfplan.errors import VfplanError
+from vfplan.errors import InputError, MissingExtra, UnsafeError, VfplanError
+from vfplan.io import parse_seconds
 
 RATE_HZ = 1000
 COLLISION_TORQUES_NM = [100.0] * 7
@@ -74,25 +78,28 @@ def render(
     governor: vfplan.Governor | None,
     ticks: int,
     other_torque: Callable[[Any, np.ndarray, int], np.ndarray] | None = None,
+    stop_signals: Sequence[int] = (),
 ) -> Run:
     """Run the control loop for a number of ticks, or until the arm stops.
 
-    A position that the engine cannot use ends the run early. The fixture's torque then fades, and
-    the loop tells the arm that the motion has finished.
+    A position that the engine cannot use ends the run early, as a signal does. The fixture's torque
+    then fades, and the loop tells the arm that the motion has finished.
 
     governor
         A governor of torques; `None` commands the engine's force as it is.
     other_torque
         Gives torques (7,) [N m] to add, from the state, the Jacobian (6, 7) and the tick. This is
         the place for the rest of your control law.
+    stop_signals
+        A list to which a signal adds its number, which asks the loop to stop.
     """
     import pylibfranka
 
     run = Run()
     force = np.zeros(3)
     torque = np.zeros(7)
-    control = robot.start_torque_control()
     try:
+        control = robot.start_torque_control()
         for tick in range(ticks):
             state, _ = control.readOnce()
             # The Jacobian comes column by column.
@@ -104,6 +111,10 @@ def render(
                 run.error = (
                     f"In tick {tick} the arm's position was not finite, or beyond 1e6 m. The loop "
                     "stopped. Check the arm's connection and its state."
+                )
+            if stop_signals and run.error is None:
+                run.error = (
+                    f"Signal {stop_signals[0]} stopped the loop in tick {tick}. Start it again."
                 )
             # After a bad position the engine repeats its last force, which nothing holds any more.
             force = step.force if run.error is None else np.zeros(3)
@@ -135,19 +146,37 @@ def render(
     return run
 
 
-def parse(words: list[str]) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
+def parse_age(text: str) -> float:
+    """A length of time as `vfplan verify --max-age` takes it, as seconds."""
+    try:
+        return parse_seconds(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def parse_duration(text: str) -> float:
+    """Seconds, of one tick at least."""
+    seconds = float(text)
+    if not 1 / RATE_HZ <= seconds <= 3600:
+        raise argparse.ArgumentTypeError(f"{text!r} is out of range. Give 0.001 to 3600")
+    return seconds
+
+
+def parse(words: list[str]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("fixture")
     parser.add_argument("--robot", required=True, metavar="HOST")
-    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seconds", type=parse_duration, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
     signer = parser.add_mutually_exclusive_group(required=True)
     signer.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
     signer.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
     parser.add_argument("--case", help="for which case it must be signed")
     parser.add_argument("--robot-serial", help="for which robot it must be signed")
-    parser.add_argument("--max-age", type=float, metavar="S", help="how long ago, at most [s]")
+    parser.add_argument(
+        "--max-age", type=parse_age, metavar="TIME", help="how long ago: 90s, 30min, 12h or 2d"
+    )
     parser.add_argument(
         "--despite-findings", action="store_true", help="take it though findings are open"
     )
@@ -158,10 +187,10 @@ def parse(words: list[str]) -> tuple[argparse.ArgumentParser, argparse.Namespace
             "--case, --robot-serial and --max-age read a signature. "
             "Give --require-signature KEYS, or leave them out."
         )
-    return parser, options
+    return options
 
 
-def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan.Fixture:
+def load(options: argparse.Namespace) -> vfplan.Fixture:
     """Read the fixture that is named, and refuse one that must not be rendered."""
     if options.unsigned:
         fixture = vfplan.read_fixture(options.fixture)
@@ -183,51 +212,76 @@ def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan
                 file=sys.stderr,
             )
     if fixture.frame != "robot_base":
-        parser.error(
+        raise InputError(
             f"the fixture is in the frame {fixture.frame}, and the arm moves in robot_base. "
-            "Register it first, with `vfplan register`."
+            "Register it first: vfplan register.",
+            where=options.fixture,
         )
     if fixture.open_findings and not options.despite_findings:
         codes = ", ".join(finding.code for finding in fixture.open_findings)
-        parser.error(
+        raise UnsafeError(
             f"findings of its planning are not answered: {codes}. "
-            "Answer them with `vfplan review`, or give --despite-findings."
+            "Answer them with `vfplan review`, or give --despite-findings.",
+            where=options.fixture,
         )
     if fixture.guidance is not None:
-        parser.error(
+        raise InputError(
             "the fixture guides, and this loop renders forbidden regions only. "
-            "Plan it without --guide."
+            "Plan it without --guide.",
+            where=options.fixture,
         )
     return fixture
 
 
-def main(words: list[str]) -> int:
-    """Read a fixture, and render it on the arm."""
-    parser, options = parse(words)
-    try:
-        import pylibfranka  # noqa: F401
-    except ImportError:
-        print(
-            "pylibfranka is not installed. Run `make franka-env`, and this file with "
-            "`.venv-franka/bin/python`.",
-            file=sys.stderr,
-        )
-        return 1
-    try:
-        fixture = load(parser, options)
-    except VfplanError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
+def make_engine(options: argparse.Namespace) -> tuple[Any, vfplan.Governor | None]:
+    """The engine of the fixture, and a governor unless the options leave it out."""
+    fixture = load(options)
     engine = vfplan.ProxyEngine.of(fixture)
     governor = None
     if not options.no_governor:
         stiffness_n_per_m = float(np.max(fixture.stiffness))
         governor = vfplan.Governor.of(vfplan.read_robot("fr3"), stiffness_n_per_m, torques=True)
+    return engine, governor
 
-    robot = connect(options.robot)
-    model = robot.load_model()
-    engine.reset(read_tip(robot.read_once()))
-    run = render(robot, model, engine, governor, round(RATE_HZ * options.seconds))
+
+def check_binding() -> None:
+    """Refuse to go on without Franka's own binding."""
+    try:
+        import pylibfranka  # noqa: F401
+    except ImportError:
+        raise MissingExtra(
+            "pylibfranka is not installed. Run `make franka-env`, and this file with "
+            "`.venv-franka/bin/python`."
+        ) from None
+
+
+def main(words: list[str]) -> int:
+    """Read a fixture, and render it on the arm."""
+    options = parse(words)
+    try:
+        engine, governor = make_engine(options)
+        check_binding()
+    except VfplanError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+
+    try:
+        robot = connect(options.robot)
+        model = robot.load_model()
+        engine.reset(read_tip(robot.read_once()))
+    except RuntimeError as error:  # as all errors of pylibfranka are
+        print(
+            f"{options.robot}: the arm is not ready: {str(error).splitlines()[0]} "
+            "Check its address and that FCI is enabled.",
+            file=sys.stderr,
+        )
+        return 1
+    # From now on a signal ends the loop and not the program, so that the torques fade.
+    stop_signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda caught, _: stop_signals.append(caught))
+    ticks = round(RATE_HZ * options.seconds)
+    run = render(robot, model, engine, governor, ticks, stop_signals=stop_signals)
 
     print(
         f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, "
@@ -235,7 +289,7 @@ def main(words: list[str]) -> int:
     )
     if run.error is not None:
         print(run.error, file=sys.stderr)
-        return 1
+        return 128 + stop_signals[0] if stop_signals else 1
     return 0
 
 

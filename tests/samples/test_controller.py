@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import bundles
@@ -18,6 +20,7 @@ import vfplan
 from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering, Review
 from vfplan.geometry import fit_arcs
+from vfplan.io import parse_seconds
 from vfplan.live import decode
 from vfplan.scenes import Omega, Sheet
 
@@ -53,6 +56,7 @@ def controller(tmp_path_factory):
             command, capture_output=True, text=True, check=False, timeout=60, env=os.environ
         )
 
+    run.program = build / "controller"
     return run
 
 
@@ -338,14 +342,14 @@ HOSTILE = [
     ("--poses", POSE + "1,0,0,0,2,0,0,0", "line 3: no unit"),
     ("--poses", POSE + "1,0,0,0,1,0,0", "line 3: 7 fields"),
     ("--poses", POSE + "\r\n-1,0,0,0,1,0,0,0", "line 4: not in order"),
-    ("--events", EVENT + "0,remove,99999", "line 2: vfplan: remove: each a point"),
+    ("--events", EVENT + "0,remove,99999", "line 2: remove: each a point"),
     ("--events", EVENT + "0,remove,-1", "line 3: '-1'"),
     ("--events", EVENT + "1,remove,1", "line 3: no event"),
-    ("--events", EVENT + "0,add,0,0,1e9", "line 2: vfplan: point 0 has the coordinate 1e+09 m"),
+    ("--events", EVENT + "0,add,0,0,1e9", "line 2: point 0 has the coordinate 1e+09 m"),
     ("--events", EVENT + "0,add,0,0", "line 3: no event"),
     ("--events", EVENT + "0,exchange,none.h5", "none.h5"),
     ("--events", EVENT + "0,burn", "line 3: no event"),
-    ("--events", EVENT + "9999999,edit\n9999999,remove,99999", "line 3: vfplan: remove"),
+    ("--events", EVENT + "9999999,edit\n9999999,remove,99999", "line 3: remove"),
     ("--events", "x" + EVENT, "line 1: a first line"),
 ]
 
@@ -394,10 +398,49 @@ def test_what_fails_in_the_loop_is_told_after_its_log_is_written(controller, dra
     assert len(logged(log)["time"]) == 50
 
 
+def test_a_position_that_cannot_be_rendered_stops_the_loop(controller, drawn, vfplan_cli, tmp_path):
+    """The first pose comes in tick 50 and lies so far away that the tip leaves the space."""
+    given, log = ("--poses", tmp_path / "p.csv"), tmp_path / "log.csv"
+    given[1].write_text("t,x,y,z,qw,qx,qy,qz\n0.05,-1e6,0,0,1,0,0,0\n")
+    done = controller(drawn, "--seconds", 0.2, "--simulated-time", "--log", log, *given)
+    assert done.returncode == 1
+    assert "tick 50," in done.stderr
+    status = np.genfromtxt(log, delimiter=",", names=True)["status"].astype(int)
+    assert len(status) == 51
+    assert np.flatnonzero(status & vfplan.Status.BAD_HIP).tolist() == [50]
+    again = vfplan_cli("replay", drawn, log, "-o", tmp_path / "r.h5", "--json", *given)
+    assert again.code == 0, again.stderr
+    assert again.json["ticks"] == 51
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_loop_and_its_log_is_written(
+    number, controller, drawn, vfplan_cli, tmp_path
+):
+    log = tmp_path / "log.csv"
+    running = subprocess.Popen(
+        [controller.program, drawn, "--unsigned", "--seconds", "60", "--log", log],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while not log.exists() and running.poll() is None:
+        time.sleep(0.01)
+    time.sleep(0.2)
+    running.send_signal(number)
+    said, warned = running.communicate(timeout=30)
+    assert running.returncode == 128 + number, warned
+    ticks = len(logged(log)["time"])
+    assert 1 <= ticks < 60_000
+    assert said.startswith(f"ticks {ticks}, in contact ")
+    again = vfplan_cli("replay", drawn, log, "-o", tmp_path / "r.h5", "--json")
+    assert again.json["ticks"] == ticks
+    replayed = vfplan.read_result(tmp_path / "r.h5")[0]
+    assert np.array_equal(replayed.force, logged(log)["force"])
+
+
 def test_a_log_that_exists_stays_and_the_next_step_is_told(controller, drawn, tmp_path):
     (tmp_path / "log.csv").write_text("mine\n")
     done = controller(drawn, "--seconds", 0.05, "--log", tmp_path / "log.csv")
-    assert done.returncode == 3
+    assert done.returncode == 2
     assert "Give --log another name" in done.stderr
     assert (tmp_path / "log.csv").read_text() == "mine\n"
 
@@ -480,6 +523,9 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         (2, drawn, "--log"),
         (2, drawn, "--governor", "0.5"),
         (2, drawn, "--governor", "0.5,x"),
+        (2, drawn, "--governor", "0,20"),
+        (2, drawn, "--governor", ""),
+        (2, drawn, "--seconds", "0.0009"),
         (2, drawn, "--pivot", "0,0,0"),
         (2, drawn, "--poses", drawn, "--pose-limits", "0.1,0.25"),
         *(
@@ -505,13 +551,13 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         ),
         (3, tmp_path / "none.h5"),
         (4, broken),
-        (3, drawn, "--seconds", 0.01, "--log", log),
+        (2, drawn, "--seconds", 0.01, "--log", log),
     ):
         done = controller(*args)
         assert done.returncode == code, (args, done)
         assert done.stderr.strip()
         assert done.stdout == ""
-        if "p.csv" in args or "0.01,20" in args:
+        if "p.csv" in args or "--governor" in args:
             assert any(" ".join(args[-2:]) in line for line in done.stderr.splitlines()), args
         if log in args:
             assert done.stderr.splitlines()[-1].startswith(f"{log}: the log is there already")
@@ -519,9 +565,12 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
     bare = controller(curve)
     assert bare.returncode == 3  # says nothing of its rendering
     said = bare.stderr.splitlines()[-1]
-    assert said.startswith(
-        f"{curve}: vfplan: the fixture is in frame robot_base and without rendering"
-    )
+    assert said.startswith(f"{curve}: the fixture is in frame robot_base and without rendering")
+    patient = tmp_path / "patient.h5"
+    vfplan.write_fixture(replace(bundles.minimal(), frame="patient_lps"), patient)
+    elsewhere = controller(patient)
+    assert elsewhere.returncode == 3
+    assert elsewhere.stderr.splitlines()[-1].startswith(f"{patient}: the fixture is in the frame")
     assert controller("--help").stdout.startswith("usage: controller FIXTURE.h5")
 
 
@@ -559,9 +608,15 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
                   [tmp_path / "s.h5", "--keys", keys, "--robot-serial", "R2"]):  # fmt: skip
         refused = controller(*words, *short, maker=())
         assert (refused.returncode, refused.stdout) == (4, ""), words
-    for age, code in (("12h", 0), ("30min", 0), ("soon", 2), ("12", 2), ("h", 2)):
+    for age in ("12h", "30min", "2d", "0.5d", "999999999d", "soon", "12", "h", ".5h", "1.h",
+                "1.2.3h", "1e3s", "-1h", "+1h", " 1h", "1000000000d", ""):  # fmt: skip
         made = controller(tmp_path / "s.h5", *short, maker=("--keys", keys, "--max-age", age))
-        assert made.returncode == code, age
+        try:
+            parse_seconds(age)
+        except ValueError:
+            assert made.returncode == 2, age
+        else:
+            assert made.returncode == 0, age
     sign(
         drawn, tmp_path / "old.h5", tmp_path / "k", registered_utc="2026-01-02T03:00:00Z",
         despite_findings=True,

@@ -6,6 +6,7 @@ Needs the environment of `make franka-env`: the protocol's simulator and Franka'
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -120,9 +121,13 @@ def loop(monkeypatch):
     import loop
 
     loop.arm = arm
-    return loop
+    before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+    yield loop
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SHORT = ("--robot", "arm", "--seconds", "0.02")
 
 
@@ -130,9 +135,7 @@ def test_the_loop_refuses_open_findings_unless_told(loop, tmp_path, capsys):
     open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
     path = str(tmp_path / "open.h5")
     vfplan.write_fixture(replace(bundles.small(), findings=(open_one,)), path)
-    with pytest.raises(SystemExit) as stopped:
-        loop.main([path, *SHORT, "--unsigned"])
-    assert stopped.value.code == 2
+    assert loop.main([path, *SHORT, "--unsigned"]) == 4
     assert "end-other-colour" in capsys.readouterr().err
     assert loop.arm.torques == []
     assert loop.main([path, *SHORT, "--unsigned", "--despite-findings"]) == 0
@@ -149,13 +152,15 @@ def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
     for words in (
         [str(path), *SHORT],
         [str(path), *SHORT, "--unsigned", "--case", "17"],
-        [str(path), *SHORT, "--unsigned", "--max-age", "60"],
+        [str(path), *SHORT, "--unsigned", "--max-age", "60s"],
+        [str(path), *SHORT, "--require-signature", keys, "--max-age", "43200"],
+        [str(path), "--robot", "arm", "--unsigned", "--seconds", "0"],
         [str(path), *SHORT, "--unsigned", "--require-signature", keys],
     ):
         with pytest.raises(SystemExit) as stopped:
             loop.main(words)
         assert stopped.value.code == 2
-    demands = ["--require-signature", keys, "--max-age", "1e9"]
+    demands = ["--require-signature", keys, "--max-age", "2d"]
     refused = SignatureError.exit_code
     assert loop.main([str(path), *SHORT, *demands]) == refused
     assert loop.main([signed, *SHORT, *demands, "--case", "18"]) == refused
@@ -168,10 +173,18 @@ def test_the_loop_refuses_a_fixture_in_another_frame(loop, tmp_path, capsys):
     path = str(tmp_path / "patient.h5")
     fixture = replace(bundles.small(), frame="patient_lps", rendering=None, registration=None)
     vfplan.write_fixture(fixture, path)
-    with pytest.raises(SystemExit) as stopped:
-        loop.main([path, *SHORT, "--unsigned"])
-    assert stopped.value.code == 2
-    assert "patient_lps" in capsys.readouterr().err
+    assert loop.main([path, *SHORT, "--unsigned"]) == 3
+    assert (
+        capsys.readouterr().err.splitlines()[-1].startswith(f"{path}: the fixture is in the frame")
+    )
+    assert loop.arm.torques == []
+
+
+def test_the_loop_takes_no_guide_and_no_fixture_without_rendering(loop, tmp_path, capsys):
+    for name, fixture in (("guide", bundles.guided()), ("bare", bundles.minimal())):
+        vfplan.write_fixture(fixture, tmp_path / f"{name}.h5")
+        words = [str(tmp_path / f"{name}.h5"), *SHORT, "--unsigned", "--despite-findings"]
+        assert loop.main(words) == 3, name
     assert loop.arm.torques == []
 
 
@@ -204,10 +217,51 @@ def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, tmp_path, c
     assert torques[4].any()
 
 
-def test_the_loop_says_that_the_binding_is_missing(loop, monkeypatch, capsys):
+def test_a_bad_bundle_is_told_before_a_missing_binding(loop, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "pylibfranka", None)
-    assert loop.main(["f.h5", *SHORT, "--unsigned"]) == 1
-    assert capsys.readouterr().err.startswith("pylibfranka is not installed. ")
+    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
+    vfplan.write_fixture(bundles.small(), whole)
+    broken.write_bytes(whole.read_bytes()[:-5])
+    for code, path in ((3, tmp_path / "none.h5"), (4, broken)):
+        assert loop.main([str(path), *SHORT, "--unsigned"]) == code
+        assert capsys.readouterr().err.startswith(f"{path}: ")
+    assert loop.main([str(whole), *SHORT, "--unsigned"]) == 2
+    assert "pylibfranka is not installed. " in capsys.readouterr().err
+
+
+def test_an_arm_that_does_not_answer_ends_with_a_line(loop, monkeypatch, tmp_path, capsys):
+    def refuse(host, config):
+        raise RuntimeError("libfranka: Connection refused.")
+
+    monkeypatch.setattr(sys.modules["pylibfranka"], "Robot", refuse)
+    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
+    assert loop.main([str(tmp_path / "f.h5"), *SHORT, "--unsigned"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1].startswith("arm: the arm is not ready: ")
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_a_signal_ends_the_loop_and_its_torque(number, loop, tmp_path, capsys):
+    """The tip presses, and in tick 5 somebody presses Ctrl-C."""
+    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
+    loop.arm.state.O_T_EE[13] -= 0.002
+    control = loop.arm.start_torque_control()
+    ticks = iter(range(1000))
+
+    def read_once():
+        if next(ticks) == 5:
+            signal.raise_signal(number)
+        return loop.arm.state, 0.001
+
+    loop.arm.start_torque_control = lambda: SimpleNamespace(
+        readOnce=read_once, writeOnce=control.writeOnce
+    )
+    words = [str(tmp_path / "f.h5"), "--robot", "arm", "--seconds", "1", "--unsigned"]
+    assert loop.main(words) == 128 + number
+    assert "in tick 5" in capsys.readouterr().err
+    torques = np.array(loop.arm.torques)
+    assert 6 <= len(torques) < 100
+    assert torques[4].any()
+    assert not torques[-1].any()
 
 
 class Rendering:
