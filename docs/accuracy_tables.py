@@ -54,7 +54,7 @@ def machine(document: Document) -> str:
     m = document["machine"]
     return (
         f"Machine: {m['processor']}, {m['cores']} cores, {m['system']}, Python {m['python']}, "
-        f"NumPy {m['numpy']}; {document['elapsed_s'] / 60:.1f} minutes for "
+        f"NumPy {m['numpy']}. The run took {document['elapsed_s'] / 60:.1f} minutes and gave "
         f"{len(document['results'])} results."
     )
 
@@ -106,11 +106,12 @@ def ridges(document: Document) -> str:
             scale = refusal["settings"]["scale"]
             refused.append(f"{refusal['scene']} at scale {scale:g} (`{refusal['method']}`)")
     return (
-        f"- On {len(gains)} drawings `ridge` is {median(gains):.1f} times nearer to the true line "
-        f"than `skeleton` in the median ({min(gains):.1f} to {max(gains):.0f}), in "
-        f"{median(costs):.1f} times its time.\n"
-        f"- These drawings were refused: {'; '.join(dict.fromkeys(refused)) or 'none'}.\n"
-        f"- `ridge` missed more than 5 px of the true line here: {'; '.join(gaps) or 'nowhere'}."
+        f"- On {len(gains)} pictures the error of `skeleton` is {min(gains):.1f} to "
+        f"{max(gains):.0f} times that of `ridge`, in the median {median(gains):.1f} times. `ridge` "
+        f"takes {median(costs):.1f} times as long.\n"
+        f"- The method in brackets refused these pictures: {'; '.join(dict.fromkeys(refused)) or 'none'}.\n"
+        f"- `ridge` missed parts of these lines, by the distance in brackets: "
+        f"{'; '.join(gaps) or 'none'}."
     )
 
 
@@ -132,7 +133,7 @@ def sampling(document: Document) -> str:
                     time = microseconds(result["time_us_median"])
                     row.append(f"{error} µm, {result['points']} points, {time} µs")
             rows.append(row)
-    return table(["curve", "tolerance", "by curvature", "even, by R alone"], rows)
+    return table(["curve", "tolerance", "spacing by curvature", "even spacing"], rows)
 
 
 def registration(document: Document) -> str:
@@ -159,7 +160,7 @@ def registration(document: Document) -> str:
             row.append(f"{1e3 * by_column[column]['error_rms']:.3f} mm")
         row.append(f"{by_column[columns[0]]['time_us_median']:.0f} µs")
         rows.append(row)
-    return table([*head, "a fit, 9 markers"], rows)
+    return table([*head, "time of a fit, 9 markers"], rows)
 
 
 def engines(document: Document) -> str:
@@ -192,7 +193,9 @@ def chosen(document: Document) -> str:
     for result in results_of(document, stage="proxy", chosen=True):
         size = f"{result['points']} points"
         if "lines_and_arcs" in result:
-            size = f"{result['lines_and_arcs']} arcs"
+            size = f"{result['lines_and_arcs']} lines and arcs"
+        if "triangles" in result:
+            size = f"{result['triangles']} triangles"
         surface = max(result["surface_error_m"], result["inside_m"])
         kept = "**no**"
         if result["meets_tolerance"]:
@@ -202,8 +205,8 @@ def chosen(document: Document) -> str:
         row = [result["scene"], size, f"{micrometres(surface)} µm", kept]
         row += [f"{micrometres(result['error_rms'])} µm", f"{time} / {slow} µs"]
         rows.append(row)
-    head = ["scene", "rendered from", "surface, worst", "within the tolerance"]
-    return table([*head, "proxy, RMS", "tick, median / p99.9"], rows)
+    head = ["scene", "rendered from", "largest error of the surface", "within the tolerance"]
+    return table([*head, "RMS error of the proxy", "tick, median / p99.9"], rows)
 
 
 def choice(document: Document) -> str:
@@ -216,8 +219,8 @@ def choice(document: Document) -> str:
     return (
         f"With τ = {settings['tolerance_m'] * 1e3:g} mm and R = 5 mm, points are at most "
         f"{settings['spacing_m'] * 1e3:.3g} mm apart, and the band is "
-        f"{settings['band_m'] * 1e6:.3g} µm. A tick has {settings['max_iterations']} iterations in "
-        f"the plane and {max(iterations)} in space."
+        f"{settings['band_m'] * 1e6:.3g} µm. A tick has at most {settings['max_iterations']} "
+        f"iterations in the plane and {max(iterations)} in space."
     )
 
 
@@ -256,8 +259,8 @@ def scenes(figures: dict[str, dict[str, Any]]) -> str:
                 f"{run['entrenched_ticks']} of {run['ticks']}"
             )
         rows.append(row)
-    columns = "force, least clearance, ticks inside"
-    head = ["scene", "points (the paper's)", "points/mm (the paper's)"]
+    columns = "force, smallest clearance, ticks inside"
+    head = ["scene", "points (in the paper)", "points/mm (in the paper)"]
     return table([*head, f"`robust`: {columns}", f"`paper`: {columns}"], rows)
 
 

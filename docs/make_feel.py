@@ -29,8 +29,9 @@ def main() -> None:
         row.append(f"{micrometres(robust['band_m'])} µm")
         row.append(f"{robust['limit_share']:.1%}")
         rows.append(row)
-    columns = [f"`{rule}`: > 0.6 N, > 2 N, worst" for rule in RULES]
-    print(table(["cloud", "points", *columns, "band of `robust`", "its LIMIT"], rows))
+    columns = [f"`{rule}`: > 0.6 N, > 2 N, largest" for rule in RULES]
+    last = "ticks of `robust` that used up their iterations"
+    print(table(["cloud", "points", *columns, "band of `robust`", last], rows))
 
 
 def steps(errors: dict) -> str:
