@@ -105,11 +105,12 @@ def ridges(document: Document) -> str:
         if refusal["stage"] == "extract":
             scale = refusal["settings"]["scale"]
             refused.append(f"{refusal['scene']} at scale {scale:g} (`{refusal['method']}`)")
+    refusals = "; ".join(dict.fromkeys(refused)) or "none"
     return (
         f"- On {len(gains)} pictures the error of `skeleton` is {min(gains):.1f} to "
         f"{max(gains):.0f} times that of `ridge`, in the median {median(gains):.1f} times. `ridge` "
         f"takes {median(costs):.1f} times as long.\n"
-        f"- The method in brackets refused these pictures: {'; '.join(dict.fromkeys(refused)) or 'none'}.\n"
+        f"- The method in brackets refused these pictures: {refusals}.\n"
         f"- `ridge` missed parts of these lines, by the distance in brackets: "
         f"{'; '.join(gaps) or 'none'}."
     )
