@@ -2,11 +2,12 @@
 //
 // Press a tip onto three points; beside it in Python: 01_press.py.
 #include <cstdio>
+#include <exception>
 
 #include "vfplan/cloud/band.hpp"
 #include "vfplan/engine.hpp"
 
-int main() {
+int main() try {
     const double points[] = {0, 0, 0, 0.0005, 0, 0, 0.001, 0, 0};  // x y z of each [m]
     vfplan::Parameters p;
     p.stiffness = {{800, 800, 800}};  // [N/m]
@@ -15,4 +16,7 @@ int main() {
     vfplan::Step s;
     for (int i = 0; i <= 20; ++i) s = engine.step({{0.0005, 0, 0.010 - 0.0005 * i}});
     std::printf("proxy %.3f mm, force %.3f N\n", 1e3 * s.proxy[2], s.force[2]);
+} catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 2;  // a setting out of range
 }

@@ -2,10 +2,11 @@
 //
 // Let a force go, and see the governor give it back slowly; beside it in Python: 03_govern.py.
 #include <cstdio>
+#include <exception>
 
 #include "vfplan/governor.hpp"
 
-int main() {
+int main() try {
     vfplan::GovernorLimits limits;
     limits.force_step = 0.5;  // [N] a tick
     limits.force_max = 10;    // [N]
@@ -15,4 +16,7 @@ int main() {
         const vfplan::Governed g = governor.step({{0, 0, 0}});
         std::printf("%.3f N, %.3f N held back\n", g.force[2], g.held_back);
     }
+} catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 2;  // a setting out of range
 }

@@ -1,9 +1,15 @@
 """Let a force go, and see the governor give it back slowly; beside it in C++: 03_govern.cpp."""
 
+import sys
+
 import vfplan
 
 # The force may change by 0.5 N from one tick to the next.
-governor = vfplan.Governor(force_step_n=0.5, force_max_n=10, stiffness_n_per_m=1000, mass_kg=1)
+try:
+    governor = vfplan.Governor(force_step_n=0.5, force_max_n=10, stiffness_n_per_m=1000, mass_kg=1)
+except vfplan.VfplanError as error:
+    print(error, file=sys.stderr)
+    sys.exit(error.exit_code)
 for _ in range(20):
     governor.step([0, 0, 5])
 for _ in range(3):
