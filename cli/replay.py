@@ -26,6 +26,7 @@ from vfplan.cli.values import CSV, FILE, DecimalNumber, Number, Numbers, Parsed,
 
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
+from vfplan.replaying.verdict import gap_words
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""
@@ -165,12 +166,15 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
             f"Nobody has answered {count(unanswered, 'finding')} of this fixture. Answer first: "
             f"{review}"
         )
+    verdict = replayed.verdict
+    if replayed.passed:
+        verdict += gap_words(metrics)
     return CommandResult(
         metrics,
         "\n".join(lines),
         warnings=warnings,
         failed=failed_line(metrics),
-        verdict=replayed.verdict,
+        verdict=verdict,
         next_step=next_step(
             metrics,
             str(fixture),

@@ -65,6 +65,22 @@ def test_short_report(vfplan_cli, files):
     assert run.stderr == ""
 
 
+@pytest.mark.parametrize("rate", [(), ("--rate", 1000)])
+def test_the_verdict_names_what_a_gap_leaves_open(vfplan_cli, files, tmp_path, rate):
+    fixture, session = files
+    rows = session.read_text().splitlines()
+    (tmp_path / "gap.csv").write_text("\n".join(rows[:1000] + rows[2000:]))
+    words = ("replay", fixture, tmp_path / "gap.csv", *rate, "--at-most", "force_max_n=1e3")
+    run = vfplan_cli(*words, "-o", tmp_path / "r.h5")
+    assert run.code == 0, run.stderr
+    [line] = [line for line in run.stdout.splitlines() if line.startswith("verdict: ")]
+    assert line.startswith("verdict: pass, ")
+    assert " 1 s " in line
+    assert vfplan_cli(*words, "--json").json["verdict"] == "pass"
+    name = "session.recorded.gaps" if rate else "session.gaps"
+    assert vfplan_cli(*words, "--at-most", f"{name}=0").code == 1
+
+
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
     run = vfplan_cli("replay", *files, "--engine", "reference")
     assert run.code == 0, run.stderr

@@ -17,7 +17,8 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying import MeshClearance, PointClearance, replay
-from vfplan.session import Session, read_result, write_result
+from vfplan.replaying.verdict import gap_words
+from vfplan.session import Session, read_result, resampled, write_result
 
 PAPER = {"rule": "paper", "engine": "reference"}
 
@@ -228,12 +229,37 @@ def test_gaps_repeats_and_jumps_are_reported():
     seen = found["session"]
     assert seen["gaps"] == 1
     assert seen["missing_samples"] == 10
+    assert seen["gap_s"] == pytest.approx(11e-3)
     assert seen["gap_list"][0]["length_s"] == pytest.approx(11e-3)
     assert (seen["repeats"], seen["repeats_longest"]) == (4, 4)
     assert seen["jumps"] == 2
     assert seen["jump_ticks"] == [1990, 1991]
     codes = {f["code"] for f in found["findings"]}
     assert {"session-gap", "session-jump"} <= codes
+
+
+@pytest.mark.parametrize("rate_hz", [None, 1000.0, 250.0])
+def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
+    session = probing()
+    keep = np.ones(3000, bool)
+    keep[1000:1500] = keep[2000:2007] = False
+    recorded = Session(session.time[keep], session.hip[keep])
+    limits = (("force_max_n", "at_most", 1e3),)
+    if rate_hz is not None:
+        recorded = resampled(recorded, rate_hz)
+    found = replay(fixture_of(line()), recorded, **PAPER, limits=limits)
+    assert found.verdict == "pass"
+    seen = found.metrics["session"]
+    if rate_hz is not None:
+        # The lines that fill the gaps are no samples.
+        assert seen["gaps"] == 0
+        seen = seen["recorded"]
+    assert (seen["gaps"], seen["missing_samples"]) == (2, 507)
+    assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
+    assert "session-gap" in {f["code"] for f in found.metrics["findings"]}
+    assert "0.509 s" in gap_words(found.metrics)
+    whole = replay(fixture_of(line()), session, **PAPER, limits=limits)
+    assert gap_words(whole.metrics) == ""
 
 
 def test_the_engine_is_set_as_the_fixture_says():

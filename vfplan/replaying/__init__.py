@@ -7,7 +7,7 @@ replay      the whole way: load, run, report
 run         one engine's run over a session
 link, governing, guiding, changing
             what stands between hand and engine, behind it, or in its place
-quantities, metrics, episodes, clearance, session_sampling, timing
+quantities, metrics, episodes, clearance, timing
             what is measured
 limits, findings
             what the numbers are held against, and what a person should look at

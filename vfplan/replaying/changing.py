@@ -16,7 +16,8 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import WithPrevious, dots
+from vfplan.replaying.quantities import dots
+from vfplan.session.blocks import WithPrevious
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 from vfplan.session.result import concatenate_ticks

@@ -9,8 +9,8 @@ from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.geometry import ROUNDING_M
-from vfplan.replaying.session_sampling import JUMP_M_S
 from vfplan.robot import Robot, read_robot
+from vfplan.session.sampling import JUMP_M_S
 
 NEVER_NEAR_M = 0.5
 """A session that stays farther away than this [m] is likely in other units or another frame."""
@@ -53,12 +53,13 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
         robot_rate = robot.rate_hz
     unused_columns = session.get("ignored_columns", ())
 
-    if session["gaps"]:
+    recorded = session.get("recorded", session)
+    if recorded["gaps"]:
         text = (
-            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing: "
-            f"the longest interval is {session['dt_max_s']:.6g} s instead of "
-            f"{session['dt_nominal_s']:.6g} s. Record without gaps, or do not rely on the "
-            "ticks there."
+            f"About {recorded['missing_samples']} samples are missing, in gaps of "
+            f"{recorded['gap_s']:.3g} s together; the longest interval is "
+            f"{recorded['dt_max_s']:.6g} s instead of {recorded['dt_nominal_s']:.6g} s. Record "
+            "without gaps, or do not rely on the ticks there."
         )
         findings.append(finding("session-gap", "warning", text))
     if "jumps" in session:

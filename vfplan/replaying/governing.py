@@ -10,8 +10,9 @@ import numpy as np
 from vfplan.engine.answers import Trace
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.parameters import Vector
-from vfplan.replaying.quantities import WithPrevious, dots, row_norms
+from vfplan.replaying.quantities import dots, row_norms
 from vfplan.robot import Robot
+from vfplan.session.blocks import WithPrevious
 
 
 class GovernedForces:

@@ -12,8 +12,9 @@ from vfplan.engine.answers import Trace
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
 from vfplan.fixture import Fixture
-from vfplan.replaying.quantities import WithPrevious, dots, row_norms
+from vfplan.replaying.quantities import dots, row_norms
 from vfplan.replaying.timing import timed
+from vfplan.session.blocks import WithPrevious
 
 BINS = 512
 """Bins of the profile along all strokes together. A picture of it is about as wide in pixels."""

@@ -46,22 +46,6 @@ def flattened(places: Array, axis: Array | None) -> Array:
     return places - np.outer(places @ axis, axis)
 
 
-class WithPrevious:
-    """Arrays of a block after the last rows of the block before: for differences across blocks."""
-
-    def __init__(self) -> None:
-        self._last: tuple[Array, ...] | None = None
-
-    def __call__(self, *rows: Array) -> tuple[Array, ...]:
-        """The arrays, a row longer from the second block on."""
-        extended = list(rows)
-        if self._last is not None:
-            for i, last in enumerate(self._last):
-                extended[i] = np.concatenate((last, rows[i]))
-        self._last = tuple(array[-1:] for array in extended)
-        return tuple(extended)
-
-
 def penetration(hip: Array, proxy: Array) -> Array:
     """(n,) |p_k - x_k| [m]: how far the hand has pushed past where the proxy was stopped."""
     return row_norms(proxy - hip)

@@ -30,12 +30,12 @@ from vfplan.replaying.findings import replay_findings
 from vfplan.replaying.limits import Limits, check_limits, robot_limits
 from vfplan.replaying.link import Link
 from vfplan.replaying.run import EngineRun
-from vfplan.replaying.session_sampling import SamplingReport
 from vfplan.replaying.verdict import verdict_of
 from vfplan.robot import Robot
 from vfplan.session import SessionSource, TickBlock, open_session
 from vfplan.session.events import Event, as_the_loop_saw
 from vfplan.session.poses import Poses
+from vfplan.session.sampling import SamplingReport
 
 Sink = Callable[[str, TickBlock], None]
 

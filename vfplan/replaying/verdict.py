@@ -13,11 +13,24 @@ def has_touched(report: dict[str, Any]) -> bool:
     return report["contact_ticks"] > 0 or report.get("arc_m") is not None
 
 
+def gap_words(report: dict[str, Any]) -> str:
+    """What a "pass" leaves open, to stand after it; empty where the recording has no gap.
+
+    In a session that was resampled lines fill the gaps, so those of the recording count.
+    """
+    session = report["session"]
+    recorded = session.get("recorded", session)
+    if not recorded["gaps"]:
+        return ""
+    return f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
+
+
 def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     """How a replay ended: "pass", "fail" or "not-tested".
 
     A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
-    the tool stayed away, and a replay without limits, test nothing.
+    the tool stayed away, and a replay without limits, test nothing. A verdict speaks of the ticks
+    that were recorded; `gap_words` says what it leaves open.
     """
     if any(not check["pass"] for check in checks):
         return "fail"

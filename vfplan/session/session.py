@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
+from vfplan.session.sampling import SamplingReport
 
 Array = NDArray[np.float64]
 # Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
@@ -209,6 +210,9 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
 def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
     """The session at t0, t0 + 1/rate, ... up to its last sample, by linear interpolation.
 
+    The lines also fill the gaps of the recording. `notes["recorded"]` says how it was sampled, as
+    `SamplingReport.report` gives it, once all blocks are read.
+
     Parameters
     ----------
     session
@@ -228,7 +232,10 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
             numbers={"rate_hz": rate_hz},
         )
 
+    notes = {**session.notes, "resampled_hz": rate_hz}
+
     def samples() -> Iterator[Samples]:
+        recorded = SamplingReport()
         start = None
         # Samples given so far; sample k stands at start + k / rate.
         done = 0
@@ -236,6 +243,7 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
         last_time = np.empty(0)
         last_hip = np.empty((0, 3))
         for block_time, block_hip in session.blocks(BLOCK):
+            recorded.update(block_time, block_hip)
             if start is None:
                 start = block_time[0]
             time = np.concatenate((last_time, block_time))
@@ -251,6 +259,6 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
             done = max(done, last + 1)
             last_time = time[-1:]
             last_hip = hip[-1:]
+        notes["recorded"] = recorded.report()
 
-    notes = {**session.notes, "resampled_hz": rate_hz}
     return SessionStream(samples, session.name, session.frame, session.sha256, notes)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_LISTED
-from vfplan.replaying.quantities import WithPrevious
+from vfplan.session.blocks import WithPrevious
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ class SamplingReport:
         self._intervals_without_gap = 0
         self._missing = 0
         self._gap_count = 0
+        self._gap_s = 0.0
         self._gaps: list[dict[str, float]] = []
         self._repeats = 0
         # Repeats in a row: at the end of the last block, and the longest run.
@@ -67,6 +68,7 @@ class SamplingReport:
             missing = int(round(dt[k] / self._nominal_s) - 1)
             self._missing += missing
             self._gap_count += 1
+            self._gap_s += float(dt[k])
             if len(self._gaps) < MAX_LISTED:
                 gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
                 self._gaps.append(gap)
@@ -100,6 +102,7 @@ class SamplingReport:
             "dt_max_s": self._longest_s,
             "jitter_rms_s": float(np.sqrt(jitter_squares)),
             "gaps": self._gap_count,
+            "gap_s": self._gap_s,
             "missing_samples": self._missing,
             "repeats": self._repeats,
             "repeats_longest": self._repeats_longest,
