@@ -332,20 +332,20 @@ CASES = (
     piercing_case(4e4),
     ExtremeCase(
         name="hip/moves by denormals",
-        expected="every answer finite, the proxy outside",
+        expected="finite answers, and the proxy stays outside",
         measure=breach_by_denormals,
     ),
     ExtremeCase(
         name="hip/exactly on a point",
-        expected="every answer finite, the proxy outside",
+        expected="finite answers, and the proxy stays outside",
         measure=breach_on_points,
     ),
     ExtremeCase(
         name="hip/NaN, Inf, 1e7 m, then back",
-        expected="as if the bad ticks had not been",
+        expected="the same as without the bad ticks",
         measure=difference_by_bad_ticks,
         limit=0.0,
-        unit="m",
+        unit="m of difference",
     ),
     ExtremeCase(
         name="long/1e8 ticks of random motion",
@@ -358,7 +358,7 @@ CASES = (
         expected="the last tenth takes no longer than the first",
         measure=partial(figure_of_long_walk, ticks=LONG_TICKS, figure="slower"),
         limit=0.5,
-        unit="of the first tenth's time, more",
+        unit="longer, as a share of the first tenth",
         full=True,
     ),
     ExtremeCase(

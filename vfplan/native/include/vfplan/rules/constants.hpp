@@ -2,7 +2,7 @@
 //
 // The numbers of the rules that no formula gives, one a statement, with unit and reason.
 // docs/make_tuned.py halves and doubles those of the robust rule and prints what that changes;
-// docs/robust.md has the table.
+// docs/engine.md shows it.
 //
 // g = sqrt(band / R) ties them to the cloud. The band is as deep as the dimples of a sheet of
 // spacing 2 g R, or of a curve of spacing 2 sqrt(2) g R, and the nearest sample then lies at most
