@@ -253,7 +253,7 @@ int main(int argc, char** argv) {
         options = parse(words);
         return control(options);
     } catch (const UsageError& error) {
-        std::cerr << error.what() << "\n" << usage;
+        std::cerr << error.what() << " `controller --help` lists all options.\n";
         return 2;
     } catch (const vfplan::bundle::BundleError& error) {
         std::cerr << error.what() << "\n";  // names the file

@@ -203,7 +203,7 @@ inline Options parse(const std::vector<std::string>& args) {
         else if (o.fixture.empty() && !args[i].starts_with("--"))
             o.fixture = args[i];
         else
-            throw UsageError(args[i] + " is not understood. Give one of the options below.");
+            throw UsageError(args[i] + " is not understood. Give one fixture and known options.");
     }
     if (o.fixture.empty()) throw UsageError("No fixture is named. Give FIXTURE.h5.");
     if (o.moving && o.poses.empty())

@@ -1,6 +1,6 @@
 """Render a fixture on a Franka arm, over its own protocol, at 1 kHz.
 
-    python loop.py FIXTURE.h5 --robot HOST --require-signature KEYS.pub --case CASE --max-age 12h
+    python loop.py FIXTURE.h5 --robot HOST --keys KEYS.pub --case CASE --max-age 12h
     python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
 
 Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
@@ -170,7 +170,9 @@ def parse(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--seconds", type=parse_duration, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
     signer = parser.add_mutually_exclusive_group(required=True)
-    signer.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
+    signer.add_argument(
+        "--keys", "--require-signature", metavar="KEYS", help="one of these must have signed"
+    )
     signer.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
     parser.add_argument("--case", help="for which case it must be signed")
     parser.add_argument("--robot-serial", help="for which robot it must be signed")
@@ -185,7 +187,7 @@ def parse(words: list[str]) -> argparse.Namespace:
     if options.unsigned and demands != (None, None, None):
         parser.error(
             "--case, --robot-serial and --max-age read a signature. "
-            "Give --require-signature KEYS, or leave them out."
+            "Give --keys KEYS, or leave them out."
         )
     return options
 
@@ -202,7 +204,7 @@ def load(options: argparse.Namespace) -> vfplan.Fixture:
     else:
         from vfplan.bundle import Trust, read_keys
 
-        keys = read_keys(options.require_signature)
+        keys = read_keys(options.keys)
         trust = Trust(keys, options.case, options.robot_serial, options.max_age)
         fixture = vfplan.read_fixture(options.fixture, trust=trust)
         if fixture.reviewed is None:

@@ -557,6 +557,7 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         assert done.returncode == code, (args, done)
         assert done.stderr.strip()
         assert done.stdout == ""
+        assert len(done.stderr.splitlines()) == 1 + ("loaded without a signature" in done.stderr)
         if "p.csv" in args or "--governor" in args:
             assert any(" ".join(args[-2:]) in line for line in done.stderr.splitlines()), args
         if log in args:

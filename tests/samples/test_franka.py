@@ -160,7 +160,7 @@ def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
         with pytest.raises(SystemExit) as stopped:
             loop.main(words)
         assert stopped.value.code == 2
-    demands = ["--require-signature", keys, "--max-age", "2d"]
+    demands = ["--keys", keys, "--max-age", "2d"]
     refused = SignatureError.exit_code
     assert loop.main([str(path), *SHORT, *demands]) == refused
     assert loop.main([signed, *SHORT, *demands, "--case", "18"]) == refused
