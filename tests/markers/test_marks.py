@@ -103,6 +103,25 @@ def test_a_position_without_a_mark_is_named():
     assert (finding.code, finding.place_px) == ("marker-not-drawn", (480.0, 190.0))
 
 
+@pytest.mark.parametrize("quality", [50, 60, 70, 80, 90])
+def test_marks_that_compression_blurs_are_marks(quality):
+    """JPEG halves the resolution of colour, so marks of one kind differ in size there."""
+    slice_px = cv2.imread(str(SAMPLES / "elbow.png"))
+    _, stored = cv2.imencode(".jpg", slice_px, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    image = cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1]
+    marked = read_markers(SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv")
+    found = compare_with_marks(image, marked.labels, marked.source)
+    assert (found.matched, codes(found)) == (9, [])
+    if quality < 60:
+        return  # Fewer than half of the marks are of one size, so a moved marker is not told.
+    for k in range(9):
+        places = marked.source.copy()
+        places[k] += (6, -8)
+        [finding] = compare_with_marks(image, marked.labels, places).findings
+        assert finding.code == "marker-not-drawn"
+        assert finding.place_px == tuple(places[k])
+
+
 @pytest.mark.parametrize("noise_px", [0.0, 0.5, 1.0])
 def test_what_a_hand_clicks_is_no_misreading(noise_px):
     rng = np.random.default_rng(9)

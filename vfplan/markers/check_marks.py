@@ -70,18 +70,23 @@ class DrawnMarks:
     places_px: Array
     # Whether they all have one shape that looks the same upside down, as crosses, dots and rings.
     are_stamped: bool
+    # (K, 2) the centres of all spots of this colour that are no larger than marks [px], these too.
+    spots_px: Array
 
-    def nearest_to(self, places_px: Array) -> tuple[NDArray[np.intp], Array]:
-        """Which of the places (N, 2) have a mark near them, and (K, 2) that mark.
 
-        A place and its mark are each the other's nearest.
-        """
-        distance = np.linalg.norm(places_px[:, None] - self.places_px[None], axis=2)
-        nearest = distance.argmin(axis=1)
-        rows = np.arange(len(places_px))
-        is_mutual = distance.argmin(axis=0)[nearest] == rows
-        matched = np.flatnonzero((distance[rows, nearest] <= MATCH_RADIUS_PX) & is_mutual)
-        return matched, self.places_px[nearest[matched]]
+def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], Array]:
+    """Which of the places (N, 2) have a mark of (M, 2) near them, and (K, 2) that mark.
+
+    A place and its mark are each the other's nearest.
+    """
+    if not len(places_px) or not len(marks_px):
+        return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
+    distance = np.linalg.norm(places_px[:, None] - marks_px[None], axis=2)
+    nearest = distance.argmin(axis=1)
+    rows = np.arange(len(places_px))
+    is_mutual = distance.argmin(axis=0)[nearest] == rows
+    matched = np.flatnonzero((distance[rows, nearest] <= MATCH_RADIUS_PX) & is_mutual)
+    return matched, marks_px[nearest[matched]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +138,11 @@ def compare_with_marks(
     places = np.asarray(positions_px, dtype=float)
     n = len(places)
     matched, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
+    spots = np.zeros((0, 2))
     for kind in drawn_marks(rgb):
-        kind_matched, kind_marks = kind.nearest_to(places)
+        kind_matched, kind_marks = nearest_pairs(places, kind.places_px)
         if len(kind_matched) > len(matched):
-            matched, marks = kind_matched, kind_marks
+            matched, marks, spots = kind_matched, kind_marks, kind.spots_px
         # At least half as many as there are markers; a letter that recurs is no marker.
         if kind.are_stamped and 2 * len(kind.places_px) >= n:
             drawn = max(drawn, len(kind.places_px))
@@ -166,6 +172,12 @@ def compare_with_marks(
             )
             finding = note("no-marks-drawn", "register", text)
         return MarkComparison(len(matched), drawn, None, None, (finding,))
+
+    # Compression blurs marks of one kind to several sizes. A spot of their colour is a mark too.
+    unmatched = np.setdiff1d(np.arange(n), matched)
+    more, more_marks = nearest_pairs(places[unmatched], spots)
+    matched = np.append(matched, unmatched[more])
+    marks = np.vstack([marks, more_marks])
 
     offset = places[matched] - marks
     shift = offset.mean(axis=0)
@@ -283,6 +295,7 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     is_on_line = np.abs(foot[:, None] - foot[None]) <= 1
     is_mark &= ~(is_on_line & (gap >= 0) & (gap < height[:, None])).any(axis=1)
 
+    spots = centres[is_mark]
     types = []
     while is_mark.sum() >= 3:
         # The spot with the most spots of about its own size around it.
@@ -294,7 +307,8 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
                 best = alike
         if len(best) < 3:
             break
-        types.append(DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1)))
+        stamped = are_stamped(numbers, statistics[best], best + 1)
+        types.append(DrawnMarks(centres[best], stamped, spots))
         is_mark[best] = False
     return types
 
