@@ -56,6 +56,7 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
 struct Ending {
     std::size_t missed = 0;               // deadlines
     std::optional<std::size_t> bad_tick;  // whose position could not be rendered
+    int signal = 0;                       // that ended it
 };
 
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
@@ -84,7 +85,8 @@ Ending run(Changing& engine, std::optional<vfplan::Governor>& governor, const Ha
             std::chrono::steady_clock::now() - before;
         log.add({t, tip.position, step, rendered, took.count(), engine.seen(), engine.taken()});
         if (step.status & vfplan::bad_hip) ending.bad_tick = k;
-        if (ending.bad_tick || stop_signal != 0) break;
+        ending.signal = stop_signal;
+        if (ending.bad_tick || ending.signal != 0) break;
         std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
     }
     engine.finish();
@@ -232,10 +234,10 @@ int control(const Options& o) {
                      "Check the poses and where the tip starts.\n";
         return 1;
     }
-    if (stop_signal != 0) {
-        std::cerr << o.fixture << ": signal " << stop_signal
+    if (ending.signal != 0) {
+        std::cerr << o.fixture << ": signal " << ending.signal
                   << " stopped the loop. Start it again for all of its ticks.\n";
-        return 128 + stop_signal;
+        return 128 + ending.signal;
     }
     return 0;
 }
