@@ -194,8 +194,10 @@ void against_others(int rounds, long ticks) {
         robust.push_back(microseconds(path, [&](const Vec3& hip) { best.step(hip); }));
         if (HAVE_NANOFLANN) apart = std::max(apart, norm(last - b));
     }
-    std::printf("sheet of 40401 points, %.0f %% of the ticks in contact; us a tick, median of %d\n",
-                100.0 * static_cast<double>(contact) / static_cast<double>(ticks), rounds);
+    std::printf(
+        "sheet of 40401 points, %.0f %% of the ticks in contact: time of a tick [us], median of %d "
+        "rounds\n",
+        100.0 * static_cast<double>(contact) / static_cast<double>(ticks), rounds);
     const double p_us = median(paper), r_us = median(robust);
     std::printf("  brute force, paper's rule    %8.2f   ours is %5.1f x faster\n", median(brute),
                 median(brute) / p_us);
@@ -204,9 +206,9 @@ void against_others(int rounds, long ticks) {
     } else {
         std::printf("  nanoflann, paper's rule      %8.2f   ours is %5.1f x faster\n",
                     median(flann), median(flann) / p_us);
-        std::printf("  ... against our robust rule             robust is %5.1f x faster\n",
-                    median(flann) / r_us);
-        std::printf("  proxies after the whole path: %.1e m apart%s\n", apart,
+        std::printf("  nanoflann, paper's rule      %8.2f   our robust is %5.1f x faster\n",
+                    median(flann), median(flann) / r_us);
+        std::printf("  after the whole path our proxy is %.1e m from nanoflann's%s\n", apart,
                     apart < 1e-6 ? "" : " DISAGREE");
     }
     std::printf("  ours, paper                  %8.2f\n  ours, robust                 %8.2f\n",
@@ -266,7 +268,9 @@ void tail(long ticks) {
 }
 
 void growth(bool brief, int rounds, long ticks) {
-    std::printf("equal density (0.5 mm), more points\n");
+    std::printf(
+        "more points at the same spacing: time of a tick, and its ratio to that of the first "
+        "cloud\n");
     const auto path = pressing(ticks);
     double first[2] = {};
     for (int n : brief ? std::vector{101, 201} : std::vector{201, 1001, 2001}) {
@@ -336,7 +340,7 @@ void dense(const char* name, const scenes::Points& xyz, double middle, int round
 }
 
 void density(bool brief) {
-    std::printf("the denser the points: median / worst tick of rule robust\n");
+    std::printf("more points on the same surface: median / worst tick of rule robust\n");
     const int rounds = brief ? 1 : 3, ticks = brief ? 200 : 2000;
     for (const double fine : brief ? std::vector{10.0} : std::vector{10.0, 40.0, 140.0}) {
         const double h = vfplan::Parameters{}.R() / fine;
@@ -349,7 +353,7 @@ void density(bool brief) {
 }
 
 void left_out(int rounds, long ticks) {
-    std::printf("what leaving out saves (us a tick with / without)\n");
+    std::printf("time of a tick [us] with / without a part of the engine\n");
     const auto time = [&](const scenes::Points& xyz, const vfplan::Parameters& p,
                           vfplan::Width width = vfplan::Width::automatic) {
         vfplan::Engine e(xyz.data(), xyz.size() / 3, p, width);
@@ -388,7 +392,7 @@ void left_out(int rounds, long ticks) {
                         time(ring, brute));
         }
     }
-    std::printf("width of the registers (sheet, us a tick)\n");
+    std::printf("time of a tick [us] on the sheet, by the width of the registers\n");
     const auto xyz = scenes::sheet(201, 5e-4);
     const auto path = pressing(ticks);
     for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust})
