@@ -15,11 +15,14 @@ SPACING_M = 0.5e-3
 
 
 def micrometres(metres: float) -> str:
-    """Three digits; below a nanometre it is rounding."""
+    """Three digits, never an exponent; below a nanometre it is rounding."""
     value = metres * 1e6
     if value < 1e-3:
         return "< 0.001"
-    return f"{value:.3g}"
+    rounded = float(f"{value:.3g}")
+    if rounded < 1e3:
+        return f"{rounded:.3g}"
+    return f"{rounded:.0f}"
 
 
 def microseconds(us: float) -> str:
