@@ -220,12 +220,12 @@ def replay_with_outputs(
     if rule is None and arguments["engine"] == "reference":
         rule = "paper"
     robot = read_robot(arguments["robot"])
-    governor = None
+    governed_robot = None
     if arguments["governor"] is not None:
-        governor = robot or read_robot("franka")
+        governed_robot = robot or read_robot("franka")
         if arguments["governor"]:
             step_n, max_n = arguments["governor"]
-            governor = replace(governor, force_step_limit_n=step_n, force_limit_n=max_n)
+            governed_robot = replace(governed_robot, force_step_limit_n=step_n, force_limit_n=max_n)
     limits = []
     for sense in ("at_most", "at_least"):
         for name, limit in arguments[sense]:
@@ -276,7 +276,7 @@ def replay_with_outputs(
             engine=arguments["engine"],
             robot=robot,
             link=settings_from_options(Link, arguments),
-            governor=governor,
+            governor=governed_robot,
             limits=tuple(limits),
             keep=kept_ticks,
             sinks=sinks,

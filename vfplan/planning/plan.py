@@ -216,29 +216,29 @@ def register(
     # Markers -> registration, or a refusal that names the marker.
     matched = match(unregistered, markers, markers2, settings, image)
     # The curve in the frame in which the markers are given: that of the image, or the patient's.
-    drawn = matched.curve
+    curve = matched.curve
     registration = matched.registration
     # Touched points give a second registration, which begins at that of the markers.
     refined = None
     if touched is not None:
-        refined = refine(drawn, registration, touched, tip_radius)
+        refined = refine(curve, registration, touched, tip_radius)
         registration = refined.registration
 
     # How far the curve may lie from where it belongs.
-    error = target_error(registration, drawn.points)
+    error = target_error(registration, curve.points)
     if settings.max_tre_length_m is not None:
-        refuse_large_error(error, settings.max_tre_length_m, registration, drawn.points)
+        refuse_large_error(error, settings.max_tre_length_m, registration, curve.points)
 
     # A margin makes the fixture thicker: from here on `settings.point_radius` includes it.
     margin = None
     margin_m = 0.0
     if settings.margin is not None:
-        settings, margin = add_margin(drawn, registration, settings)
+        settings, margin = add_margin(curve, registration, settings)
         margin_m = margin.largest_m
 
     # The curve in front of the robot, sampled as finely as the tolerance asks. `render` needs the
     # margin to check that lines and arcs follow the curve more closely than the margin is wide.
-    rendered = render(drawn, registration, settings, matched.slice_axes, margin_m)
+    rendered = render(curve, registration, settings, matched.slice_axes, margin_m)
     fixture = make_fixture(matched, registration, rendered, settings, refined)
     guide_report: dict[str, Any] = {}
     guide_findings: tuple[Finding, ...] = ()
@@ -266,14 +266,14 @@ def register(
 
     # The report. Residuals and checks are those of the registration by markers. The error is that
     # of the registration in use, which touched points may have refined.
-    report = registration_report(matched.registration, drawn.points, error=error)
+    report = registration_report(matched.registration, curve.points, error=error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
     if margin is not None:
         report["margin"] = margin.report
     if refined is not None:
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
-        report["tre"]["worst_target_m"] = registration.apply(drawn.points[[error.worst]])[0]
+        report["tre"]["worst_target_m"] = registration.apply(curve.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
     return RegisterResult(fixture, registration, report, tuple(findings))
 
@@ -286,12 +286,12 @@ def make_fixture(
     refined: RefineResult | None,
 ) -> Fixture:
     """The fixture of the rendered curve, with the files and settings that it came from."""
-    source = matched.curve
+    curve = matched.curve
     carried = rendered.carried
     target_frame = matched.correspondences.target_frame
 
     # What the curve came from, and what was added to it here.
-    inputs = source.provenance.inputs | matched.correspondences.inputs
+    inputs = curve.provenance.inputs | matched.correspondences.inputs
     if refined is not None:
         inputs = inputs | {"touched": refined.sha256}
     chosen = rendered.settings
@@ -299,22 +299,22 @@ def make_fixture(
     if not by_markers.used.all():
         labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
         chosen["markers_left_out"] = ",".join(labels)
-    if source.mesh is not None:
+    if curve.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
     provenance = Provenance.now(inputs, settings)
     provenance = replace(
         provenance,
-        settings=source.provenance.settings | provenance.settings | chosen,
-        history=source.provenance.history,
+        settings=curve.provenance.settings | provenance.settings | chosen,
+        history=curve.provenance.history,
     )
 
     # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
     image = None
     record = None
     if target_frame == "robot_base":
-        image = source.image
-        record = registration.record(carried.source, source_frame=source.frame)
+        image = curve.image
+        record = registration.record(carried.source, source_frame=curve.frame)
     return Fixture(
         frame=target_frame,
         points=carried.points,
@@ -324,6 +324,6 @@ def make_fixture(
         image=image,
         rendering=rendered.rendering,
         registration=record,
-        mesh=source.mesh,
-        sample_radius=source.sample_radius,
+        mesh=curve.mesh,
+        sample_radius=curve.sample_radius,
     )

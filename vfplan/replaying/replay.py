@@ -71,7 +71,7 @@ class Replay:
 
     @property
     def trace(self) -> TickBlock:
-        """The ticks: `trace.proxy`, `.normal`, `.force` (T, 3), `.state` (T,)."""
+        """The same as `ticks`: `trace.proxy`, `.normal`, `.force` (T, 3), `.state` (T,)."""
         return self.ticks
 
     @property
@@ -200,7 +200,7 @@ def replay(
                     code="changes-alone",
                 )
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
-        settings = {"robot": robot, "governor": governor, "changing": changing}
+        settings = {"robot": robot, "governed_robot": governor, "changing": changing}
         runs = []
         for name in rules:
             runs.append(EngineRun(fixture, name, engine, link=link, keep=keep, **settings))
@@ -216,10 +216,10 @@ def replay(
         recording.update(times, positions)
         blocks = []
         for run in runs:
-            ticks = run.feed(times, positions)
-            blocks.append(ticks)
+            block = run.feed(times, positions)
+            blocks.append(block)
             for sink in sinks:
-                sink(run.rule, ticks)
+                sink(run.rule, block)
         if rule == "both":
             between_rules.update(*blocks)
         if perfect is not None:
@@ -255,8 +255,8 @@ def replay(
         if limits:
             metrics["checks"] = check_limits(metrics, limits)
         metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
-        ticks = run.kept.ticks
-        results.append(Replay(run.rule, engine, ticks, metrics, fixture, run.kept.stride))
+        kept = run.kept
+        results.append(Replay(run.rule, engine, kept.ticks, metrics, fixture, kept.stride))
     if len(results) == 1:
         return results[0]
 

@@ -31,7 +31,7 @@ class EngineRun:
     fixture, rule, engine: as for `make_engine`
     robot: whose limits to watch, or `None`
     link: the link between hand and controller; `None`: a perfect one
-    governor: the robot whose limits a governor holds the forces to; `None`: there is no governor
+    governed_robot: whose limits a governor holds the forces to; `None`: there is no governor
     keep: how many ticks are kept for pictures; `None`: all
     changing: what happens to the fixture meanwhile; it then takes the engine's place
     """
@@ -44,7 +44,7 @@ class EngineRun:
         *,
         robot: Robot | None = None,
         link: Link | None = None,
-        governor: Robot | None = None,
+        governed_robot: Robot | None = None,
         keep: int | None = None,
         changing: ChangingFixture | None = None,
     ) -> None:
@@ -58,9 +58,9 @@ class EngineRun:
             self.link = LossyLink(link)
         self.kept = ThinnedTicks(keep)
         self._governor = None
-        if governor is not None:
+        if governed_robot is not None:
             stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
-            self._governor = GovernedForces(governor, stiffness)
+            self._governor = GovernedForces(governed_robot, stiffness)
         # From this depth on the HIP is beyond the points themselves; a guide has no surface.
         self._surface_depth = np.inf
         if fixture.region is not None:
