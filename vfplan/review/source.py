@@ -113,6 +113,16 @@ class Source:
         spacing = self.image.pixel_spacing_mm
         if spacing is not None:
             spacing = list(spacing)
+        # The patient's sides at the borders of a DICOM slice.
+        sides = None
+        if self.image.T_patient_image is not None:
+            right, down = self.image.T_patient_image[:3, 0], self.image.T_patient_image[:3, 1]
+            sides = {
+                "left": _side(-right),
+                "right": _side(right),
+                "top": _side(-down),
+                "bottom": _side(down),
+            }
         return {
             "name": self.path.name,
             "width_px": self.image.width_px,
@@ -121,7 +131,7 @@ class Source:
             "has_slice": self.slice_path is not None,
             "has_ink": self.geometry.ink is not None,
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max),
-            "sides": _sides(self.image),
+            "sides": sides,
         }
 
     def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
@@ -425,18 +435,9 @@ def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSetti
     return replace(fit, markers=tuple(markers))
 
 
-def _sides(image: PlannedImage) -> dict[str, str] | None:
-    """The patient's sides at the borders of a DICOM slice: left, right, top and bottom."""
-    if image.T_patient_image is None:
-        return None
-    right, down = image.T_patient_image[:3, 0], image.T_patient_image[:3, 1]
-    return {
-        "left": _side(-right), "right": _side(right), "top": _side(-down), "bottom": _side(down),
-    }  # fmt: skip
-
-
 def _side(direction: np.ndarray) -> str:
     """The letter of the patient's side to which a direction of LPS leads most."""
-    letters = (("R", "L"), ("A", "P"), ("F", "H"))  # towards -x and +x, and so on
+    # Each pair of letters stands for the negative and the positive direction of an axis.
+    letters = (("R", "L"), ("A", "P"), ("F", "H"))
     axis = int(np.abs(direction).argmax())
     return letters[axis][int(direction[axis] > 0)]
