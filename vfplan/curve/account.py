@@ -279,19 +279,30 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    return [_finding("width-changes", text, curve.path[_middle_of_wide_run(curve, at)])]
+    return [_finding("width-changes", text, curve.path[_middle_of_odd_stretch(curve, at)])]
 
 
-def _middle_of_wide_run(curve: MeasuredStroke, at: int) -> int:
-    """The middle of the wider stretch that begins or ends where the width changes."""
+def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
+    """The middle of the stretch that explains a change of width at the point `at`.
+
+    That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch is
+    a stroke of a letter at the line's end.
+    """
     ratio = relative_width(curve)
     near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
-    wide = ratio > (near.min() + near.max()) / 2
-    nearest = at
-    for run in runs(wide, curve.closed):
-        if np.abs(run - at).min() <= tuned.SUDDEN_PX:
-            nearest = int(run[len(run) // 2])
-    return nearest
+    is_wide = ratio > (near.min() + near.max()) / 2
+    on_line = np.ones(len(ratio), bool)
+    if not curve.closed:
+        places = np.arange(len(ratio))
+        on_line = (places >= curve.ends[0].place) & (places <= curve.ends[1].place)
+    wide, thin = (
+        min(runs(flags & on_line, curve.closed), key=lambda run: np.abs(run - at).min())
+        for flags in (is_wide, ~is_wide)
+    )
+    odd = wide
+    if len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
+        odd = thin
+    return int(odd[len(odd) // 2])
 
 
 def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:

@@ -10,6 +10,8 @@ lies between them, and its deviation says so.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
+from math import erf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +24,6 @@ FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 
 """Pixels: lengths of the falls that are held against the ink."""
 HIGH = tuned.FALL_SHARE
 LOW = 1 - tuned.FALL_SHARE
-GAUSSIAN_WIDTH = 2 * np.sqrt(np.log(2)) / (np.sqrt(-np.log(LOW)) - np.sqrt(-np.log(HIGH)))
-"""Width of a Gaussian at half of its height, over the way on which it falls from high to low."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,28 @@ class Run:
     noisy: bool
 
 
+@dataclass(frozen=True)
+class Tip:
+    """The shape of a line's tip.
+
+    Parameters
+    ----------
+    flat
+        How surely the tip was cut off square: 0 to 1.
+    reach
+        How far a round tip reaches, over how far a half disc as broad as the line reaches.
+    longest_point
+        Length of the longest point that the sides of the tip allow [px].
+    point_shows
+        How surely a point would show in so broad a line: 0 to 1.
+    """
+
+    flat: float
+    reach: float
+    longest_point: float
+    point_shows: float
+
+
 def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tuple[End, End]:
     """The first and the last end of a line.
 
@@ -115,18 +137,39 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
 def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
     """The pen's width without blur, and over how much its edge falls from high to low [px].
 
-    Half of the usual profile's height is as wide as the pen only while the pen is broader than the
-    blur. A line that is all blur has the width of a Gaussian with such an edge. The fourth powers
-    are subtracted, as a pen that is narrower than the blur shows in the fourth order.
+    The usual profile is that of an even pen, blurred by a Gaussian. A broad pen's profile is as
+    wide as the pen at half of its height. The less broad the pen is beside the blur, the more of
+    that width is blur, and the longer is the edge beside it.
     """
     usual = symmetric(np.median(profiles.coverage[valid], axis=0))[len(profiles.x) // 2 :]
     usual = usual / max(float(usual.max()), 1e-6)
     high = _crossing(usual, int(usual.argmax()), HIGH)
     edge = (_crossing(usual, high, LOW) - high) * tuned.STEP_PX
     width = 2 * _crossing(usual, high, tuned.HALF) * tuned.STEP_PX
-    blurred = GAUSSIAN_WIDTH * edge
-    sharp = max(width**4 - blurred**4, 0.0) ** 0.25
-    return max(sharp, 1.0), edge  # No picture shows a line narrower than its pixels.
+    edges, shares = _blurred_pens()
+    share = float(np.interp(edge / width, edges, shares))
+    return max(width * share, 1.0), edge  # No picture shows a line narrower than its pixels.
+
+
+@cache
+def _blurred_pens() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Profiles of pens of many widths, each blurred by a Gaussian of 1 px.
+
+    Two (N,) arrays, each over the profile's width at half of its height: how long its edge is from
+    high to low, which rises, and how wide the pen is.
+    """
+    pens = np.linspace(20, 0, 60, endpoint=False)
+    edges = np.zeros(len(pens))
+    shares = np.zeros(len(pens))
+    for k, pen in enumerate(pens):
+        x = np.linspace(0, pen / 2 + 5, 100)
+        left = np.array([erf(place) for place in (x + pen / 2) / sqrt(2)])
+        right = np.array([erf(place) for place in (x - pen / 2) / sqrt(2)])
+        profile = (left - right) / (left - right)[0]
+        high, half, low = np.interp([-HIGH, -tuned.HALF, -LOW], -profile, x)
+        edges[k] = (low - high) / (2 * half)
+        shares[k] = pen / (2 * half)
+    return edges, shares
 
 
 def _find_end(run: Run) -> End:
@@ -162,11 +205,13 @@ def _find_end(run: Run) -> End:
         tapered = np.minimum(tapered, observed)
 
     # The shape of the tip decides, as far as it shows: the sides of a point end long before its
-    # middle.
+    # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
     flat, reach = 0.0, 1.0
     if not rested:
-        flat, reach, pointed, shows = _tip_shape(run, width)
-        tapered = np.maximum(tapered, shows * pointed)
+        tip = _tip_shape(run, width)
+        flat, reach = tip.flat, tip.reach
+        is_point = (width < FALLS_PX) & (tip.longest_point > FALLS_PX)
+        tapered = np.maximum(tapered, tip.point_shows * is_point)
 
     # Each foot and each length of the fall counts by how well it fits the ink.
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
@@ -229,11 +274,8 @@ def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArra
     return likely / likely.sum()
 
 
-def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
+def _tip_shape(run: Run, width: float) -> Tip:
     """The shape of a tip that is as wide as `width`, as far as a thin pen shows it.
-
-    Four numbers: how flat the tip is, 0 to 1; how far a round one reaches, over that of a half
-    disc; whether it is a point, 0 or 1; and how far a point would show, 0 to 1.
 
     A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
     not, and a drawn out one ends far earlier. A tip whose disc is smaller than the line is broad,
@@ -246,20 +288,25 @@ def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
     left = _end_of_band(run, np.abs(run.x + side * width) <= band)
     right = _end_of_band(run, np.abs(run.x - side * width) <= band)
     if middle is None or left is None or right is None:
-        return 0.0, 1.0, 0.0, 0.0
+        return Tip(flat=0.0, reach=1.0, longest_point=0.0, point_shows=0.0)
     falls_back = max((middle - (left + right) / 2) / width, 1e-6)
     flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
     # The radius of the disc through the middle of the tip and both sides; half of the line's ink
     # is left where that disc is half as broad as the line.
     radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
     reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
-    pointed = float(falls_back > tuned.POINT_BACK)
-    point_shows = float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1))
     from_width = tuned.FLAT_WIDTH_PX
     if run.noisy:
         from_width = tuned.FLAT_WIDTH_NOISY_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
-    return flat * shows, float(1 - (1 - reach) * shows), pointed, point_shows
+    return Tip(
+        flat=flat * shows,
+        reach=float(1 - (1 - reach) * shows),
+        # The sides of a point of length l end 2 TIP_SIDE l before its middle. Blur leaves at least
+        # half of that.
+        longest_point=falls_back * width / side,
+        point_shows=float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1)),
+    )
 
 
 def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:

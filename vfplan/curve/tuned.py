@@ -203,7 +203,7 @@ FLAT_WIDTH_PX = 2.5
 """Pixels of width from which a flat tip begins to show. In a thinner line blur hides its
 corners."""
 
-FLAT_WIDTH_NOISY_PX = 7.0
+FLAT_WIDTH_NOISY_PX = 5.0
 """Pixels of width from which a flat tip begins to show where colour is noisy and therefore
 blurred."""
 
@@ -217,10 +217,6 @@ TIP_BAND = 0.06
 ROUND_BACK = 0.04
 """Share of the width by which the sides of a tip end before its middle, below which the tip is
 flat. It is round from twice as much on. A disc has 0.14."""
-
-POINT_BACK = 0.22
-"""Share of the width by which the sides of a tip end before its middle, from which the tip is a
-point. On seeds 12800 to 13100 blunt tips in JPEG reached 0.16 and points began at 0.23."""
 
 END_SIGMA_PX = 0.35
 """Pixels of standard deviation along the line of an end that is plain to see. On seed 12900 it was
