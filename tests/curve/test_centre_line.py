@@ -191,6 +191,36 @@ def test_an_end_is_the_centre_of_the_pens_tip(width, cap):
     assert distance.max() < limit
 
 
+@pytest.mark.parametrize("turn", [0, 6, 12, 16, 18, 22])
+def test_the_tip_of_a_pressed_pen_is_no_drawn_out_point(turn):
+    from canvas import Canvas
+
+    t = np.linspace(0, 1, 600)
+    curve = np.column_stack([40 + turn / 24 + 260 * t, 150 + 30 * np.sin(np.pi * t)])
+    for width in (3, 4, 6):
+        canvas = Canvas(flat(SHAPE), "exact")
+        canvas.pressed(curve, width * (1 + 0.4 * np.sin(6 * np.pi * t + turn)), RED)
+        ends = stroke_of(canvas.image()).points_px[[0, -1]]
+        ends = ends[np.argsort(ends[:, 0])]
+        # It is known less well than that of an even pen, as the line's width does not tell its own.
+        assert np.hypot(*(ends - curve[[0, -1]]).T).max() < 1.6
+
+
+@pytest.mark.parametrize("width", [3.0, 4.0, 5.0, 6.0])
+def test_an_end_in_jpeg_lies_neither_beyond_nor_before_the_true_one(width):
+    beyond = []
+    for seed in range(12):
+        curve = hand(seed)
+        picture = drawn(curve, width, ground=anatomy(SHAPE, seed))
+        points = stroke_of(jpeg(picture, 85)).points_px
+        if np.hypot(*(points[0] - curve[0])) > np.hypot(*(points[0] - curve[-1])):
+            points = points[::-1]
+        for at, before in ((0, 8), (-1, -9)):
+            outwards = (curve[at] - curve[before]) / np.hypot(*(curve[at] - curve[before]))
+            beyond.append((points[at] - curve[at]) @ outwards)
+    assert abs(np.median(beyond)) < 0.2, np.round(beyond, 2)
+
+
 @pytest.mark.parametrize("length", [10.0, 20.0, 40.0])
 def test_a_pen_that_is_drawn_out_is_followed_to_its_point(length):
     from canvas import Canvas

@@ -203,7 +203,7 @@ FLAT_WIDTH_PX = 2.5
 """Pixels of width from which a flat tip begins to show. In a thinner line blur hides its
 corners."""
 
-FLAT_WIDTH_NOISY_PX = 5.0
+FLAT_WIDTH_NOISY_PX = 7.0
 """Pixels of width from which a flat tip begins to show where colour is noisy and therefore
 blurred."""
 
