@@ -313,8 +313,8 @@ def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
     turn = _turn_deg(curve)
     for end in curve.ends:
         distance = np.abs(at - end.place)
-        expected |= distance < curve.width
-        fall = distance < end.fall + curve.width
+        expected |= distance < curve.width / 2
+        fall = distance < end.fall + curve.width / 2
         # A letter turns off, a drawn out pen goes on.
         if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
             expected |= fall
