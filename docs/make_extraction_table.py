@@ -41,8 +41,21 @@ WRONG_END_PX = 5.0
 """Pixels from the true end from which an end is wrong."""
 WORD_PX = 40.0
 """Pixels: a finding or an entry of the account this near to a wrong place speaks of it."""
-QUIET = ("plain", "words", "crosses", "linear light")
-"""Kinds of `tests/making/slices.py` on which nothing disturbs the line."""
+QUIET = {
+    "plain": "line alone",
+    "words": "words beside",
+    "crosses": "marker crosses beside",
+    "linear light": "linear light",
+}
+"""Kinds of `tests/making/slices.py` on which nothing disturbs the line, and their names in the
+table."""
+OUTCOMES = {
+    "right": "right",
+    "refused": "refused",
+    "told": "wrong with a finding",
+    "silent": "wrong without a finding",
+}
+"""How an answer is judged, and how the tables say so."""
 
 
 @dataclass
@@ -102,7 +115,7 @@ def main() -> None:
         answer_all(*options.answer, options.package)
         return
     names = [*extraction_kinds.CLEAR, *extraction_kinds.AMBIGUOUS]
-    quiet_names = QUIET
+    quiet_names = tuple(QUIET)
     if options.kinds:
         names = options.kinds
         quiet_names = ()
@@ -402,7 +415,8 @@ def print_summary(name, results, answers):
     seconds = np.median([r.seconds for r in results])
     rows.append(("processor time a slice, median", f"{1e3 * seconds:.0f} ms"))
     for picture, milliseconds, memory in answers.get("speed", ()):
-        rows.append((picture, f"{milliseconds:.0f} ms, {memory:.1f} bytes a pixel"))
+        rows.append((f"processor time, {picture} px", f"{milliseconds:.0f} ms"))
+        rows.append((f"memory, {picture} px", f"{memory:.1f} bytes a pixel"))
     print(f"\n{name}: {len(results)} slices\n| figure | value |\n|---|---|")
     for figure, value in rows:
         print(f"| {figure} | {value} |")
@@ -419,21 +433,24 @@ def clear_figures(results):
     right = with_outcome(clear, "right")
     if not right:
         return []
-    rows = [("clear slices right", share(right, clear))]
-    for outcome in ("refused", "told", "silent"):
-        rows.append((f"clear slices {outcome}", share(with_outcome(clear, outcome), clear)))
+    rows = []
+    for outcome, words in OUTCOMES.items():
+        rows.append((f"clear slices {words}", share(with_outcome(clear, outcome), clear)))
+    rows.append(("right clear slices that have a finding", share(with_findings(right), right)))
     for label, is_png in (("PNG", True), ("JPEG", False)):
         part = of_format(right, is_png)
         mean = np.mean(rms_of_each(part, "errors"))
         pooled = pooled_rms(part, "errors")
-        name = f"RMS across, {label}: mean of slices, pooled"
-        rows.append((name, f"{mean:.3f}, {pooled:.3f} px"))
+        name = f"RMS error across the line, clear slices in {label}"
+        rows.append((f"{name}, mean", f"{mean:.3f} px"))
+        rows.append((f"{name}, pooled", f"{pooled:.3f} px"))
     ends = end_distances_of(right)
-    rows.append(("ends: median, 95 %", f"{np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px"))
-    ratio = np.median(rms_of_each(right, "z"))
-    pooled = pooled_rms(right, "z")
-    rows.append(("true error over stated: median of slices, pooled", f"{ratio:.2f}, {pooled:.2f}"))
-    rows.append(("right clear slices with a finding", share(with_findings(right), right)))
+    name = "error of the ends, clear slices"
+    rows.append((f"{name}, median", f"{np.median(ends):.2f} px"))
+    rows.append((f"{name}, 95 % are below", f"{np.quantile(ends, 0.95):.2f} px"))
+    name = "error across the line over stated deviation, clear slices"
+    rows.append((f"{name}, median", f"{np.median(rms_of_each(right, 'z')):.2f}"))
+    rows.append((f"{name}, pooled", f"{pooled_rms(right, 'z'):.2f}"))
     return rows
 
 
@@ -442,20 +459,23 @@ def ambiguous_figures(results):
     rows = []
     covered = [r for r in results if r.kind == "grey box over an end"]
     others = [r for r in results if not r.clear and r not in covered]
-    for name, part in (("ambiguous slices", others), ("grey boxes over an end", covered)):
+    names = {"ambiguous slices": others, "slices with a grey box over an end,": covered}
+    for name, part in names.items():
         if part:
-            rows.append((f"{name} silent", share(with_outcome(part, "silent"), part)))
+            silent = with_outcome(part, "silent")
+            rows.append((f"{name} {OUTCOMES['silent']}", share(silent, part)))
     return rows
 
 
 def quiet_figures(results):
     """Rows on pictures where nothing disturbs the line."""
     rows = []
-    for kind in QUIET:
+    for kind, words in QUIET.items():
         part = [r for r in results if r.kind == f"quiet: {kind}" and r.errors is not None]
         if part:
             pooled = pooled_rms(part, "errors")
-            rows.append((f"RMS across, quiet, {kind}", f"{pooled:.3f} px"))
+            name = f"RMS error across the line, quiet slices, {words}, pooled"
+            rows.append((name, f"{pooled:.3f} px"))
     return rows
 
 
@@ -467,7 +487,7 @@ def print_table(results, clear):
             groups.append(r.kind)
     if not groups:
         return
-    heads = ["right", "refused", "told", "silent", "with a finding", "RMS px", "ends median px"]
+    heads = [*OUTCOMES.values(), "right with a finding", "RMS px", "ends median px"]
     print(f"\n| kind ({' / '.join(results)}) | {' | '.join(heads)} |")
     print("|---" * (len(heads) + 1) + "|")
     for kind in groups:
