@@ -86,8 +86,8 @@ RISE = 0.2
 """Share of full coverage by which ink rises again, beyond the line's edge, if it belongs to a
 neighbour. A smaller rise is noise."""
 
-MIN_PROFILES = 8
-"""Number of profiles in which a line must show. With fewer a spline has nothing to follow."""
+MIN_PROFILES = 4
+"""Number of profiles in which a line must show. A cubic spline has four coefficients a piece."""
 
 SMOOTH_PX = 2.0
 """Pixels over which the spline smooths, and over which the stairs of a skeleton are smoothed. Hands
