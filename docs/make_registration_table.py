@@ -98,7 +98,7 @@ def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
         verdicts: dict[str, list[tuple[str, str]]] = {
             "good, FLE 0.5 mm": [],
             "good, FLE 0.1 to 1 mm": [],
-            "the same without symmetric layouts": [],
+            "good, FLE 0.1 to 1 mm, no symmetric layout": [],
             "labels mistaken": [],
             "one outlier, 4 to 12 markers": [],
             "one outlier, 3 markers": [],
@@ -110,7 +110,7 @@ def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
             verdict = judge(markers, markers.target, model)
             verdicts["good, FLE 0.1 to 1 mm"].append(verdict)
             if not markers.is_symmetric:
-                verdicts["the same without symmetric layouts"].append(verdict)
+                verdicts["good, FLE 0.1 to 1 mm, no symmetric layout"].append(verdict)
             for order in mistaken_orders(rng, len(markers.source)).values():
                 verdicts["labels mistaken"].append(judge(markers, markers.target[order], model))
             name = "one outlier, 4 to 12 markers"
@@ -366,33 +366,46 @@ def processor_time() -> str:
 def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     """The tables of the page, each by its header."""
     yield (
-        "| sets | model | number | refused | doubt | note | no finding |",
+        "| kind of marker set | model | number of sets | refused | with a doubt "
+        "| with notes only | without a finding |",
         label_rows(sets),
     )
-    yield "| `plan` says | the mistake |", reading_rows()
+    yield "| what `plan` says | mistakes that get this answer |", reading_rows()
     coverage = []
     for model in MODELS:
         coverage.append(coverage_row(model, 5 * sets))
-    yield "| model | sets | holds at a point | holds over the whole curve |", coverage
+    yield (
+        "| model | number of sets | bound of a point holds | bound of the whole curve holds |",
+        coverage,
+    )
     photographs = []
     for tilt in (0, 1, 2, 5, 10, 20):
         photographs.append(photograph_row(tilt, sets))
     yield (
-        "| tilt | photographs | refused | doubt | note | no finding | bound holds "
-        "| bound holds or vfplan warned |",
+        "| tilt of the camera | number of photographs | refused | with a doubt | with notes only "
+        "| without a finding | the bound holds "
+        "| the bound holds, or the photograph was refused or has a finding |",
         photographs,
     )
     tilts = []
     for markers in (6, 8, 10, 12):
         tilts.append(tilt_row(markers))
-    yield "| markers | FLE 0.1 mm | FLE 0.3 mm | FLE 0.5 mm | FLE 1 mm |", tilts
+    yield (
+        "| number of markers | two tilts at FLE 0.1 mm | two tilts at FLE 0.3 mm "
+        "| two tilts at FLE 0.5 mm | two tilts at FLE 1 mm |",
+        tilts,
+    )
     rectified = []
     for view in (0, 3):
         line = rectified_row(view)
         if line is not None:
             rectified.append(line)
     if rectified:
-        yield "| photograph | as it is | rectified by four corners |", rectified
+        yield (
+            "| number of the photograph | RMS residual without rectifying "
+            "| RMS residual after rectifying |",
+            rectified,
+        )
 
 
 def write_table(header: str, lines: list[str]) -> None:
