@@ -105,6 +105,98 @@ def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
     assert early.stale
 
 
+BAD_TICKS = {
+    "good": 0,
+    "stuck": 99,
+    "not a number": 99,
+    "infinite": 99,
+    "back 100 s": 99,
+    "back 100 s with its tracker": 99,
+    "one tick back": 1,
+    "one tick not a number": 1,
+}
+
+
+def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
+    """The fixture stands still in a tick whose time is not later than the one before."""
+    include = ROOT / "vfplan" / "native" / "include"
+    source = ROOT / "tests" / "native" / "moving_clock.cpp"
+    flags = ["-std=c++20", "-O0", "-Wall", "-Wextra", "-Werror", f"-I{include}"]
+    made = tmp_path / "moving_clock"
+    subprocess.run([need_program("g++", "g++"), *flags, source, "-o", made], check=True)
+    printed = subprocess.run([made], capture_output=True, text=True, check=True).stdout
+    told = dict(line.rsplit(": ", 1) for line in printed.splitlines())
+    for case, ticks in BAD_TICKS.items():
+        for poses in ("poses", "no poses"):
+            assert int(told.pop(f"{case}, {poses}")) == ticks, (case, poses)
+    assert told.pop("lag before") == told.pop("lag nowhere") == "inf"
+    assert told.pop("lag at rest") == "0"
+    # The first pose of the jump arrives in tick 1, and the frame starts in tick 2.
+    assert float(told.pop("lag after 1 s")) == pytest.approx(0.5 - 0.25 * 0.999, abs=1e-9)
+    assert told == {}
+
+
+@pytest.mark.parametrize("has_poses", [False, True])
+@pytest.mark.parametrize("case", ["good", "stuck", "back 100 s", "one tick back"])
+def test_a_bad_clock_is_stale(case, has_poses):
+    times = {
+        "good": lambda k: 100 + k * T,
+        "stuck": lambda k: 100.0,
+        "back 100 s": lambda k: k * T,
+        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T,
+    }[case]
+    e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
+    hip = [0, 0, 3e-3]
+    f.pose(100.0, np.eye(4))
+    e.reset([0, 0, 8e-3])
+    assert f.step(e, 100.0, [0, 0, 8e-3]).status == 0
+    stale = 0
+    for k in range(1, 100):
+        if has_poses and k % 10 == 0:
+            f.pose(100 + k * T, np.eye(4))
+        s = f.step(e, times(k), hip)
+        assert s.force == pytest.approx([0, 0, 2.0], abs=0.1)
+        assert bool(s.status & Status.STALE) == f.stale
+        stale += f.stale
+    assert stale == BAD_TICKS[case]
+    for bad in (np.nan, np.inf):
+        with pytest.raises(SceneError, match="time"):
+            f.step(e, bad, hip)
+
+
+def test_looking_at_the_frame_before_the_step_is_no_bad_clock():
+    e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
+    f.pose(0.0, np.eye(4))
+    for k in range(1, 50):
+        f.at(k * T)
+        assert not f.stale
+        assert f.step(e, k * T, [0, 0, 8e-3]).status == 0
+    f.at(40 * T)
+    assert f.stale
+    f.at(50 * T)
+    assert not f.stale
+
+
+def test_the_lag_is_the_way_that_is_left():
+    """The pose jumps by 0.5 m and turns by 1 rad, while the frame may do a quarter of that a s."""
+    turn, place = 1.0, np.array([0.0, 0.3, 0.2])
+    f = vfplan.MovingFrame(max_turn_rad_s=0.25)
+    assert f.lag_m(place) == np.inf
+    f.pose(0.0, np.eye(4))
+    f.at(0.0)
+    assert f.lag_m(place) == 0
+    assert f.lag_m([np.nan, 0, 0]) == np.inf
+    f.pose(T, turned([1, 0, 0], turn, [0.5, 0, 0]))
+    for k in range(1, 5001):
+        f.at(k * T)
+        went = min(0.25 * (k - 1) * T, 0.5)
+        left = turn - 0.25 * (k - 1) * T
+        chord = 2 * 0.13**0.5 * np.sin(max(left, 0) / 2)
+        moved = place + np.array([went, 0, 0])
+        assert f.lag_m(moved) == pytest.approx(np.hypot(0.5 - went, chord), abs=1e-6)
+    assert f.lag_m(place) == pytest.approx(0, abs=1e-15)
+
+
 def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     k = [400.0, 700.0, 1000.0]
     e, f = (

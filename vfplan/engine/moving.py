@@ -91,14 +91,18 @@ class MovingFrame:
         return self._frame.pose(_check_time(t), _check_rigid(base_from_fixture))
 
     def at(self, t: float) -> Vector:
-        """The frame (4, 4) at `t` [s], which must not go back; the identity before any pose."""
+        """The frame (4, 4) at `t` [s]; the identity before any pose.
+
+        If `t` goes back, the frame stays where it is and is `stale`.
+        """
         return matrices(self._frame.at(_check_time(t)).reshape(1, 7))[0]
 
     def step(self, engine: Any, t: float, hip: ArrayLike) -> Any:
         """One tick, at `t` [s], of an engine or a `Guide` that is in the fixture's frame.
 
         HIP and answer, a `Step` or a `GuideStep`, are in the base. Before the first pose nothing is
-        rendered.
+        rendered. Unless `t` is later than in the step before, the fixture stands still and the
+        status has `STALE`; so a second engine needs a frame of its own.
         """
         trace = self.run(engine, [t], check_hip(hip)[None])
         if isinstance(trace, GuideTrace):
@@ -156,7 +160,8 @@ class MovingFrame:
     def stale(self) -> bool:
         """Whether there is no pose yet, or the youngest is older than `max_age_s`.
 
-        It is also true for a pose from a clock that is ahead by more than that.
+        It is also true for a pose from a clock that is ahead by more than that, and after a time of
+        the loop that was not later than the one before.
         """
         return self._frame.stale
 
@@ -164,6 +169,17 @@ class MovingFrame:
     def age_s(self) -> float:
         """Age of the youngest pose at the last tick [s]; infinite before the first pose."""
         return self._frame.age
+
+    def lag_m(self, place: ArrayLike) -> float:
+        """How far the fixture still has to go at `place`, to where its youngest pose puts it [m].
+
+        It exceeds the motion of one sample when the poses move faster than the frame may. It is
+        infinite before the first pose, and where `place` is not finite.
+
+        place
+            (3,) in the base [m], e.g. the HIP.
+        """
+        return self._frame.lag(check_hip(place, "place"))
 
     @property
     def refused(self) -> int:

@@ -70,6 +70,7 @@ void bind_moving(nb::module_& m) {
                  return run(f, guide, t, hips,
                             [](const Rows& rows, auto&& tick) { return guided(rows, tick); });
              })
+        .def("lag", [](const MovingFrame& f, const Row& place) { return f.lag(vec(place)); })
         .def_prop_ro("stale", &MovingFrame::stale)
         .def_prop_ro("placed", &MovingFrame::placed)
         .def_prop_ro("age", &MovingFrame::age)

@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/exchange.hpp"
@@ -111,8 +112,10 @@ class MovingFrame {
     std::size_t room() const noexcept { return poses_.free_slots(); }
     std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
-    /// The frame at t [s], which does not go back; for the loop, as all that follows.
+    /// The frame at t [s]; for the loop, as all that follows. At a t that goes back or is not finite
+    /// the frame stays where it is, and is stale.
     const Pose& at(double t) noexcept {
+        is_clock_bad_ = !std::isfinite(t) || t < t_;
         if (!std::isfinite(t)) t = t_;
         if (is_placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
         t_ = std::max(t, t_);
@@ -129,14 +132,20 @@ class MovingFrame {
     }
     const Pose& now() const noexcept { return now_; }
     /// Whether there is no pose yet, or only one older than max_age, or the tracker's clock is that
-    /// much ahead.
+    /// much ahead, or the last t of the loop was not later than the one before.
     bool stale() const noexcept {
-        return !is_placed_ || is_clock_ahead_ || age() > limits_.max_age;
+        return !is_placed_ || is_clock_bad_ || is_clock_ahead_ || age() > limits_.max_age;
     }
     /// Age of the youngest pose taken up, at the last t [s].
     double age() const noexcept {
         if (!is_placed_) return std::numeric_limits<double>::infinity();
         return t_ - stamp_;
+    }
+    /// How far the fixture still has to go at `place` (in the base), to where its youngest pose puts
+    /// it [m]. Infinite before the first pose, and where `place` is not finite.
+    double lag(const Vec3& place) const noexcept {
+        if (!is_placed_ || !is_finite(place)) return std::numeric_limits<double>::infinity();
+        return norm(goal_.out(now_.in(place)) - place);
     }
     /// How many of the poses that were not refused the last tick knew of.
     std::uint64_t seen() const noexcept { return seen_; }
@@ -144,10 +153,13 @@ class MovingFrame {
     bool placed() const noexcept { return is_placed_; }
 
     /// One servo loop of an engine, or a Guide, that is in the fixture's frame. HIP and answer are
-    /// in the base.
+    /// in the base. The fixture stands still, and is stale, unless t is later than in the step
+    /// before; so a second engine needs a frame of its own.
     template <class E>
     auto step(E& engine, double t, const Vec3& hip) noexcept {
         at(t);
+        if (!(t > stepped_at_)) is_clock_bad_ = true;
+        stepped_at_ = t_;
         decltype(engine.step(hip)) s;
         if (!is_placed_) {
             s.status = stale_pose;
@@ -237,11 +249,13 @@ class MovingFrame {
     double youngest_ = 0;  // stamp of the last pose given [s]
     // What the loop keeps.
     Pose now_, goal_;
-    double t_ = -std::numeric_limits<double>::infinity();
+    double t_ = -std::numeric_limits<double>::infinity();           // latest [s]
+    double stepped_at_ = -std::numeric_limits<double>::infinity();  // t_ at the last step [s]
     double stamp_ = 0;       // of goal_ [s]
     double arrives_at_ = 0;  // goal_, where the next pose is due [s]
     bool is_placed_ = false;
-    bool is_clock_ahead_ = false;
+    bool is_clock_ahead_ = false;  // the tracker's
+    bool is_clock_bad_ = false;    // the loop's
     std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 

@@ -1,0 +1,77 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+//   moving_clock      what MovingFrame says of a bad clock of the loop, and how far it lags
+//
+// Prints a line for each case: how many of the 99 ticks after the first were stale. The engine is a
+// spring to the fixture's origin, so every force is known.
+#include <cstdio>
+#include <limits>
+
+#include "vfplan/moving.hpp"
+
+namespace {
+
+using vfplan::Vec3;
+
+struct Spring {
+    vfplan::Step step(const Vec3& hip) noexcept {
+        vfplan::Step s;
+        s.force = -1.0 * hip;
+        return s;
+    }
+};
+
+/// Ticks k = 1..99 at the times clock(k), with or without a pose every 10 ticks on the good clock.
+template <class Clock>
+void ticks(const char* name, bool has_poses, double pose_offset, Clock&& clock) {
+    vfplan::MovingFrame frame;
+    Spring spring;
+    const Vec3 hip{{1e-3, 2e-3, 3e-3}};
+    frame.pose(100, {});
+    int stale = (frame.step(spring, 100, hip).status & vfplan::stale_pose) != 0 ? 1000 : 0;
+    for (int k = 1; k < 100; ++k) {
+        if (has_poses && k % 10 == 0) frame.pose(pose_offset + 1e-3 * k, {});
+        const vfplan::Step s = frame.step(spring, clock(k), hip);
+        stale += (s.status & vfplan::stale_pose) != 0;
+        for (std::size_t i = 0; i < 3; ++i)
+            if (s.force[i] != -hip[i]) stale += 1000;
+    }
+    std::printf("%s, %s: %d\n", name, has_poses ? "poses" : "no poses", stale);
+}
+
+/// A pose that jumps by 0.5 m along x, with fresh poses afterwards, at a tick of 1 ms.
+void jump() {
+    vfplan::MovingFrame frame;
+    Spring spring;
+    const Vec3 hip{{0.1, 0.2, 0.3}};
+    std::printf("lag before: %g\n", frame.lag(hip));
+    frame.pose(0, {});
+    frame.step(spring, 0, hip);
+    std::printf("lag at rest: %g\n", frame.lag(hip));
+    for (int k = 1; k <= 1000; ++k) {
+        if (k % 10 == 1) frame.pose(1e-3 * k, {{{0.5, 0, 0}}, 1, {}});
+        frame.step(spring, 1e-3 * k, hip);
+    }
+    std::printf("lag after 1 s: %.9f\n", frame.lag(hip));
+    std::printf("lag nowhere: %g\n", frame.lag({{std::nan(""), 0, 0}}));
+}
+
+}  // namespace
+
+int main() {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    const double infinite = std::numeric_limits<double>::infinity();
+    for (const bool has_poses : {false, true}) {
+        ticks("good", has_poses, 100, [](int k) { return 100 + 1e-3 * k; });
+        ticks("stuck", has_poses, 100, [](int) { return 100.0; });
+        ticks("not a number", has_poses, 100, [&](int) { return nan; });
+        ticks("infinite", has_poses, 100, [&](int) { return infinite; });
+        ticks("back 100 s", has_poses, 100, [](int k) { return 1e-3 * k; });
+        ticks("back 100 s with its tracker", has_poses, 0, [](int k) { return 1e-3 * k; });
+        ticks("one tick back", has_poses, 100,
+              [](int k) { return 100 + 1e-3 * (k == 50 ? 48 : k); });
+        ticks("one tick not a number", has_poses, 100,
+              [&](int k) { return k == 50 ? infinite : 100 + 1e-3 * k; });
+    }
+    jump();
+}
