@@ -1,11 +1,12 @@
 """Render a fixture on a Franka arm, over its own protocol, at 1 kHz.
 
     python loop.py FIXTURE.h5 --robot HOST --keys KEYS.pub --case CASE --max-age 12h
-    python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
+    python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor] [--log LOG.csv]
 
 Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
 weight, and the only torques that are commanded are the fixture's, limited by the governor. The loop
-stops by itself when the arm reports no sound position. Stop it by the arm's button, or by Ctrl-C.
+does not start while the tip is inside the fixture. It stops by itself at the bits of `status` at
+which docs/controller.md says that a loop stops the arm. Stop it by the arm's button, or by Ctrl-C.
 
 It ends with the exit codes of docs/controller.md, as samples/controller does.
 """
@@ -16,14 +17,18 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import vfplan
-from vfplan.errors import InputError, MissingExtra, UnsafeError, VfplanError
+from vfplan import Status
+from vfplan.engine.governor import GovernorStatus
+from vfplan.errors import InputError, MissingExtra, OutputError, UnsafeError, VfplanError
 from vfplan.io import parse_seconds
+from vfplan.io.writing import write_whole
 
 RATE_HZ = 1000
 COLLISION_TORQUES_NM = [100.0] * 7
@@ -31,6 +36,39 @@ COLLISION_TORQUES_NM = [100.0] * 7
 limits what is commanded."""
 COLLISION_FORCES_N = [100.0] * 6
 """The same of the forces and torques at the tip [N, N m]."""
+
+ENGINE_STOPS = {
+    Status.BAD_HIP: (
+        "the arm's position was not finite, or beyond 1e6 m",
+        "Check the arm's connection and its state.",
+    ),
+    Status.STALE: (
+        "the pose of the moving fixture was too old, or the loop's clock did not go on",
+        "Check the tracker before you start again.",
+    ),
+    Status.CROSSED: (
+        "the way out of the fixture led to its other side",
+        "Lead the arm out by hand, to the side on which it may be.",
+    ),
+}
+"""At which bits of an engine's status the loop stops: what has happened, and what to do."""
+GOVERNOR_STOPS = {
+    GovernorStatus.BAD_FORCE: (
+        "the force was not finite, or beyond 1e6 N",
+        "Check the fixture: vfplan info.",
+    ),
+    GovernorStatus.BAD_JACOBIAN: (
+        "the arm's Jacobian was not finite, or beyond 1e6 m",
+        "Check the arm's connection and its state.",
+    ),
+}
+"""The same of a governor's status."""
+
+LOG_COLUMNS = "t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status"
+"""Columns of the log: a session of `vfplan replay`, and what was answered. The force is the one
+that was commanded."""
+LOG_COLUMNS_OF_GOVERNOR = ",engine_x,engine_y,engine_z"
+"""Further columns if a governor limits the force: the engine's own."""
 
 
 @dataclass
@@ -41,6 +79,7 @@ class Run:
     force_max_n: the engine's largest force [N]
     force_step_n: the largest change of the engine's force from one tick to the next [N]
     torque_step_nm: the largest change of a joint's commanded torque [N m]
+    bits: in how many ticks each bit of the engine's and the governor's status was set
     error: why the arm or this loop stopped before its time; `None` if neither did
     """
 
@@ -48,6 +87,7 @@ class Run:
     force_max_n: float = 0.0
     force_step_n: float = 0.0
     torque_step_nm: float = 0.0
+    bits: dict[str, int] = field(default_factory=dict)
     error: str | None = None
 
 
@@ -79,11 +119,12 @@ def render(
     ticks: int,
     other_torque: Callable[[Any, np.ndarray, int], np.ndarray] | None = None,
     stop_signals: Sequence[int] = (),
+    log: list[list[float]] | None = None,
 ) -> Run:
     """Run the control loop for a number of ticks, or until the arm stops.
 
-    A position that the engine cannot use ends the run early, as a signal does. The fixture's torque
-    then fades, and the loop tells the arm that the motion has finished.
+    The bits of `ENGINE_STOPS` and `GOVERNOR_STOPS` end the run early, as a signal does. The
+    fixture's torque then fades, and the loop tells the arm that the motion has finished.
 
     governor
         A governor of torques; `None` commands the engine's force as it is.
@@ -92,6 +133,8 @@ def render(
         the place for the rest of your control law.
     stop_signals
         A list to which a signal adds its number, which asks the loop to stop.
+    log
+        A list that takes a row for each tick with a sound position, as `write_log` writes it.
     """
     import pylibfranka
 
@@ -106,25 +149,32 @@ def render(
             jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T
 
             last_force = force
-            step = engine.step(read_tip(state))
-            if step.status & vfplan.Status.BAD_HIP and run.error is None:
-                run.error = (
-                    f"In tick {tick} the arm's position was not finite, or beyond 1e6 m. The loop "
-                    "stopped. Check the arm's connection and its state."
-                )
+            tip = read_tip(state)
+            step = engine.step(tip)
+            count_bits(run, step.status)
+            stop_at(run, tick, step.status, ENGINE_STOPS)
             if stop_signals and run.error is None:
                 run.error = (
                     f"Signal {stop_signals[0]} stopped the loop in tick {tick}. Start it again."
                 )
-            # After a bad position the engine repeats its last force, which nothing holds any more.
+            # A loop that stops lets the fixture's force end: the bits mean that it is not to be
+            # trusted, or that the fixture is not where the patient is.
             force = step.force if run.error is None else np.zeros(3)
 
             last_torque = torque
             if governor is None:
+                commanded = force
                 torque = jacobian[:3].T @ force
+                if not np.isfinite(torque).all():
+                    torque = np.zeros(7)
+                    stop_at(run, tick, GovernorStatus.BAD_JACOBIAN, GOVERNOR_STOPS)
             else:
-                governor.step(force, jacobian[:3])
+                commanded = governor.step(force, jacobian[:3])
                 torque = governor.torque_nm
+                count_bits(run, governor.status)
+                stop_at(run, tick, governor.status, GOVERNOR_STOPS)
+            if log is not None and not step.status & Status.BAD_HIP:
+                log.append(log_row((tick + 1) / RATE_HZ, tip, step, commanded))
             if other_torque is not None:
                 torque = torque + other_torque(state, jacobian, tick)
 
@@ -144,6 +194,48 @@ def render(
     except (pylibfranka.ControlException, pylibfranka.CommandException) as error:
         run.error = str(error).splitlines()[0]
     return run
+
+
+def count_bits(run: Run, status: Status | GovernorStatus) -> None:
+    """Count the bits of a tick's status."""
+    for bit in type(status):
+        if status & bit:
+            name = bit.name.lower()
+            run.bits[name] = run.bits.get(name, 0) + 1
+
+
+def stop_at(
+    run: Run, tick: int, status: Status | GovernorStatus, stops: dict[Any, tuple[str, str]]
+) -> None:
+    """Give the run its reason to stop, if the status has one and there is none yet."""
+    for bit, (what_happened, advice) in stops.items():
+        if status & bit and run.error is None:
+            run.error = f"In tick {tick} {what_happened}. The loop stopped. {advice}"
+
+
+def log_row(t: float, tip: np.ndarray, step: vfplan.Step, commanded: np.ndarray) -> list[float]:
+    """A tick of the log, with the engine's own force as its last columns."""
+    return [t, *tip, *step.proxy, *commanded, step.state, int(step.status), *step.force]
+
+
+def check_log(path: Path) -> None:
+    """Refuse a place of the log before the arm moves."""
+    if path.exists():
+        raise OutputError("the log is there already. Give --log another name.", where=str(path))
+    if not path.parent.is_dir():
+        raise OutputError("there is no such folder. Give --log a place in one.", where=str(path))
+
+
+def write_log(path: Path, rows: list[list[float]], is_governed: bool) -> None:
+    """Write a session as `vfplan replay` reads it; numbers read back to the same bits."""
+    header = LOG_COLUMNS
+    if is_governed:
+        header += LOG_COLUMNS_OF_GOVERNOR
+    count = len(header.split(","))
+    lines = [header]
+    for row in rows:
+        lines.append(",".join(f"{value:.17g}" for value in row[:count]))
+    write_whole(path, ["\n".join([*lines, ""]).encode()], overwrite=False)
 
 
 def parse_age(text: str) -> float:
@@ -169,6 +261,9 @@ def parse(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--robot", required=True, metavar="HOST")
     parser.add_argument("--seconds", type=parse_duration, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
+    parser.add_argument(
+        "--log", type=Path, metavar="CSV", help="write every tick, for `vfplan replay`"
+    )
     signer = parser.add_mutually_exclusive_group(required=True)
     signer.add_argument(
         "--keys", "--require-signature", metavar="KEYS", help="one of these must have signed"
@@ -257,12 +352,28 @@ def check_binding() -> None:
         ) from None
 
 
+def describe_bad_start(path: str, tip: np.ndarray, status: Status) -> str:
+    """Why the loop does not start with this tip, and what to do."""
+    x, y, z = tip
+    if status & Status.INSIDE:
+        return (
+            f"{path}: the tip, at ({x:.4f}, {y:.4f}, {z:.4f}) m, is inside the fixture, "
+            "whose force would push the arm. Lead the arm out by hand, and start again."
+        )
+    return (
+        f"{path}: the tip, at ({x}, {y}, {z}) m, is no position that can be rendered. "
+        "Check the arm's connection and its state."
+    )
+
+
 def main(words: list[str]) -> int:
     """Read a fixture, and render it on the arm."""
     options = parse(words)
     try:
         engine, governor = make_engine(options)
         check_binding()
+        if options.log is not None:
+            check_log(options.log)
     except VfplanError as error:
         print(error, file=sys.stderr)
         return error.exit_code
@@ -270,7 +381,7 @@ def main(words: list[str]) -> int:
     try:
         robot = connect(options.robot)
         model = robot.load_model()
-        engine.reset(read_tip(robot.read_once()))
+        tip = read_tip(robot.read_once())
     except RuntimeError as error:  # as all errors of pylibfranka are
         print(
             f"{options.robot}: the arm is not ready: {str(error).splitlines()[0]} "
@@ -278,17 +389,31 @@ def main(words: list[str]) -> int:
             file=sys.stderr,
         )
         return 1
+    engine.reset(tip)
+    start = engine.step(tip)
+    if start.status != 0:
+        print(describe_bad_start(options.fixture, tip, start.status), file=sys.stderr)
+        return 1
+    log = [log_row(0.0, tip, start, np.zeros(3))]
     # From now on a signal ends the loop and not the program, so that the torques fade.
     stop_signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda caught, _: stop_signals.append(caught))
     ticks = round(RATE_HZ * options.seconds)
-    run = render(robot, model, engine, governor, ticks, stop_signals=stop_signals)
+    run = render(robot, model, engine, governor, ticks, stop_signals=stop_signals, log=log)
 
     print(
         f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, "
         f"torque steps up to {run.torque_step_nm:.3f} N m"
     )
+    bits = [f"{name} in {count} ticks" for name, count in run.bits.items()]
+    print("status: " + (", ".join(bits) or "all well"))
+    if options.log is not None:
+        try:
+            write_log(options.log, log, governor is not None)
+        except OutputError as error:
+            print(error, file=sys.stderr)
+            return error.exit_code
     if run.error is not None:
         print(run.error, file=sys.stderr)
         return 128 + stop_signals[0] if stop_signals else 1

@@ -7,6 +7,7 @@ MODEL.xml is one of vfplan's own models, so no network is needed; `study.py` pas
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -35,4 +36,8 @@ def main(model: str, address: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = argparse.ArgumentParser(description="Simulate an arm's protocol on this machine.")
+    parser.add_argument("model", metavar="MODEL.xml", help="vfplan/arm/models/fr3.xml")
+    parser.add_argument("address", metavar="ADDRESS", help="of the loopback, as 127.0.0.2")
+    options = parser.parse_args()
+    main(options.model, options.address)

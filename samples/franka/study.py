@@ -128,10 +128,11 @@ class ChangingSheet:
         """One tick: what happens to the sheet, then the engine's step."""
         t = self.tick / 1000
         self.tick += 1
-        if self.moves and self.tick % 17 == 0:
+        if self.tick % 17 == 0:
             pose = np.eye(4)
-            pose[:3, 3] = self.rng.normal(0, 0.25e-3 / 3**0.5, 3)
-            pose[2, 3] += 5e-3 * np.sin(np.pi * (t - 0.03))
+            if self.moves:
+                pose[:3, 3] = self.rng.normal(0, 0.25e-3 / 3**0.5, 3)
+                pose[2, 3] += 5e-3 * np.sin(np.pi * (t - 0.03))
             self.frame.pose(t - 0.03, pose)
         if self.tick % 300 == 0:
             other = self.make_engine(self.tick // 300)

@@ -6,9 +6,11 @@ Needs the environment of `make franka-env`: the protocol's simulator and Franka'
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -76,27 +78,93 @@ def test_a_new_engine_and_a_reset_do():
     assert [run["error"] for run in held] == [None, None]
 
 
+@pytest.fixture
+def simulator():
+    """The address of an arm's simulator, as docs/howto/franka.md starts it."""
+    if not PYTHON.exists():
+        missing("no .venv-franka: `make franka-env` makes it")
+    model = ROOT / "vfplan" / "arm" / "models" / "fr3.xml"
+    address = f"127.0.0.{2 + os.getpid() % 250}"
+    server = subprocess.Popen(
+        [PYTHON, FOLDER / "simulator.py", model, address],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    yield address
+    server.terminate()
+    server.wait(30)
+
+
+def test_over_the_protocol_the_loop_starts_free_and_not_inside(simulator, tmp_path):
+    def run_loop(name, points):
+        path = tmp_path / f"{name}.h5"
+        count = len(points)
+        vfplan.write_fixture(replace(bundles.large(count), points=points), path)
+        words = [PYTHON, "-P", FOLDER / "loop.py", path, "--robot", simulator, "--unsigned"]
+        words += ["--seconds", "0.2", "--log", tmp_path / f"{name}.csv"]
+        for _ in range(60):
+            done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+            if "the arm is not ready" not in done.stderr:
+                break
+            time.sleep(0.5)
+        return done
+
+    ring = bundles.large(400).points + np.array([5.0, 0, 0])
+    free = run_loop("free", ring)
+    assert free.returncode == 0, free.stderr
+    assert "status: all well" in free.stdout
+    session = vfplan.read_session(tmp_path / "free.csv")
+    assert len(session.hip) == 201
+    assert np.ptp(session.hip, axis=0).max() < 0.01
+
+    beside = ring - ring[0] + session.hip[-1] + [0.002, 0, 0]
+    inside = run_loop("inside", beside)
+    assert inside.returncode == 1
+    assert "is inside the fixture" in inside.stderr
+    assert not (tmp_path / "inside.csv").exists()
+
+
+def test_the_simulator_says_how_it_is_called():
+    words = [sys.executable, str(FOLDER / "simulator.py")]
+    helped = subprocess.run([*words, "--help"], capture_output=True, text=True)
+    assert helped.returncode == 0
+    assert helped.stdout.startswith("usage: ")
+    assert subprocess.run(words, capture_output=True).returncode == 2
+
+
 class FakeArm:
-    """An arm that lies still at a place, for the loop alone; it keeps the torques it is given."""
+    """An arm for the loop alone, at rest unless `lives`; it keeps the torques it is given.
+
+    lives: changes the arm before a tick, from the tick's number
+    """
 
     def __init__(self, tip):
         transform = np.eye(4)
         transform[:3, 3] = tip
         self.state = SimpleNamespace(O_T_EE=transform.T.ravel().tolist(), dq=[0.0] * 7)
         self.torques = []
+        self.jacobian = np.eye(6, 7)
+        self.lives = lambda tick: None
+
+    def press(self, depth):
+        """Move the tip towards the curve, from where it is [m]."""
+        self.state.O_T_EE[13] -= depth
 
     def load_model(self):
-        jacobian = np.eye(6, 7)
-        return SimpleNamespace(zero_jacobian=lambda state: jacobian.T.ravel().tolist())
+        return SimpleNamespace(zero_jacobian=lambda state: self.jacobian.T.ravel().tolist())
 
     def read_once(self):
         return self.state
 
     def start_torque_control(self):
         return SimpleNamespace(
-            readOnce=lambda: (self.state, 0.001),
+            readOnce=self.read_in_loop,
             writeOnce=lambda command: self.torques.append(command.torque),
         )
+
+    def read_in_loop(self):
+        self.lives(len(self.torques))
+        return self.state, 0.001
 
     def automatic_error_recovery(self):
         pass
@@ -108,7 +176,7 @@ class FakeArm:
 @pytest.fixture
 def loop(monkeypatch):
     """The module loop.py, with a binding of Franka's that knows one arm."""
-    arm = FakeArm(bundles.small().points[0] + [0, 0.004, 0])
+    arm = FakeArm(bundles.small().points[3] + [0, 0.006, 0])
     library = SimpleNamespace(
         Robot=lambda host, config: arm,
         RealtimeConfig=SimpleNamespace(kIgnore=0),
@@ -193,21 +261,13 @@ def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, tmp_path, c
     """The tip presses, and from tick 5 on its position is not a number."""
     path = str(tmp_path / "f.h5")
     vfplan.write_fixture(bundles.small(), path)
-    control = loop.arm.start_torque_control()
-    start = list(loop.arm.state.O_T_EE)
-    ticks = iter(range(100))
 
-    def read_once():
-        tick = next(ticks)
-        loop.arm.state.O_T_EE = list(start)
-        loop.arm.state.O_T_EE[13] -= 0.0002 * tick
+    def live(tick):
+        loop.arm.press(0.0006)
         if tick >= 5:
             loop.arm.state.O_T_EE[12] = float("nan")
-        return loop.arm.state, 0.001
 
-    loop.arm.start_torque_control = lambda: SimpleNamespace(
-        readOnce=read_once, writeOnce=control.writeOnce
-    )
+    loop.arm.lives = live
     words = [] if governed else ["--no-governor"]
     assert loop.main([path, *SHORT, "--unsigned", *words]) == 1
     assert "In tick 5 the arm's position was not finite" in capsys.readouterr().err
@@ -243,18 +303,13 @@ def test_an_arm_that_does_not_answer_ends_with_a_line(loop, monkeypatch, tmp_pat
 def test_a_signal_ends_the_loop_and_its_torque(number, loop, tmp_path, capsys):
     """The tip presses, and in tick 5 somebody presses Ctrl-C."""
     vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
-    loop.arm.state.O_T_EE[13] -= 0.002
-    control = loop.arm.start_torque_control()
-    ticks = iter(range(1000))
 
-    def read_once():
-        if next(ticks) == 5:
+    def live(tick):
+        loop.arm.press(0.0006 if tick < 5 else 0)
+        if tick == 5:
             signal.raise_signal(number)
-        return loop.arm.state, 0.001
 
-    loop.arm.start_torque_control = lambda: SimpleNamespace(
-        readOnce=read_once, writeOnce=control.writeOnce
-    )
+    loop.arm.lives = live
     words = [str(tmp_path / "f.h5"), "--robot", "arm", "--seconds", "1", "--unsigned"]
     assert loop.main(words) == 128 + number
     assert "in tick 5" in capsys.readouterr().err
@@ -262,6 +317,132 @@ def test_a_signal_ends_the_loop_and_its_torque(number, loop, tmp_path, capsys):
     assert 6 <= len(torques) < 100
     assert torques[4].any()
     assert not torques[-1].any()
+
+
+def stop_at_tick_5(loop, engine=None, governor=None):
+    """The run of an arm that presses for 100 ticks, with something bad from tick 5 on."""
+    engine = engine or vfplan.ProxyEngine.of(bundles.small())
+    engine.reset(loop.read_tip(loop.arm.state))
+    return loop.render(loop.arm, loop.arm.load_model(), engine, governor, 100)
+
+
+def small_governor():
+    return vfplan.Governor.of(vfplan.read_robot("fr3"), 1000.0, torques=True)
+
+
+@pytest.mark.parametrize("is_governed", [True, False])
+@pytest.mark.parametrize("bit", list(vfplan.Status))
+def test_the_loop_stops_at_the_bits_of_the_page_and_lets_the_torque_fade(bit, is_governed, loop):
+    """An engine that pushes by 8 N, and sets one bit from tick 5 on."""
+
+    class Pushing:
+        ticks = 0
+
+        def reset(self, hip):
+            pass
+
+        def step(self, hip):
+            status = bit if self.ticks >= 5 else vfplan.Status.OK
+            self.ticks += 1
+            force = np.array([0.0, 8.0, 0.0])
+            return vfplan.Step(np.array(hip), np.array([0.0, 1.0, 0.0]), force, 1, status)
+
+    run = stop_at_tick_5(loop, Pushing(), small_governor() if is_governed else None)
+    torques = np.array(loop.arm.torques)
+    assert np.abs(torques[4]).max() > 1
+    stops = vfplan.Status.BAD_HIP | vfplan.Status.STALE | vfplan.Status.CROSSED
+    if bit & stops:
+        assert "In tick 5 " in run.error
+        assert not torques[-1].any()
+        # One tick if nothing limits the step, and else 8 N at 0.95 N m a tick or less.
+        assert (run.ticks == 6) != is_governed
+        assert run.ticks < 40
+    else:
+        assert run.error is None
+        assert run.ticks == 100
+    assert run.bits == {bit.name.lower(): run.ticks - 5}
+    if is_governed:
+        assert run.torque_step_nm <= 0.95 + 1e-9
+
+
+@pytest.mark.parametrize("is_governed", [True, False])
+def test_the_loop_stops_at_a_bad_jacobian(is_governed, loop):
+    def live(tick):
+        loop.arm.press(0.0006 if tick < 5 else 0)
+        if tick == 5:
+            loop.arm.jacobian = np.full((6, 7), np.nan)
+
+    loop.arm.lives = live
+    run = stop_at_tick_5(loop, governor=small_governor() if is_governed else None)
+    torques = np.array(loop.arm.torques)
+    assert "In tick 5 the arm's Jacobian" in run.error
+    assert np.isfinite(torques).all()
+    assert torques[4].any()
+    assert not torques[-1].any()
+    assert run.ticks < 100
+    if is_governed:
+        assert run.bits["bad_jacobian"] == run.ticks - 5
+
+
+def test_the_loop_stops_at_a_bad_force(loop):
+    class Bad:
+        def reset(self, hip):
+            pass
+
+        def step(self, hip):
+            force = np.array([0.0, np.nan, 0.0])
+            status = vfplan.Status.OK
+            return vfplan.Step(np.array(hip), np.array([0.0, 1.0, 0.0]), force, 1, status)
+
+    run = stop_at_tick_5(loop, Bad(), small_governor())
+    assert "In tick 0 the force was not finite" in run.error
+    assert run.ticks == 1
+    assert not np.any(loop.arm.torques)
+
+
+@pytest.mark.parametrize("beside", [0.002, -0.002, 0.0])
+def test_the_loop_does_not_start_inside(beside, loop, tmp_path, capsys):
+    path = str(tmp_path / "f.h5")
+    vfplan.write_fixture(bundles.small(), path)
+    loop.arm.press(0.006 - beside)
+    log = tmp_path / "log.csv"
+    assert loop.main([path, *SHORT, "--unsigned", "--log", str(log)]) == 1
+    assert "is inside the fixture" in capsys.readouterr().err
+    assert loop.arm.torques == []
+    assert not log.exists()
+
+
+@pytest.mark.parametrize("is_governed", [True, False])
+def test_the_log_is_a_session_that_a_replay_repeats_to_the_bit(is_governed, loop, tmp_path, capsys):
+    path, log = str(tmp_path / "f.h5"), tmp_path / "log.csv"
+    vfplan.write_fixture(bundles.small(), path)
+    loop.arm.lives = lambda tick: loop.arm.press(0.0002)
+    words = [path, *SHORT, "--unsigned", "--log", str(log)]
+    words += [] if is_governed else ["--no-governor"]
+    assert loop.main(words) == 0
+    assert "status: all well" in capsys.readouterr().out
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    assert len(rows) == 21
+    assert np.array_equal(rows["t"], np.arange(21) / 1000)
+    again = vfplan.ProxyEngine.of(vfplan.read_fixture(path))
+    session = vfplan.read_session(log)
+    again.reset(session.hip[0])
+    trace = again.run(session.hip)
+    force = "engine" if is_governed else "force"
+    for name, wanted in (("proxy", trace.proxy), (force, trace.force)):
+        found = np.stack([rows[f"{name}_{axis}"] for axis in "xyz"], axis=1)
+        assert np.array_equal(found, wanted), name
+    assert np.array_equal(rows["state"], trace.state)
+    assert np.array_equal(rows["status"], trace.status)
+    assert np.abs(trace.force).max() > 1
+    commanded = np.stack([rows[f"force_{axis}"] for axis in "xyz"], axis=1)
+    assert np.array_equal(commanded[:, 1], np.array([[0] * 7, *loop.arm.torques])[:, 1])
+
+    assert loop.main(words) == 2
+    assert "the log is there already" in capsys.readouterr().err
+    words[words.index(str(log))] = str(tmp_path / "none" / "log.csv")
+    assert loop.main(words) == 2
+    assert len(loop.arm.torques) == 20
 
 
 class Rendering:
