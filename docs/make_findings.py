@@ -3,10 +3,10 @@
     python docs/make_findings.py            write the page
     python docs/make_findings.py --check    change nothing, exit 1 when the page is not current
 
-The codes and their sentences are read from the syntax trees of vfplan and cli, so that the page
-cannot fall behind. What to do about each finding and each refused slice stands in
-docs/findings.toml, and also what is seen where the program puts a sentence together. A value that
-a sentence fills in at run time is shown as `…`.
+The codes and their sentences are read from the syntax trees of vfplan and cli, and those of the
+reader of bundles from its headers in C++, so that the page cannot fall behind. What to do about
+each finding and each refused slice stands in docs/findings.toml, and also what is seen where the
+program puts a sentence together. A value that a sentence fills in at run time is shown as `…`.
 """
 
 from __future__ import annotations
@@ -55,10 +55,18 @@ Each picture is a slice that `vfplan extract` was given. The ring marks the plac
 named.
 """
 
-FOOT = """
-The codes by which a reader refuses a bundle (`corrupt.…`, `unsafe.…`, `version.…`, `signature.…`)
-stand in the [specification of the format](format.md), each with the rule that it belongs to.
+READER = """
+## Why a reader refuses a bundle
+
+Exit code 4. C++, Python and `--json` give the same codes. Only for a signature Python and `--json`
+give `signature` in place of `signature.…`. The rules stand in the [format](format.md).
+
+| code | what to do, unless the sentence says it more exactly |
+|---|---|
 """
+READER_HEADERS = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
+READER_CODE = re.compile(r'"((?:corrupt|signature|unsafe|version)\.[a-z0-9]+)"')
+READER_ADVICE = re.compile(r'^ {4}\{"([a-z0-9.]+)", "([^"]+)"\},$', re.MULTILINE)
 
 
 class Entry(NamedTuple):
@@ -230,7 +238,18 @@ def page() -> str:
     text += "| code | class | exit code | meaning |\n|---|---|---|---|\n"
     for error in error_classes():
         text += f"| `{error.code}` | {error.__name__} | {error.exit_code} | {summary_of(error)} |\n"
-    text += FOOT
+    return text + READER + reader_rows()
+
+
+def reader_rows() -> str:
+    """The codes of the reader, which is written in C++, with the advice of bytes.hpp."""
+    codes = set()
+    for path in sorted(READER_HEADERS.glob("*.hpp")):
+        codes |= set(READER_CODE.findall(path.read_text()))
+    advice = dict(READER_ADVICE.findall((READER_HEADERS / "bytes.hpp").read_text()))
+    text = ""
+    for code in sorted(codes):
+        text += f"| `{code}` | {cell(advice.get(code, 'The sentence says it'))} |\n"
     return text
 
 

@@ -14,7 +14,7 @@ import pytest
 from conftest import ROOT, need_header, need_program
 
 import vfplan
-from vfplan.bundle import read_bundle
+from vfplan.bundle import keygen, read_bundle, sign
 from vfplan.conformance import runner, write_kit
 from vfplan.errors import BundleError
 
@@ -181,6 +181,20 @@ def test_both_readers_judge_the_hostile_corpus_alike(bundle_sweep, tmp_path):
 def test_a_signature_is_demanded_in_cpp_too(file, words, code, bundle_sweep):
     folder = ROOT / "tests" / "data" / "bundles"
     assert bundle_sweep("verify", folder / file, folder / "signed.pub", *words) == code
+
+
+@pytest.mark.parametrize(
+    ("for_whom", "code"),
+    [({"case": "17"}, "signature.robot"), ({"robot_serial": "R7"}, "signature.case")],
+)
+def test_a_bundle_for_nobody_in_particular_is_refused_in_cpp_too(
+    for_whom, code, bundle_sweep, tmp_path
+):
+    plain, signed = tmp_path / "plain.h5", tmp_path / "signed.h5"
+    vfplan.write_fixture(bundles.small(), plain)
+    keys = keygen(tmp_path / "k")[0]
+    sign(plain, signed, tmp_path / "k", **for_whom, despite_findings=True)
+    assert bundle_sweep("verify", signed, keys, "17", "R7", 10**10) == code
 
 
 @pytest.mark.parametrize("name", keyfolders.BESIDE)

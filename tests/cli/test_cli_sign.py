@@ -11,7 +11,7 @@ import pytest
 from keyfolders import BESIDE, keys_beside
 
 import vfplan
-from vfplan.bundle import Trust, keygen, read_bundle, read_keys
+from vfplan.bundle import Trust, keygen, read_bundle, read_keys, sign
 from vfplan.errors import InputError, OutputError, SettingError, SignatureError
 
 
@@ -207,6 +207,29 @@ def test_max_age_is_a_time_with_a_unit(desk, vfplan_cli):
 def test_an_age_that_nothing_exceeds_is_refused(age):
     with pytest.raises(SettingError, match="maximum age"):
         Trust({}, max_age=age)
+
+
+@pytest.mark.parametrize("keys", ["alice.pub", [], None, {"alice": 1}])
+def test_what_are_no_keys_are_refused(keys):
+    with pytest.raises(SettingError, match="read_keys"):
+        Trust(keys)
+
+
+@pytest.mark.parametrize("trust", ["alice.pub", {}, []])
+def test_what_is_no_trust_is_refused(trust, desk):
+    with pytest.raises(SettingError, match="Trust"):
+        vfplan.read_fixture(desk / "s.h5", trust=trust)
+
+
+def test_a_bundle_for_nobody_in_particular_is_not_for_this_case_or_robot(desk):
+    anyone = desk / "anyone.h5"
+    sign(desk / "a.h5", anyone, desk / "alice.key", despite_findings=True)
+    keys = read_keys(desk / "alice.pub")
+    assert vfplan.read_fixture(anyone, trust=Trust(keys))
+    with pytest.raises(SignatureError, match="no particular robot"):
+        vfplan.read_fixture(anyone, trust=Trust(keys, robot_serial="R7"))
+    with pytest.raises(SignatureError, match="no particular case"):
+        vfplan.read_fixture(anyone, trust=Trust(keys, case="C1"))
 
 
 def fails_for(real, ending):

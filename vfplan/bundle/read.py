@@ -14,7 +14,7 @@ from vfplan.bundle.keys import read_keys
 from vfplan.bundle.schema import Content, max_payload_bytes
 from vfplan.bundle.seal import HDF5_MAGIC, LENGTHS, Seal
 from vfplan.bundle.trust import Trust, check_trust
-from vfplan.errors import BundleError
+from vfplan.errors import BundleError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import opened_file
 
@@ -33,6 +33,8 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     BundleError
         The bundle is corrupt, unsafe, of a version this program does not read, or not signed as
         demanded.
+    SettingError
+        `trust` is no `Trust`.
     """
     return read_sealed(path, trust=trust)[0]
 
@@ -56,8 +58,12 @@ def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tu
 def unsealed(stream: BinaryIO, trust: Trust | None = None) -> Sealed:
     """The bytes of a bundle whose seal holds, signed as demanded; its payload is not looked at.
 
-    Raises `BundleError`.
+    Raises `BundleError`, and `SettingError` when `trust` is no `Trust`.
     """
+    if trust is not None and not isinstance(trust, Trust):
+        raise SettingError(
+            f"trust is {trust!r}. Give a `vfplan.bundle.Trust`, as Trust(read_keys(PATH))."
+        )
     data = stream.read(len(HDF5_MAGIC))
     # Of any other file the first bytes are enough for the reader to say what it is.
     if data == HDF5_MAGIC:

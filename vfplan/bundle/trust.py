@@ -28,7 +28,8 @@ class Trust:
         How long ago it may have been signed [s]; `None`: not checked. Where the signer stated when
         the patient was registered, that counts.
 
-    Raises `SettingError` when `max_age` is negative or not finite.
+    Raises `SettingError` when `keys` is not what `read_keys` returns, or `max_age` is negative or
+    not finite.
     """
 
     keys: dict[bytes, Any]
@@ -37,7 +38,12 @@ class Trust:
     max_age: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an age that no comparison would ever exceed: NaN, infinite, negative."""
+        """Refuse what are no keys, and an age that no comparison would ever exceed."""
+        if not isinstance(self.keys, dict) or not all(isinstance(i, bytes) for i in self.keys):
+            raise SettingError(
+                f"The trusted keys are {self.keys!r}. Give what `vfplan.bundle.read_keys(PATH)` "
+                "returns."
+            )
         if self.max_age is not None and not 0 <= self.max_age < math.inf:
             raise SettingError(f"The maximum age is {self.max_age} s. Give a finite number from 0.")
 
@@ -68,9 +74,18 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
             f"The signature by key {seal.key_id.hex()} does not hold: the file is not what was "
             "signed. Fetch it once more from the planner."
         ) from None
+    if trust.case is not None and not seal.case:
+        raise SignatureError(
+            f"is signed for no particular case. Sign it for {trust.case!r}: vfplan sign --case."
+        )
     if trust.case is not None and seal.case != trust.case:
         raise SignatureError(
             f"is signed for case {seal.case!r}. Sign it for {trust.case!r}, or demand its own case."
+        )
+    if trust.robot_serial is not None and not seal.robot_serial:
+        raise SignatureError(
+            "is signed for no particular robot. "
+            f"Sign it for {trust.robot_serial!r}: vfplan sign --robot-serial."
         )
     if trust.robot_serial is not None and seal.robot_serial != trust.robot_serial:
         raise SignatureError(

@@ -102,12 +102,13 @@ inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
     return keys;
 }
 
-/// What a controller demands of a bundle's signature.
+/// What a controller demands of a bundle's signature: one of the keys, and each of the rest unless
+/// it is std::nullopt, which demands nothing. `Trust{keys}` demands a key only.
 struct Trust {
-    std::vector<PublicKey> keys;
-    std::optional<std::string> case_token;
-    std::optional<std::string> robot_serial;
-    std::optional<std::chrono::seconds> max_age;  // since the signing
+    std::vector<PublicKey> keys = {};
+    std::optional<std::string> case_token = std::nullopt;
+    std::optional<std::string> robot_serial = std::nullopt;
+    std::optional<std::chrono::seconds> max_age = std::nullopt;  // since the signing
 };
 
 inline bool signature_holds(const Seal& seal, const PublicKey& key) {
@@ -133,9 +134,15 @@ inline void require_signature(
         detail::refuse("signature.wrong", "", {"has a signature that does not hold"});
     }
     if (trust.case_token && *trust.case_token != seal.case_token) {
+        if (seal.case_token.empty())
+            detail::refuse("signature.case", "", {"is signed for no particular case"},
+                           "Sign it for this case with `vfplan sign --case`");
         detail::refuse("signature.case", "", {"is signed for another case"});
     }
     if (trust.robot_serial && *trust.robot_serial != seal.robot_serial) {
+        if (seal.robot_serial.empty())
+            detail::refuse("signature.robot", "", {"is signed for no particular robot"},
+                           "Sign it for this robot with `vfplan sign --robot-serial`");
         detail::refuse("signature.robot", "", {"is signed for another robot"});
     }
     if (!trust.max_age) return;
