@@ -138,6 +138,26 @@ def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies()
     assert np.hypot(*(stroke[1] - extraction.findings[0].place_px)) < 10
 
 
+@pytest.mark.parametrize(("gap_px", "found"), [(26.0, ["ink-at-end"]), (60.0, [])])
+def test_ends_that_face_each_other_over_a_gap_are_asked_about(gap_px, found):
+    radius = 80.0
+    half = (gap_px + 3.0) / 2 / radius
+    angle = np.linspace(half, 2 * np.pi - half, 800)
+    ring = np.column_stack([170 + radius * np.cos(angle), 150 + radius * np.sin(angle)])
+    share = coverage(SHAPE, ring, 3.0)
+    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)))
+    assert codes(extraction) == found
+    if found:
+        assert extraction.findings[0].place_px == pytest.approx((250, 150), abs=3)
+
+
+def test_a_gap_between_two_chosen_strokes_is_asked_about():
+    share = np.maximum(coverage(SHAPE, CURVE[:180], 3.0), coverage(SHAPE, CURVE[380:], 3.0))
+    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), stroke="all")
+    assert len(extraction.strokes) == 2
+    assert codes(extraction) == ["ink-at-end"]
+
+
 def test_markers_and_words_of_other_colours_are_no_account():
     image = picture()
     for k in range(9):

@@ -17,7 +17,7 @@ from vfplan.curve.ambiguity import (
     relative_width,
     sudden_changes,
 )
-from vfplan.curve.candidates import Candidate, gap_ahead_px
+from vfplan.curve.candidates import Candidate, gap_ahead_px, ring_gap_px
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
@@ -238,6 +238,18 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
             )
             findings.append(_finding("ink-at-end", text, other.path[len(other.path) // 2]))
     return findings
+
+
+def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
+    """An open curve whose ends face each other over a gap that is a little too long to bridge."""
+    gap = ring_gap_px(line)
+    if gap > tuned.END_REACH_GAPS * max_gap_px:
+        return []
+    text = (
+        f"both ends of the curve face each other over a gap of {gap:.0f} px. Is the curve a ring? "
+        f"Then close it: --max-gap {np.ceil(gap):.0f}."
+    )
+    return [_finding("ink-at-end", text, (line.path[0] + line.path[-1]) / 2)]
 
 
 def _and_more(pieces: list[Leftover]) -> str:

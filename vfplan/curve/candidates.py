@@ -166,6 +166,13 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
     return nearest
 
 
+def ring_gap_px(line: Candidate) -> float:
+    """The gap between the ends of an open line that face each other, or else infinite [px]."""
+    if not line.may_go_on or max(_turns_deg(line, -1, line, 0)) > tuned.MAX_TURN_DEG:
+        return np.inf
+    return gap_px(line, -1, line, 0)
+
+
 def _gap_cost(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
     """The length of a gap, more where it bends; infinite where one pen did not go on over it."""
     turns = _turns_deg(one, end, other, other_end)

@@ -18,6 +18,7 @@ from vfplan.curve.account import (
     find_leftover,
     leftover_findings,
     list_account,
+    ring_findings,
     stretch_findings,
     width_findings,
 )
@@ -142,7 +143,7 @@ def extract_curve(
     if places and stroke is None:
         passing = lines_through(lines, start, end)
     chosen = choose_lines(passing, stroke, ink, pen, region, max_gap_px)
-    others = [line for line in lines if line not in chosen]
+    unchosen = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
 
     # Centre lines: measured across the ink, or refused where that is ambiguous.
@@ -164,9 +165,12 @@ def extract_curve(
     # All other ink is listed, and what a person should look at is said.
     leftover = find_leftover(ink, curves)
     findings = leftover_findings(leftover, max_gap_px)
-    for curve, line in zip(curves, chosen, strict=True):
+    for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
+        # Of two chosen lines the later one tells that it goes on from the earlier one.
+        others = unchosen + chosen[:number]
         findings += end_findings(ink, curve)
         findings += ahead_findings(line, others, max_gap_px)
+        findings += ring_findings(line, max_gap_px)
         findings += stretch_findings(curve)
         if curve.profiles is not None:
             findings += width_findings(curve)
