@@ -297,8 +297,8 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
 def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     """The middle of the stretch that explains a change of width at the point `at`.
 
-    That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch is
-    a stroke of a letter at the line's end.
+    That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch
+    beside all the rest of the line is a stroke of a letter at the line's end.
     """
     ratio = relative_width(curve)
     near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
@@ -311,8 +311,11 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
         min(runs(flags & on_line, curve.closed), key=lambda run: np.abs(run - at).min())
         for flags in (is_wide, ~is_wide)
     )
+    # A wide stretch that is all the rest of the line is the line itself.
+    first, last = np.flatnonzero(on_line)[[0, -1]]
+    is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
     odd = wide
-    if len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
+    if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
         odd = thin
     return int(odd[len(odd) // 2])
 
