@@ -15,7 +15,7 @@ for file in "$root"/tests/data/bundles/2.*.h5; do
     # The payload alone: an archived bundle's seal has 512 bytes.
     head -c -512 "$file" >"$folder/corpus/$(basename "$file").payload"
 done
-clang++ -std=c++17 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
+clang++ -std=c++20 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
     -I"$root/vfplan/native/include" "$root/tests/native/fuzz_bundle.cpp" -o "$folder/fuzz_bundle"
 "$folder/fuzz_bundle" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=512 -max_len=65536 \
     -artifact_prefix="$folder/" "$folder/corpus"
