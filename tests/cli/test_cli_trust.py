@@ -62,7 +62,8 @@ WORDS = ["--version", f"{PLAN} -o p.h5", "replay f.h5 s.csv -o r.h5 --csv r.csv 
          "stability f.h5 --part closed-loop --jobs 2 -o s"]  # fmt: skip
 LONG_WORDS = ["extract elbow.png --pixel-spacing 0.5 -o c.h5", "demo -o demo",
               f"register c.h5 {MARKERS} -o g.h5",
-              "replay f.h5 s.csv -o r.h5", "view f.h5 r.h5 --screenshot v.png", "bench sample --quick -o b"]  # fmt: skip
+              "replay f.h5 s.csv -o r.h5", "view f.h5 r.h5 --screenshot v.png",
+              "bench sample --quick -o b"]  # fmt: skip
 
 
 @pytest.mark.parametrize(

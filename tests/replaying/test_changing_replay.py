@@ -255,3 +255,20 @@ def test_what_never_came_and_what_was_too_old_is_told():
     assert told["stale"].startswith(f"In {found['stale_ticks']} of 500 ticks")
     assert found["stale_ticks"] >= 398
     assert told["events-left"].startswith("1 events")
+
+
+def test_a_log_of_a_moved_fixture_without_its_poses_is_told(tmp_path):
+    times, hips = hand()
+    poses = tracked(np.random.default_rng(8))
+    taken = np.searchsorted(poses.arrived, times, side="right")
+    columns = np.column_stack((times, hips, taken, 0 * times))
+    head = "t,x,y,z,poses,events"
+    np.savetxt(tmp_path / "s.csv", columns, "%.17g", ",", header=head, comments="")
+    still = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust").metrics
+    codes = [finding["code"] for finding in still["findings"]]
+    assert "session-changes" in codes
+    assert "session-columns" not in codes
+    moved = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust", poses=poses).metrics
+    assert moved["session"]["ignored_columns"] == []
+    codes = [finding["code"] for finding in moved["findings"]]
+    assert not {"session-changes", "session-columns"} & set(codes)

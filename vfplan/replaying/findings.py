@@ -19,6 +19,9 @@ SLOWEST_HZ = 5.0
 FASTEST_HZ = 50_000.0
 """No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds."""
 
+CHANGE_COLUMNS = ("poses", "events")
+"""Columns in which a controller logs how many poses and events it had, if its fixture changes."""
+
 Finding = dict[str, str]
 
 
@@ -51,8 +54,6 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
     robot_rate = rate
     if robot is not None:
         robot_rate = robot.rate_hz
-    unused_columns = session.get("ignored_columns", ())
-
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
         text = (
@@ -64,16 +65,12 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
         findings.append(finding("session-gap", "warning", text))
     if "jumps" in session:
         text = (
-            f"{session['jumps']} jumps are faster than {JUMP_M_S:g} m/s, the fastest "
-            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}. Check "
+            f"The tool jumps {session['jumps']} times faster than {JUMP_M_S:g} m/s, at most at "
+            f"{session['speed_max_m_s']:.6g} m/s in tick {session['speed_max_tick']}. Check "
             "--units and the tracker."
         )
         findings.append(finding("session-jump", "error", text))
-    if unused_columns:
-        text = (
-            f"Some columns are not used: {', '.join(unused_columns)}. Only time and position count."
-        )
-        findings.append(finding("session-columns", "info", text))
+    findings += column_findings(session)
     if not SLOWEST_HZ <= rate <= FASTEST_HZ:
         text = (
             f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
@@ -86,6 +83,25 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
             "Hz. Resample it with --rate."
         )
         findings.append(finding("session-rate", "warning", text))
+    return findings
+
+
+def column_findings(session: dict[str, Any]) -> list[Finding]:
+    """What the session's columns tell that the replay does not use."""
+    unused = list(session.get("ignored_columns", ()))
+    findings = []
+    changes = [column for column in CHANGE_COLUMNS if column in unused]
+    if changes:
+        text = (
+            "The fixture moved or was changed while this session was recorded, as its columns "
+            f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
+            "of that run: --poses, --events."
+        )
+        findings.append(finding("session-changes", "warning", text))
+    others = [column for column in unused if column not in CHANGE_COLUMNS]
+    if others:
+        text = f"Some columns are not used: {', '.join(others)}. Only time and position count."
+        findings.append(finding("session-columns", "info", text))
     return findings
 
 
@@ -143,6 +159,12 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
             f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
             "hand outside."
         )
+        if "crossed_ticks" in report:
+            text = (
+                f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it "
+                "was at the start or after a change. Start the hand outside, and change the "
+                "fixture while the tool is away."
+            )
         findings.append(finding("started-inside", "warning", text))
     findings += change_findings(report)
     if report["too_fast_ticks"]:

@@ -26,7 +26,7 @@ from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.findings import replay_findings
+from vfplan.replaying.findings import CHANGE_COLUMNS, replay_findings
 from vfplan.replaying.limits import Limits, check_limits, robot_limits
 from vfplan.replaying.link import Link
 from vfplan.replaying.run import EngineRun
@@ -229,6 +229,9 @@ def replay(
     common["session"] = {
         "name": session.name, "frame": session.frame, **session.notes, **recording.report(),
     }  # fmt: skip
+    if changing is not None and "ignored_columns" in common["session"]:
+        unused = [c for c in session.notes["ignored_columns"] if c not in CHANGE_COLUMNS]
+        common["session"]["ignored_columns"] = unused
     if session.sha256 is not None:
         common["session"]["sha256"] = session.sha256
     if perfect is not None:
