@@ -57,10 +57,11 @@ def accept_command(fixture: Path, digest: str) -> str:
 def sign_command(fixture: Path, *, case: str = "", robot_serial: str = "") -> str:
     """The command that signs a fixture which a person approved.
 
-    case, robot_serial: what an earlier signature was for; the new one is for the same
+    case, robot_serial: what an earlier signature was for; the new one is for the same. Without a
+        case the command asks for one, because a robot may demand it
     """
     words = ["vfplan", "sign", str(fixture), "--key", "KEY"]
-    words += words_of_signature(case, robot_serial)
+    words += words_of_signature(case or "CASE", robot_serial)
     return shlex.join([*words, "-o", file_beside(fixture, "signed")])
 
 
