@@ -78,6 +78,9 @@ def test_gate(vfplan_cli, curve, tmp_path):
     assert (run.code, run.json["error"]["kind"]) == (1, "CheckFailed")
     assert run.json["error"]["code"] == "tre-large"
     assert run.json["error"]["numbers"]["max_tre_m"] == pytest.approx(1e-4)
+    run = vfplan_cli(*common, "--contact-radius", 0.1)
+    assert run.code == 1
+    assert "0.1 mm (the contact radius)" in run.error_line
     assert vfplan_cli(*common, "--max-tre", 5).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"f.h5", "p.png"}
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--max-tre", 0).code == 2

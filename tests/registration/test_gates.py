@@ -187,6 +187,9 @@ def test_the_bound_of_the_curve_is_a_gate():
     assert (caught.value.code, caught.value.exit_code) == ("tre-large", 1)
     assert caught.value.numbers["curve95_max_m"] == error.curve95_m.max()
     assert caught.value.numbers["max_tre_m"] == 1e-4
+    assert "(the " not in caught.value.message
+    with pytest.raises(CheckFailed, match=r"0\.1 mm \(the contact radius\)"):
+        refuse_large_error(error, 1e-4, r, grid(), taken_from="contact radius")
 
 
 def test_the_bound_says_where_a_smaller_model_would_do():

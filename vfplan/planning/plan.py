@@ -227,7 +227,12 @@ def register(
     # How far the curve may lie from where it belongs.
     error = target_error(registration, curve.points)
     if settings.max_tre_length_m is not None:
-        refuse_large_error(error, settings.max_tre_length_m, registration, curve.points)
+        taken_from = ""
+        if settings.max_tre_m == "contact radius":
+            taken_from = "contact radius"
+        refuse_large_error(
+            error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
+        )
 
     # A margin makes the fixture thicker: from here on `settings.point_radius` includes it.
     margin = None

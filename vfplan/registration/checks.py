@@ -121,11 +121,17 @@ def refuse_wrong_markers(
 
 
 def refuse_large_error(
-    error: TargetError, max_tre_m: float, registration: Registration, points: Array
+    error: TargetError,
+    max_tre_m: float,
+    registration: Registration,
+    points: Array,
+    *,
+    taken_from: str = "",
 ) -> None:
     """Refuse a registration that may be further off along the curve than a person allows.
 
     error: along the source `points` (M, 2|3)
+    taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`
     """
     value_m = float(error.curve95_m[error.worst])
@@ -138,9 +144,12 @@ def refuse_large_error(
         similar_m = float(similar.tre95_curve_m(points).max())
         if similar_m <= max_tre_m:
             advice = f"With --model similarity it is {_mm(similar_m)}"
+    allowed = f"{1e3 * max_tre_m:g} mm"
+    if taken_from:
+        allowed += f" (the {taken_from})"
     raise CheckFailed(
         f"the registration error may reach {_mm(value_m)} (95 % bound over the curve), and "
-        f"--max-tre allows {1e3 * max_tre_m:g} mm. {advice}, or give another --max-tre",
+        f"--max-tre allows {allowed}. {advice}, or give another --max-tre",
         where=f"curve point {error.worst}",
         code="tre-large",
         numbers={"curve95_max_m": value_m, "max_tre_m": max_tre_m, "point": error.worst},
