@@ -182,10 +182,11 @@ class FixtureSettings:
         if isinstance(self.stiffness, (int, float)):
             object.__setattr__(self, "stiffness", (self.stiffness,))
         # A contact radius, or a tube, below the band cannot be rendered.
-        largest_m = max_number("/rendering@contact_radius_m")
-        _check_range("contact radius", self.contact_radius, PAPER_BAND, largest_m, "m")
-        largest_m = max_number("/rendering@point_radius_m")
-        _check_range("point radius", self.point_radius, 0.0, largest_m, "m")
+        largest_mm = 1e3 * max_number("/rendering@contact_radius_m")
+        contact_mm = 1e3 * self.contact_radius
+        _check_range("contact radius", contact_mm, 1e3 * PAPER_BAND, largest_mm, "mm")
+        largest_mm = 1e3 * max_number("/rendering@point_radius_m")
+        _check_range("point radius", 1e3 * self.point_radius, 0.0, largest_mm, "mm")
         for stiffness in self.stiffness:
             largest = max_number("/rendering/stiffness")
             _check_range("stiffness", stiffness, 0.0, largest, "N/m")
