@@ -6,6 +6,7 @@ across the grey axis is a c' where c' is the pen's chroma, whatever g is: bones 
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,12 +68,16 @@ def parse_colour(colour: str) -> NDArray[np.float64]:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
-    from matplotlib.colors import to_rgb
+    from matplotlib.colors import CSS4_COLORS, to_rgb
 
     try:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
+        question = ""
+        similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
+        if similar:
+            question = f"Did you mean {similar[0]!r}? "
         raise SettingError(
-            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
+            f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
         ) from None
