@@ -131,6 +131,17 @@ def test_a_scale_that_departs_is_a_doubt(model):
     assert scale_departures(fit_registration(grid(), planar(grid()))) == []
 
 
+@pytest.mark.parametrize("model", ["similarity", "affine"])
+@pytest.mark.parametrize("unit", [1.0, 0.1])
+def test_a_scale_that_nothing_checks_is_a_note_with_the_pixel_that_the_markers_give(model, unit):
+    target = unit * planar(grid(), noise=0.0)
+    found = registration_findings(fit_registration(grid(), target, model=model))
+    assert [(finding.code, finding.severity) for finding in found] == [("scale-unchecked", "note")]
+    assert f"one pixel is {1e3 * unit * PX:.3g} mm" in found[0].text
+    assert codes(fit(grid(), target, model, pixel_spacing=unit * PX)) == []
+    assert "scale-unchecked" not in dict(codes(fit(*solid(), "similarity")))
+
+
 @pytest.mark.parametrize("model", ["similarity", "rigid"])
 def test_a_stretched_slice_is_a_doubt(model):
     r = fit_registration(grid() * [1, 0.9], planar(grid()), model=model, pixel_spacing=PX)
@@ -140,7 +151,9 @@ def test_a_stretched_slice_is_a_doubt(model):
 
 
 def test_markers_wider_than_a_scanner_are_a_doubt():
-    assert codes(fit_registration(grid(), 10 * planar(grid()))) == [("layout-large", "doubt")]
+    assert codes(fit(grid(), 10 * planar(grid()), pixel_spacing=10 * PX)) == [
+        ("layout-large", "doubt")
+    ]
 
 
 def test_stated_sigmas_are_compared_with_the_residuals():

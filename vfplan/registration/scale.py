@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.findings import Finding, doubt
+from vfplan.findings import Finding, doubt, note
 from vfplan.registration.distributions import f_exceeds
 from vfplan.registration.fit import RARE_PROBABILITY, fit_model, fit_similarity
 from vfplan.registration.models import Affine
@@ -68,10 +68,16 @@ def refuse_wrong_scale(registration: Registration) -> None:
 
 
 def scale_findings(registration: Registration) -> list[Finding]:
-    """A scale that departs from the known one by more than its error."""
+    """A scale that departs from the known one by more than its error, or that nothing checks."""
     departures = scale_departures(registration)
     if not departures:
-        return []
+        along_u, along_v = registration.T_target_source[:3, :2].T
+        pixel_mm = 1e3 * float(np.sqrt(np.linalg.norm(np.cross(along_u, along_v))))
+        text = (
+            "The pixel size is not known, so the scale was not checked: one pixel is "
+            f"{pixel_mm:.3g} mm by the markers. Give --pixel-spacing MM if you know it."
+        )
+        return [note("scale-unchecked", "register", text)]
     departure, standard_error = max(departures, key=lambda pair: abs(pair[0]))
     if abs(departure) <= max(DEPARTURE, STANDARD_ERRORS * standard_error):
         return []
