@@ -14,6 +14,17 @@ from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.limits import LIMITS
 from vfplan.replaying.verdict import has_touched
 
+UNITS = {
+    "_m_s": " m/s",
+    "_nm": " N m",
+    "_m": " m",
+    "_n": " N",
+    "_s": " s",
+    "_j": " J",
+    "_hz": " Hz",
+}
+"""The unit that a number of the report has, by the ending of its name."""
+
 NO_TOUCH = "the tool never touched the fixture"
 
 UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
@@ -255,4 +266,10 @@ def check_text(check: dict[str, Any]) -> str:
     if "at_most" in check:
         sense = "at_most"
     words = sense.replace("_", " ")
-    return f"{check['name']} is {check['value']:.6g}, {words} {check[sense]:g} is allowed"
+    unit = ""
+    for ending, symbol in UNITS.items():
+        if check["name"].endswith(ending):
+            unit = symbol
+            break
+    value = f"{check['value']:.6g}{unit}"
+    return f"{check['name']} is {value}, {words} {check[sense]:g}{unit} is allowed"
