@@ -17,7 +17,7 @@ from vfplan.curve.ambiguity import (
     relative_width,
     sudden_changes,
 )
-from vfplan.curve.candidates import Candidate, gap_ahead_px, ring_gap_px
+from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
@@ -242,8 +242,9 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
 
 def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
     """An open curve whose ends face each other over a gap that is a little too long to bridge."""
-    gap = ring_gap_px(line)
-    if gap > tuned.END_REACH_GAPS * max_gap_px:
+    gap = gap_px(line, -1, line, 0)
+    # The length comes first, because the directions of the ends want a fit and its import.
+    if gap > tuned.END_REACH_GAPS * max_gap_px or not is_open_ring(line):
         return []
     text = (
         f"both ends of the curve face each other over a gap of {gap:.0f} px. Is the curve a ring? "

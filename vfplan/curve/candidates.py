@@ -166,11 +166,9 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
     return nearest
 
 
-def ring_gap_px(line: Candidate) -> float:
-    """The gap between the ends of an open line that face each other, or else infinite [px]."""
-    if not line.may_go_on or max(_turns_deg(line, -1, line, 0)) > tuned.MAX_TURN_DEG:
-        return np.inf
-    return gap_px(line, -1, line, 0)
+def is_open_ring(line: Candidate) -> bool:
+    """Whether the ends of an open line face each other, so that it may be a ring."""
+    return line.may_go_on and max(_turns_deg(line, -1, line, 0)) <= tuned.MAX_TURN_DEG
 
 
 def _gap_cost(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
