@@ -112,8 +112,8 @@ class MovingFrame {
     std::size_t room() const noexcept { return poses_.free_slots(); }
     std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
-    /// The frame at t [s]; for the loop, as all that follows. At a t that goes back or is not finite
-    /// the frame stays where it is, and is stale.
+    /// The frame at t [s]; for the loop, as all that follows. At a t that goes back or is not
+    /// finite the frame stays where it is, and is stale.
     const Pose& at(double t) noexcept {
         is_clock_bad_ = !std::isfinite(t) || t < t_;
         if (!std::isfinite(t)) t = t_;
@@ -141,8 +141,8 @@ class MovingFrame {
         if (!is_placed_) return std::numeric_limits<double>::infinity();
         return t_ - stamp_;
     }
-    /// How far the fixture still has to go at `place` (in the base), to where its youngest pose puts
-    /// it [m]. Infinite before the first pose, and where `place` is not finite.
+    /// How far the fixture still has to go at `place` (in the base), to where its youngest pose
+    /// puts it [m]. Infinite before the first pose, and where `place` is not finite.
     double lag(const Vec3& place) const noexcept {
         if (!is_placed_ || !is_finite(place)) return std::numeric_limits<double>::infinity();
         return norm(goal_.out(now_.in(place)) - place);
@@ -251,11 +251,11 @@ class MovingFrame {
     Pose now_, goal_;
     double t_ = -std::numeric_limits<double>::infinity();           // latest [s]
     double stepped_at_ = -std::numeric_limits<double>::infinity();  // t_ at the last step [s]
-    double stamp_ = 0;       // of goal_ [s]
+    double stamp_ = 0;                                              // of goal_ [s]
     double arrives_at_ = 0;  // goal_, where the next pose is due [s]
     bool is_placed_ = false;
-    bool is_clock_ahead_ = false;  // the tracker's
-    bool is_clock_bad_ = false;    // the loop's
+    bool is_clock_ahead_ = false;         // the tracker's
+    bool is_clock_bad_ = false;           // the loop's
     std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 
