@@ -239,6 +239,10 @@ inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "
                "Fetch it again, or bring a bundle of version 0.1, which had no seal, up to date: "
                "vfplan migrate OLD.h5 -o NEW.h5");
     }
+    if (data.size() == 0) {
+        refuse("corrupt.seal", "", {"is no fixture bundle: the file is empty"},
+               "Give a bundle that `vfplan register` or `vfplan import` wrote");
+    }
     refuse("corrupt.seal", "",
            {"is no fixture bundle: it begins with ",
             Quoted{data.text().substr(0, hdf5_signature.size())}, ", not as an HDF5 file does"},
