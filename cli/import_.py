@@ -43,7 +43,7 @@ def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points or the mesh in CLOUD."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.choosing import best_rule, mesh_findings
-    from vfplan.errors import SceneError
+    from vfplan.errors import InputError, SceneError
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)
     try:
@@ -53,7 +53,12 @@ def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
         findings = []
     fixture = replace(fixture, findings=(*fixture.findings, *findings))
     with outputs(output) as (path,):
-        write_fixture(fixture, path)
+        try:
+            write_fixture(fixture, path)
+        except InputError as error:
+            if error.where == "/points":
+                error.message += ". Check --units, too"
+            raise
         content, _ = read_bundle(path)
 
     leak = {}
