@@ -106,3 +106,13 @@ def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfp
     for numbers in found["experiments"].values():
         assert numbers["reachable"]
         assert numbers["slope_n_per_m"] == pytest.approx(1000, rel=0.02)
+
+
+def test_gaps_of_a_session_that_is_resampled_are_told(scene, vfplan_cli, tmp_path):
+    fixture, session = scene
+    lines = session.read_text().splitlines()
+    with_gap = tmp_path / "gap.csv"
+    with_gap.write_text("\n".join(lines[:20] + lines[25:]) + "\n")
+    told = vfplan_cli("rehearse", fixture, with_gap, "--json").stderr
+    assert "about 5 samples are missing" in told
+    assert "samples are missing" not in vfplan_cli("rehearse", *scene, "--json").stderr

@@ -127,11 +127,12 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
 
 
 def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Session, list[str]]:
-    """The whole session at the arm's rate, and a warning where it was resampled for that."""
+    """The whole session at the arm's rate, and warnings where it was resampled for that."""
     import numpy as np
 
     from vfplan.arm.rehearsal import SAME_RATE
     from vfplan.session import open_session, resampled
+    from vfplan.session.sampling import SamplingReport
 
     source = open_session(path, units=units, frame=frame)
     with progress("read", rough_ticks(path)):
@@ -143,7 +144,17 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
         f"{path}: was sampled at {rate:.6g} Hz and is resampled to the arm's {rate_hz:g} Hz by "
         "straight lines. Record at the arm's rate where that matters"
     )
-    return resampled(whole, rate_hz).load(), [warning]
+    warnings = [warning]
+    recording = SamplingReport()
+    recording.update(whole.time, whole.hip)
+    recorded = recording.report()
+    if recorded["gaps"]:
+        warnings.append(
+            f"{path}: about {recorded['missing_samples']} samples are missing, in gaps of "
+            f"{recorded['gap_s']:.3g} s together, and straight lines fill them. Record without "
+            "gaps, or do not rely on the ticks there"
+        )
+    return resampled(whole, rate_hz).load(), warnings
 
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
