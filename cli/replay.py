@@ -26,7 +26,7 @@ from vfplan.cli.values import CSV, FILE, DecimalNumber, Number, Numbers, Parsed,
 
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
-from vfplan.replaying.verdict import gap_words
+from vfplan.replaying.verdict import change_words, gap_words
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""
@@ -168,7 +168,7 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
         )
     verdict = replayed.verdict
     if replayed.passed:
-        verdict += gap_words(metrics)
+        verdict += gap_words(metrics) + change_words(metrics)
     return CommandResult(
         metrics,
         "\n".join(lines),

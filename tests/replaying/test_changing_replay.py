@@ -12,6 +12,7 @@ from replays import fixture_of
 import vfplan
 from vfplan.bundle import write_fixture
 from vfplan.errors import SessionError, SettingError
+from vfplan.replaying.verdict import change_words
 from vfplan.session import Event, Poses, read_events, read_poses, write_events
 
 K, T, N = 1000.0, 1e-3, 2500
@@ -272,3 +273,18 @@ def test_a_log_of_a_moved_fixture_without_its_poses_is_told(tmp_path):
     assert moved["session"]["ignored_columns"] == []
     codes = [finding["code"] for finding in moved["findings"]]
     assert not {"session-changes", "session-columns"} & set(codes)
+
+
+def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(tmp_path):
+    times, hips = hand()
+    limits = (("force_max_n", "at_most", 1e6),)
+    head = "t,x,y,z,poses,events"
+    for count, is_told in ((0, False), (1, True)):
+        columns = np.column_stack((times, hips, np.full(len(times), count), 0 * times))
+        path = tmp_path / f"{count}.csv"
+        np.savetxt(path, columns, "%.17g", ",", header=head, comments="")
+        found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
+        codes = [finding["code"] for finding in found.metrics["findings"]]
+        assert ("session-changes" in codes) == is_told
+        assert found.verdict == "pass"
+        assert bool(change_words(found.metrics)) == is_told

@@ -10,6 +10,7 @@ from typing import Any
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.geometry import ROUNDING_M
 from vfplan.robot import Robot, read_robot
+from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.sampling import JUMP_M_S
 
 NEVER_NEAR_M = 0.5
@@ -18,9 +19,6 @@ SLOWEST_HZ = 5.0
 """No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds."""
 FASTEST_HZ = 50_000.0
 """No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds."""
-
-CHANGE_COLUMNS = ("poses", "events")
-"""Columns in which a controller logs how many poses and events it had, if its fixture changes."""
 
 Finding = dict[str, str]
 
@@ -65,9 +63,9 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
         findings.append(finding("session-gap", "warning", text))
     if "jumps" in session:
         text = (
-            f"The tool jumps {session['jumps']} times faster than {JUMP_M_S:g} m/s, at most at "
-            f"{session['speed_max_m_s']:.6g} m/s in tick {session['speed_max_tick']}. Check "
-            "--units and the tracker."
+            f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
+            f"highest speed is {session['speed_max_m_s']:.6g} m/s, in tick "
+            f"{session['speed_max_tick']}. Check --units and the tracker."
         )
         findings.append(finding("session-jump", "error", text))
     findings += column_findings(session)

@@ -26,14 +26,14 @@ from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.findings import CHANGE_COLUMNS, replay_findings
+from vfplan.replaying.findings import replay_findings
 from vfplan.replaying.limits import Limits, check_limits, robot_limits
 from vfplan.replaying.link import Link
 from vfplan.replaying.run import EngineRun
 from vfplan.replaying.verdict import verdict_of
 from vfplan.robot import Robot
 from vfplan.session import SessionSource, TickBlock, open_session
-from vfplan.session.events import Event, as_the_loop_saw
+from vfplan.session.events import CHANGE_COLUMNS, Event, as_the_loop_saw
 from vfplan.session.poses import Poses
 from vfplan.session.sampling import SamplingReport
 

@@ -25,6 +25,14 @@ def gap_words(report: dict[str, Any]) -> str:
     return f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
 
 
+def change_words(report: dict[str, Any]) -> str:
+    """That a "pass" is of another fixture than the recording's, to stand after it; else empty."""
+    codes = [finding["code"] for finding in report["findings"]]
+    if "session-changes" not in codes:
+        return ""
+    return ", but the fixture moved or changed during the recording, and here it did not"
+
+
 def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     """How a replay ended: "pass", "fail" or "not-tested".
 

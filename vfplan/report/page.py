@@ -20,7 +20,7 @@ from vfplan.io.files import now_utc
 from vfplan.io.writing import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
-from vfplan.replaying.verdict import gap_words, has_touched
+from vfplan.replaying.verdict import change_words, gap_words, has_touched
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 
@@ -176,7 +176,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         failed = sum(not check["pass"] for check in limits)
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
     if metrics["verdict"] == "pass":
-        words = f"all {len(limits)} limits hold{gap_words(metrics)}"
+        words = f"all {len(limits)} limits hold{gap_words(metrics)}{change_words(metrics)}"
         return f'<p class="verdict pass">PASS: {words}</p>'
     if has_touched(metrics):
         return '<p class="verdict none">NOT TESTED: no limits were given</p>'

@@ -39,7 +39,10 @@ MAX_TICK = 2**sys.float_info.mant_dig
 MAX_POINT_NUMBER = np.iinfo(np.uint32).max + 1
 """Number of points that 32 bits can tell apart, as the engine does."""
 
-LOOP_COLUMNS = ("t", "poses", "events")
+CHANGE_COLUMNS = ("poses", "events")
+"""Columns in which a controller logs how many poses and events it had, if its fixture changes."""
+
+LOOP_COLUMNS = ("t", *CHANGE_COLUMNS)
 """Columns of a session's CSV that say what the control loop knew at each tick: how many poses it
 had taken so far, and how many events."""
 

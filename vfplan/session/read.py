@@ -11,6 +11,7 @@ from vfplan.errors import SessionError, SettingError
 from vfplan.io.files import OpenedFile
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.io.table import open_number_table
+from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.session import Samples, Session, SessionStream, unit_factor
 
@@ -115,6 +116,10 @@ def open_session(
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, HIP_COLUMNS)
         ignored = [column for column in table.columns if column not in HIP_COLUMNS]
+        # Counts that stay 0 say that the fixture never changed.
+        for column in CHANGE_COLUMNS:
+            if column in ignored and not any(rows.any() for rows in table.blocks((column,))):
+                ignored.remove(column)
         if ignored:
             notes["ignored_columns"] = ignored
 
