@@ -384,7 +384,7 @@ def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
     yield (
         "| tilt of the camera | number of photographs | refused | with a doubt | with notes only "
         "| without a finding | the bound holds "
-        "| the bound holds, or the photograph was refused or has a finding |",
+        "| the bound holds, or vfplan refused or gave a doubt or a note |",
         photographs,
     )
     tilts = []
