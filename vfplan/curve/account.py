@@ -308,10 +308,8 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     if not curve.closed:
         places = np.arange(len(ratio))
         on_line = (places >= curve.ends[0].place) & (places <= curve.ends[1].place)
-    wide, thin = (
-        min(runs(flags & on_line, curve.closed), key=lambda run: np.abs(run - at).min())
-        for flags in (is_wide, ~is_wide)
-    )
+    wide = _nearest_run(is_wide & on_line, at, curve.closed)
+    thin = _nearest_run(~is_wide & on_line, at, curve.closed)
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
@@ -319,6 +317,18 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
         odd = thin
     return int(odd[len(odd) // 2])
+
+
+def _nearest_run(flags: NDArray[np.bool_], at: int, closed: bool) -> NDArray[np.int64]:
+    """Indices of the run of flags that is nearest to a point; the point itself if there is none."""
+    nearest = np.array([at])
+    distance = np.inf
+    for run in runs(flags, closed):
+        to_run = np.abs(run - at).min()
+        if to_run < distance:
+            nearest = run
+            distance = to_run
+    return nearest
 
 
 def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:

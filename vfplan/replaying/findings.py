@@ -153,11 +153,12 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
         )
         findings.append(finding("never-near", "warning", text))
     if inside_ticks:
-        text = (
-            f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
-            "hand outside."
-        )
-        if "crossed_ticks" in report:
+        if "crossed_ticks" not in report:  # The fixture stood still and was not changed.
+            text = (
+                f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
+                "hand outside."
+            )
+        else:
             text = (
                 f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it "
                 "was at the start or after a change. Start the hand outside, and change the "

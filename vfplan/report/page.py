@@ -176,7 +176,10 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         failed = sum(not check["pass"] for check in limits)
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
     if metrics["verdict"] == "pass":
-        words = f"all {len(limits)} limits hold{gap_words(metrics)}{change_words(metrics)}"
+        words = "the limit holds"
+        if len(limits) > 1:
+            words = f"all {len(limits)} limits hold"
+        words += gap_words(metrics) + change_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
     if has_touched(metrics):
         return '<p class="verdict none">NOT TESTED: no limits were given</p>'
