@@ -34,10 +34,7 @@ def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
     with outputs(output) as (path,):
         write_fixture(accepted, path)
-    answered = []
-    for finding in accepted.findings:
-        if finding not in before.findings:
-            answered.append(finding.code)
+    answered = [finding.code for finding in accepted.findings if finding not in before.findings]
     data = {
         "output": str(output),
         "digest": accepted.reviewed.digest,

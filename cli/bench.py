@@ -45,9 +45,7 @@ def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
     from vfplan.bench import read_document, summaries
     from vfplan.bench.table import table_lines
 
-    stages = [stage]
-    if stage == "all":
-        stages = list(STAGES)
+    stages = list(STAGES) if stage == "all" else [stage]
     refuse_idle_options(stages, source)
     document = None
     if source is not None:
@@ -70,19 +68,13 @@ def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
     lines = table_lines(document, stages, every_setting=is_verbose())
     lines.append("")
     lines.append(f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}")
-    sentences = []
-    for name, sentence in summaries(document).items():
-        if name in stages:
-            sentences.append(sentence)
+    sentences = [sentence for name, sentence in summaries(document).items() if name in stages]
     lines += sentences[:-1]
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
         lines.append(f"wrote {output}/")
         next_step = f"look at {output}/{names[-1]}"
-    warnings = []
-    for peer in document["peers"]:
-        if not peer["ran"]:
-            warnings.append(peer["message"])
+    warnings = [peer["message"] for peer in document["peers"] if not peer["ran"]]
     if not sentences:
         return CommandResult(
             document, "\n".join(lines), warnings=warnings, failed="nothing was measured",
@@ -113,9 +105,7 @@ def measure(
     """The document of a bench of now, beside the peers named or the shipped one."""
     from vfplan.bench import Peer, bench, build_nanoflann
 
-    peers = []
-    for words in commands:
-        peers.append(Peer(words))
+    peers = [Peer(words) for words in commands]
     absent: list[dict[str, Any]] = []
     with ExitStack() as folders:
         if "proxy" in stages and not peers:

@@ -111,14 +111,13 @@ def paper_text(report: dict[str, Any]) -> str:
 
 def experiments_text(report: dict[str, Any]) -> str:
     """A line for each of the paper's experiments."""
-    lines = []
-    for name, numbers in report.items():
-        lines.append(
-            "{name}: {points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
-            "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} µm".format(
-                name=name, **numbers
-            )
+    lines = [
+        "{name}: {points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
+        "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} µm".format(
+            name=name, **numbers
         )
+        for name, numbers in report.items()
+    ]
     return "\n".join(lines)
 
 

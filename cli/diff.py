@@ -27,9 +27,7 @@ def command(a, b, session) -> CommandResult:
     # What the files hold.
     differences = diff(a, b)
     data: dict[str, Any] = {"differences": differences}
-    lines = []
-    for difference in differences:
-        lines.append(difference_line(difference))
+    lines = [difference_line(difference) for difference in differences]
     failed = []
     if differences:
         failed.append(f"{count(len(differences), 'difference')} between {a} and {b}")
@@ -77,10 +75,9 @@ def command(a, b, session) -> CommandResult:
 
 def difference_line(difference: dict[str, Any]) -> str:
     """A difference: the place in the file, what differs there, and the values."""
-    values = []
-    for name, value in difference.items():
-        if name not in ("path", "what"):
-            values.append(f"{name} {value}")
+    values = [
+        f"{name} {value}" for name, value in difference.items() if name not in ("path", "what")
+    ]
     line = f"{difference['path']}: {difference['what']}"
     if values:
         line += f" ({', '.join(values)})"

@@ -76,9 +76,7 @@ def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     text = f"{extracted_text(extracted.report)}\nwrote {output}"
-    slice_path = None
-    if extracted.image is not None:
-        slice_path = image
+    slice_path = image if extracted.image is not None else None
     return CommandResult(
         extracted.report,
         text,
@@ -172,9 +170,7 @@ def extracted_text(report: dict[str, Any]) -> str:
             line += f", {report['mask_pixels']} in the pen"
         lines.append(line)
     for stroke in report["strokes"]:
-        shape = "open"
-        if stroke["closed"]:
-            shape = "closed"
+        shape = "closed" if stroke["closed"] else "open"
         lengths = []
         if stroke.get("length_px") is not None:
             lengths.append(f"{stroke['length_px']:.1f} px")
@@ -206,8 +202,6 @@ def account_text(account: list[dict[str, Any]]) -> str:
             f"at ({ink[0]['u']:.0f}, {ink[0]['v']:.0f})"
         )
     if hidden:
-        places = []
-        for entry in hidden[:LISTED_GAPS]:
-            places.append(f"({entry['u']:.0f}, {entry['v']:.0f})")
+        places = [f"({entry['u']:.0f}, {entry['v']:.0f})" for entry in hidden[:LISTED_GAPS]]
         parts.append(f"gaps or covers over the curve: {len(hidden)}, at {', '.join(places)}")
     return "; ".join(parts)

@@ -23,19 +23,12 @@ def command(fixture, everything, values) -> CommandResult:
     from vfplan.bundle import describe
 
     data = describe(fixture, values=values, work=True)
-    if everything:
-        text = full_text(data)
-    else:
-        text = summary_text(data)
+    text = full_text(data) if everything else summary_text(data)
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
-        verdict = "sound, not signed"
-        if data["seal"]["signed"]:
-            verdict = "sound, signed"
-        image = None
-        if any(path.startswith("/image@") for path in data):
-            image = "IMAGE"
+        verdict = "sound, signed" if data["seal"]["signed"] else "sound, not signed"
+        image = "IMAGE" if any(path.startswith("/image@") for path in data) else None
         next_step = approval_command(
             fixture,
             data["seal"],
@@ -53,9 +46,7 @@ def summary_text(data: dict[str, Any]) -> str:
         f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}"
     )
     seal = data["seal"]
-    line = "  seal        sound"
-    if not seal["ok"]:
-        line = "  seal        broken"
+    line = "  seal        broken" if not seal["ok"] else "  seal        sound"
     if seal["signed"]:
         line += f", signed by {seal['key_id']}"
     else:
@@ -89,9 +80,7 @@ def summary_text(data: dict[str, Any]) -> str:
         error_um = 1e6 * data["/pieces@error_m"]
         lines.append(f"  rendered as {pieces} lines and arcs within {error_um:.3g} µm of the curve")
     if "/guidance@radius_m" in data:
-        which = "the curve"
-        if "/guidance@stroke" in data:
-            which = f"stroke {data['/guidance@stroke']}"
+        which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
         line = (
             f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:.6g} mm, K "
             f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"

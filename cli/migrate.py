@@ -25,9 +25,7 @@ def command(old, output) -> CommandResult:
         content = migrate(old, path)
     line = content["/provenance/history"][-1]
     version = content["/@version"]
-    image = None
-    if any(path.startswith("/image@") for path in content):
-        image = "IMAGE"
+    image = "IMAGE" if any(path.startswith("/image@") for path in content) else None
     return CommandResult(
         {"output": str(output), "version": version, "history": line},
         f"{line}\nwrote {output}",

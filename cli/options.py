@@ -131,9 +131,7 @@ def both_spacings(
     ctx: click.Context, param: click.Parameter, value: tuple[float, ...] | None
 ) -> tuple[float, ...] | None:
     """One pixel spacing counts along u and v."""
-    if value is None or len(value) == 2:
-        return value
-    return value * 2
+    return value if value is None or len(value) == 2 else value * 2
 
 
 def none_if_empty(ctx: click.Context, param: click.Parameter, value: Any) -> Any:

@@ -119,9 +119,7 @@ def check_takes_files(folder: Path) -> None:
 def not_written(path: Path | None, error: OSError) -> OutputError:
     """The error of an output that the system does not let write."""
     reason = error.strerror or str(error)
-    where = None
-    if path is not None:
-        where = str(path)
+    where = str(path) if path is not None else None
     return OutputError(
         f"cannot be written: {reason}. Check the folder and its free space",
         where=where,
@@ -198,9 +196,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
             else:
                 context.meta.setdefault(PLACED, []).append((placed, locks))
         except OSError as error:
-            first = None
-            if pairs:
-                first = pairs[0][1]
+            first = pairs[0][1] if pairs else None
             raise not_written(first, error) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.

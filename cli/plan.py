@@ -66,9 +66,7 @@ def command(
     # The files that have no option of their own are checked before any work, as the others were.
     if output is None:
         output = Path(f"{image.stem}.h5")
-    sheet_path = None
-    if not no_sheet:
-        sheet_path = output.with_name(f"{output.stem}-sheet.png")
+    sheet_path = output.with_name(f"{output.stem}-sheet.png") if not no_sheet else None
     refuse_named_files(output, sheet_path)
 
     # From the slice to a fixture.

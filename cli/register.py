@@ -56,9 +56,7 @@ def command(
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
     drawn = read_fixture(curve)
-    slice_image = None
-    if image is not None:
-        slice_image = read_image(image)
+    slice_image = read_image(image) if image is not None else None
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,
@@ -69,9 +67,7 @@ def command(
         write_registration_picture(planned, drawn, slice_image, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
     if planned.fixture.frame == "robot_base":
-        slice_path = image
-        if image is None and planned.fixture.image is not None:
-            slice_path = "IMAGE"
+        slice_path = "IMAGE" if image is None and planned.fixture.image is not None else image
         codes = [finding.code for finding in planned.findings]
         if "image-other" in codes:
             # The page shows the curve on its own slice alone.
@@ -202,9 +198,7 @@ def statistics_lines(report: dict[str, Any]) -> list[str]:
 
 def marker_table(report: dict[str, Any]) -> list[str]:
     """A line a marker: its residual, its error when left out, its leverage and its F [mm]."""
-    moved_px = {}
-    for marker in report.get("markers_found", ()):
-        moved_px[marker["label"]] = marker["moved_px"]
+    moved_px = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
     width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
     lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
     for marker in report["residuals"]:
@@ -243,9 +237,7 @@ def unused_markers_lines(report: dict[str, Any]) -> list[str]:
 
 def number_or_dash(value: float, width: int, decimals: int) -> str:
     """A number of a table; a dash where it is not known."""
-    if not math.isfinite(value):
-        return f"{'-':>{width}}"
-    return f"{value:{width}.{decimals}f}"
+    return f"{'-':>{width}}" if not math.isfinite(value) else f"{value:{width}.{decimals}f}"
 
 
 def rendering_line(report: dict[str, Any]) -> str:
@@ -271,9 +263,7 @@ def rendering_line(report: dict[str, Any]) -> str:
 
 def guide_line(guide: dict[str, Any]) -> str:
     """The tube of a guide."""
-    which = "the curve"
-    if "stroke" in guide:
-        which = f"stroke {guide['stroke']}"
+    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
     line = (
         f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
         f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"

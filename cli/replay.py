@@ -45,9 +45,7 @@ def micrometres_to_metres(
     ctx: click.Context, param: click.Parameter, value: float | None
 ) -> float | None:
     """A length in metres; a division keeps 10 µm the number that 1e-5 is."""
-    if value is None:
-        return None
-    return value / 1e6
+    return None if value is None else value / 1e6
 
 
 LIMIT = Parsed("NAME=NUMBER", parse_limit)
@@ -158,9 +156,7 @@ def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
-        image = None
-        if replayed.fixture.image is not None:
-            image = "IMAGE"
+        image = "IMAGE" if replayed.fixture.image is not None else None
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         warnings.append(
             f"Nobody has answered {count(unanswered, 'finding')} of this fixture. Answer first: "
@@ -230,9 +226,7 @@ def replay_with_outputs(
     for sense in ("at_most", "at_least"):
         for name, limit in arguments[sense]:
             limits.append((name, sense, limit))
-    kept_ticks = 0
-    if arguments["report"] is not None:
-        kept_ticks = TICKS_OF_REPORT
+    kept_ticks = TICKS_OF_REPORT if arguments["report"] is not None else 0
 
     with ExitStack() as files:
         # A sink takes the name of a rule and a block of its ticks.
@@ -247,9 +241,7 @@ def replay_with_outputs(
             writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
 
             def append_result(name: str, block: Any) -> None:
-                group = ""
-                if name == second_rule:
-                    group = name
+                group = name if name == second_rule else ""
                 writer.append(block, group)
 
             sinks.append(append_result)

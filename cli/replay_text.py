@@ -36,9 +36,7 @@ def replay_text(report: dict[str, Any]) -> str:
     lines = []
     if not has_touched(report):
         lines.append(f"NOT TESTED: {NO_TOUCH}")
-    engine = ""
-    if report["engine"] != "native":
-        engine = f" ({report['engine']} engine)"
+    engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
@@ -59,9 +57,7 @@ def replay_text(report: dict[str, Any]) -> str:
     for finding in report["findings"]:
         lines.append(f"{finding['severity']}: {finding['code']}: {finding['message']}")
     for check in report.get("checks", []):
-        word = "FAIL"
-        if check["pass"]:
-            word = "pass"
+        word = "pass" if check["pass"] else "FAIL"
         lines.append(f"{word}: {check_text(check)}")
     return "\n".join(lines)
 
@@ -217,9 +213,7 @@ def episode_lines(report: dict[str, Any]) -> list[str]:
             line += f" near ({place}) mm"
         lines.append(f"{line}, up to {episode['force_max_n']:.3f} N")
     if len(report["episodes"]) > MAX_LISTED:
-        kept = "all"
-        if "episodes_left_out" in report:
-            kept = "the deepest"
+        kept = "the deepest" if "episodes_left_out" in report else "all"
         lines.append(f"  and {episode_count(report) - MAX_LISTED} more (--json has {kept})")
     return lines
 
@@ -227,15 +221,10 @@ def episode_lines(report: dict[str, Any]) -> list[str]:
 def failed_line(report: dict[str, Any]) -> str:
     """Why the exit code is 1; empty where it is 0."""
     checks = report.get("checks", [])
-    broken = []
-    for check in checks:
-        if not check["pass"]:
-            broken.append(check_text(check))
+    broken = [check_text(check) for check in checks if not check["pass"]]
     if broken:
         return "; ".join(broken)
-    if checks and report["verdict"] == "not-tested":
-        return f"not tested: {NO_TOUCH}"
-    return ""
+    return f"not tested: {NO_TOUCH}" if checks and report["verdict"] == "not-tested" else ""
 
 
 def next_step(
@@ -262,9 +251,7 @@ def next_step(
 
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
-    sense = "at_least"
-    if "at_most" in check:
-        sense = "at_most"
+    sense = "at_most" if "at_most" in check else "at_least"
     words = sense.replace("_", " ")
     unit = ""
     for ending, symbol in UNITS.items():

@@ -108,9 +108,7 @@ class Printer:
         # A person reads the findings first, in the log.
         warnings = []
         for finding in result.findings or ():
-            word = "note"
-            if finding.severity == "doubt":
-                word = "warning"
+            word = "warning" if finding.severity == "doubt" else "note"
             warnings.append(finding.text)
             click.echo(printable(f"vfplan: {word}: {finding.text}"), err=True)
         for warning in result.warnings:
@@ -162,9 +160,7 @@ class Printer:
                 error["code"] = failure.code
                 error["numbers"] = to_json_types(failure.numbers or {})
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
-        line = failure.message
-        if failure.where:
-            line = f"{failure.where}: {failure.message}"
+        line = f"{failure.where}: {failure.message}" if failure.where else failure.message
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
         sys.exit(failure.exit_code)
 
@@ -316,9 +312,7 @@ def silence(stream: TextIO | None) -> None:
 def shows_progress() -> bool:
     """Whether progress is shown: stderr is a terminal, and there is no `-q`."""
     context = click.get_current_context(silent=True)
-    if context is not None and context.params.get("quiet"):
-        return False
-    return sys.stderr.isatty()
+    return False if context is not None and context.params.get("quiet") else sys.stderr.isatty()
 
 
 @contextmanager

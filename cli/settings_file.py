@@ -24,16 +24,12 @@ OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_fil
 
 def arcs_from_metres(metres: float | None) -> tuple[float, ...] | None:
     """The value of `--arcs`, in millimetres, for the field `arcs_m`."""
-    if metres is None:
-        return None
-    return (1e3 * metres,)
+    return None if metres is None else (1e3 * metres,)
 
 
 def arcs_from_points_only(points_only: bool) -> tuple[float, ...] | None:
     """The value of `--arcs`, which is () for none, for the field `points_only`."""
-    if points_only:
-        return ()
-    return None
+    return () if points_only else None
 
 
 def pull_from_metres(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -48,9 +44,7 @@ def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
     """
     if metres is None:
         return ()
-    if isinstance(metres, str):
-        return None
-    return (1e3 * metres,)
+    return None if isinstance(metres, str) else (1e3 * metres,)
 
 
 CONVERTED_FIELDS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
@@ -171,6 +165,4 @@ def all_numbers(value: Any) -> bool:
 
 def _lists_to_tuples(raw: Any) -> Any:
     """JSON's lists as tuples, which the settings hold."""
-    if isinstance(raw, list):
-        return tuple(map(_lists_to_tuples, raw))
-    return raw
+    return tuple(map(_lists_to_tuples, raw)) if isinstance(raw, list) else raw

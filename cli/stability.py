@@ -121,9 +121,7 @@ def command(
             again = shlex.join(["vfplan", "stability", str(fixture)])
             next_step = f"judge it with your own robot: {again} {robot_words}"
         else:
-            image = None
-            if judged.image is not None:
-                image = "IMAGE"
+            image = "IMAGE" if judged.image is not None else None
             next_step = approval_command(
                 fixture,
                 seal.describe(),

@@ -25,12 +25,8 @@ def milliseconds(seconds: float | None) -> str:
 
 def count(number: int, noun: str) -> str:
     """A number of things, e.g. "1 point" or "3 points"."""
-    if number == 1:
-        return f"1 {noun}"
-    return f"{number} {noun}s"
+    return f"1 {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _scaled(value: float | None, factor: float, decimals: int, unit: str) -> str:
-    if value is None:
-        return "unknown"
-    return f"{value * factor:z.{decimals}f} {unit}"
+    return "unknown" if value is None else f"{value * factor:z.{decimals}f} {unit}"

@@ -34,9 +34,7 @@ class OutputFile(click.Path):
         if not self.suffixes and str(path) == "-":
             self.fail("'-' is no file name. Name a file", param, ctx)
         if self.suffixes and not path.name.lower().endswith(self.suffixes):
-            suffix = "no suffix"
-            if path.suffix:
-                suffix = f"suffix {path.suffix!r}"
+            suffix = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
             allowed = " or ".join(self.suffixes)
             self.fail(f"{str(value)!r} has {suffix}. End the name in {allowed}", param, ctx)
         return path

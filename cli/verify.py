@@ -24,9 +24,7 @@ def command(fixture, **arguments) -> CommandResult:
     from vfplan.bundle import read_sealed
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
-    reviewed = None
-    if signed.reviewed is not None:
-        reviewed = asdict(signed.reviewed)
+    reviewed = asdict(signed.reviewed) if signed.reviewed is not None else None
     data = {
         **seal.describe(),
         "ok": True,

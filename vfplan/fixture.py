@@ -143,9 +143,7 @@ class Stroke:
     @property
     def end_points(self) -> NDArray[np.float64]:
         """(2, K) first and last point; (0, K) of a closed line, or of one in no order."""
-        if self.closed or not self.is_ordered:
-            return self.points[:0]
-        return self.points[[0, -1]]
+        return self.points[:0] if self.closed or not self.is_ordered else self.points[[0, -1]]
 
     def at(self, parameter: NDArray[np.float64]) -> Stroke:
         """The stroke through its places at float indices (N,) of its points.
@@ -242,10 +240,9 @@ class Provenance:
 
         if not isinstance(settings, dict):
             settings = asdict(settings)
-        flat = {}
-        for name, value in settings.items():
-            if value is not None:
-                flat[name] = _as_text_or_number(value)
+        flat = {
+            name: _as_text_or_number(value) for name, value in settings.items() if value is not None
+        }
         return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 
@@ -328,9 +325,7 @@ class Fixture:
     @property
     def pieces(self) -> Pieces | None:
         """The curve as lines and arcs, where it is known so."""
-        if self.curve is None:
-            return None
-        return self.curve.pieces
+        return None if self.curve is None else self.curve.pieces
 
     @property
     def forbidden(self) -> NDArray[np.float64]:
@@ -362,9 +357,7 @@ class Fixture:
         rows = self.curve.stroke != self.guidance.stroke
         strokes = np.arange(len(self.curve.closed)) != self.guidance.stroke
         new_number = np.cumsum(strokes, dtype=np.int32) - 1
-        pieces = None
-        if self.pieces is not None:
-            pieces = self.pieces.of(strokes)
+        pieces = self.pieces.of(strokes) if self.pieces is not None else None
         curve = Curve(
             new_number[self.curve.stroke[rows]],
             self.curve.closed[strokes],
@@ -398,9 +391,7 @@ class Fixture:
 
 
 def _rows_of(values: NDArray | None, rows: NDArray[np.bool_]) -> NDArray | None:
-    if values is None:
-        return None
-    return values[rows]
+    return None if values is None else values[rows]
 
 
 def size_doubt(points: NDArray[np.float64]) -> str | None:

@@ -148,10 +148,7 @@ def hand(sheet, rng, closed=False, length=None):
     height, width = sheet.shape
     clear = 30 + 2 * sheet.width
     while True:
-        if closed:
-            curve = _closed_hand(height, width, rng)
-        else:
-            curve = _open_hand(height, width, rng)
+        curve = _closed_hand(height, width, rng) if closed else _open_hand(height, width, rng)
         inside = (curve > clear).all() and (curve < np.array([width, height]) - clear).all()
         if inside and not _near_itself(curve, 4 * sheet.width + 16, closed):
             break

@@ -78,9 +78,7 @@ def command(fixture, session, output, report, picture_out, **arguments) -> Comma
         )  # fmt: skip
 
     # The files.
-    index_path = None
-    if report is not None:
-        index_path = report / "index.html"
+    index_path = report / "index.html" if report is not None else None
     with outputs(output, picture_out, index_path) as (result, picture, index):
         if result is not None:
             from vfplan.session import ResultWriter
@@ -159,9 +157,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
     """The short report of one rehearsal; with `-v` the statistics too."""
-    reached = "NOT every place"
-    if metrics["reachable"]:
-        reached = "every place"
+    reached = "every place" if metrics["reachable"] else "NOT every place"
     lines = [
         f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
         f"{reached} reached"

@@ -28,9 +28,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
     normals = ticks.normal[in_contact]
     force = row_norms(rehearsal.motion.force)[in_contact]
     depth_mm = MM * ticks.penetration[in_contact]
-    axis = 0
-    if len(normals):
-        axis = int(np.ptp(normals, axis=0).argmax())
+    axis = int(np.ptp(normals, axis=0).argmax()) if len(normals) else 0
     figure, axes = subplots(5.2, 3.6)
     for sign, word, colour in ((1, "+", CLOUD), (-1, "-", PROXY)):
         on_face = sign * normals[:, axis] > 0

@@ -140,9 +140,7 @@ def run_loop(
     quaternion = np.zeros(4)
     mj.mju_mat2Quat(start_quaternion, rotation.ravel())
     engine_step = engine.native.step
-    native_governor = None
-    if governor is not None:
-        native_governor = governor.native
+    native_governor = governor.native if governor is not None else None
     delayed = deque([np.zeros(joints)] * arm.robot.delay_ticks)
     engine.reset(tip)
 

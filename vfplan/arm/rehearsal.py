@@ -100,9 +100,7 @@ def rehearse(
     # The robot's part: engine, governor, and the posture to begin with.
     stiffness = largest_rendered_stiffness(fixture)
     engine = ProxyEngine.of(fixture)
-    governor = None
-    if governed:
-        governor = Governor.of(arm.robot, stiffness, torques=True)
+    governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
     ruler = CurveRuler.of(fixture)
     start, unreached = reach_places(arm, session, ruler)
 
@@ -245,9 +243,7 @@ def posture_figures(
     robot = arm.robot
     mass_kg = postures[lightest].mass_kg
     plant = Plant(mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz)
-    condition = None
-    if np.isfinite(postures[worst].condition):
-        condition = postures[worst].condition
+    condition = postures[worst].condition if np.isfinite(postures[worst].condition) else None
     figures = {
         "joint_margin_min_rad": float(to_limit.min()),
         "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,

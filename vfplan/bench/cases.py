@@ -81,9 +81,7 @@ class Case:
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        if self._origin:
-            return self._origin.truth
-        return self.scene.truth(self.hips, R)
+        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
@@ -100,9 +98,7 @@ class Case:
     @cached_property
     def clearance(self) -> Array:
         """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        if self._origin:
-            return self._origin.clearance
-        return self.scene.clearance(self.truth) - R
+        return self._origin.clearance if self._origin else self.scene.clearance(self.truth) - R
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""

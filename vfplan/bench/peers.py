@@ -133,9 +133,7 @@ class Peer:
 
 def flattening(axis: Array | None) -> Array:
     """(3, 3) the map that presses space flat along an axis; the identity without one."""
-    if axis is None:
-        return np.eye(3)
-    return np.eye(3) - np.outer(axis, axis)
+    return np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
 
 
 def settings_table(parameters: ProxyParameters) -> str:
@@ -225,7 +223,5 @@ class NearestPointPenalty:
             normal = (x - self._points[i]) / distance
         push = normal * max(depth, 0.0)
         force = self.parameters.stiffness * push
-        state = 0
-        if depth > 0:
-            state = 1
+        state = 1 if depth > 0 else 0
         return Step(hip + push, normal, force, state, Status.OK)

@@ -137,9 +137,7 @@ METHODS: dict[str, Method] = {
 
 def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Iterator[list[BenchRun]]:
     """The runs of each scene and route."""
-    spacings = (2e-3, 1e-3, 0.5e-3, 0.25e-3)
-    if quick:
-        spacings = (1e-3, 0.5e-3)
+    spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
     for case in cases(quick):
         runs = []
         for spacing in case.spacings or spacings:
@@ -151,9 +149,7 @@ def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> I
     """The runs of every method on a case in good time, and of the peers."""
     has_shape = is_drawn(case.scene) or is_mesh(case.scene)
     for name, method in METHODS.items():
-        method_case: Case | None = case
-        if method.in_space:
-            method_case = case.solid
+        method_case: Case | None = case.solid if method.in_space else case
         if method_case is None or (method.needs_shape and not has_shape):
             continue
         if quick and (method.full_only or (method.slow and case.spacings)):
@@ -277,6 +273,4 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
 
 def root_mean_square(values: Array) -> float:
     """The root of the mean square; 0 of no values."""
-    if not len(values):
-        return 0.0
-    return float(np.sqrt(np.mean(values**2)))
+    return 0.0 if not len(values) else float(np.sqrt(np.mean(values**2)))

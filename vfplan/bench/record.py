@@ -73,10 +73,7 @@ def time_us(repeats: list[Array]) -> Record:
         shortest time over the repeats: what the work takes where the system interrupts nothing. A
         single call counts as often as it ran.
     """
-    if len(repeats[0]) > 1:
-        times = np.min(repeats, axis=0)
-    else:
-        times = np.concatenate(repeats)
+    times = np.min(repeats, axis=0) if len(repeats[0]) > 1 else np.concatenate(repeats)
     median, p99, p999 = np.quantile(times, [0.5, 0.99, 0.999])
     low, high = np.quantile([np.median(repeat) for repeat in repeats], [0.25, 0.75])
     return {

@@ -95,9 +95,7 @@ def bench(
     choice = choose(tolerance_m, 5e-3)
     for peer in peers:
         peer.check()
-    repeats = REPEATS
-    if quick:
-        repeats = QUICK_REPEATS
+    repeats = QUICK_REPEATS if quick else REPEATS
     started = time.perf_counter()
     records: list[Record] = []
     refused: list[Record] = []
@@ -158,9 +156,7 @@ def write_csv(document: dict[str, Any], path: Path) -> None:
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", restval="")
     writer.writeheader()
     for result in document["results"]:
-        pairs = []
-        for name, value in result["settings"].items():
-            pairs.append(f"{name}={value}")
+        pairs = [f"{name}={value}" for name, value in result["settings"].items()]
         writer.writerow(result | {"settings": " ".join(pairs)})
     write_whole(path, [text.getvalue().encode()], overwrite=True)
 

@@ -30,9 +30,7 @@ def is_tick_stage(stage: str) -> bool:
 
 def error_text(result: Record, key: str = "error_rms") -> str:
     """An error with its unit."""
-    if result["unit"] == "m":
-        return length(result[key])
-    return f"{three_digits(result[key])} px"
+    return length(result[key]) if result["unit"] == "m" else f"{three_digits(result[key])} px"
 
 
 def time_text(us: float) -> str:
@@ -49,10 +47,7 @@ def summaries(document: dict[str, Any]) -> dict[str, str]:
     sentences = {}
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
-        chosen = {}
-        for result in results:
-            if result.get("chosen"):
-                chosen[result["scene"]] = result
+        chosen = {result["scene"]: result for result in results if result.get("chosen")}
         if chosen:
             sentences[stage] = stage_sentence(stage, chosen, results)
     return sentences

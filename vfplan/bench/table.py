@@ -27,9 +27,7 @@ def table_lines(
     lines = []
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
-        part = "call"
-        if is_tick_stage(stage):
-            part = "tick"
+        part = "tick" if is_tick_stage(stage) else "call"
         header = table_row(
             "", f"median a {part}", "p99.9", "error RMS", "at most", "method", "settings"
         )

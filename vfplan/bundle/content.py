@@ -159,9 +159,7 @@ def put_findings(content: Content, findings: tuple[Finding, ...]) -> None:
             content[f"/findings/{name}"] = places
     if any(finding.answered_by is not None for finding in findings):
         for name in ("answered_by", "answered_utc"):
-            answers = []
-            for finding in findings:
-                answers.append(getattr(finding, name) or "")
+            answers = [getattr(finding, name) or "" for finding in findings]
             content[f"/findings/{name}"] = tuple(answers)
 
 

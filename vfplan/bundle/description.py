@@ -69,9 +69,7 @@ def tick_work(content: Content) -> dict[str, Any]:
 def summary(value: Any, row: Row, values: bool) -> Any:
     """A value as it is; of a table with a row for each point or triangle a summary."""
     if "N" not in row.shape and "K" not in row.shape:
-        if isinstance(value, tuple):
-            return list(value)
-        return value
+        return list(value) if isinstance(value, tuple) else value
     data = np.ascontiguousarray(value)
     described = {
         "shape": list(data.shape),
@@ -110,9 +108,7 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
 def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
     """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
-        if a == b:
-            return None
-        return {"what": "value", "a": a, "b": b}
+        return None if a == b else {"what": "value", "a": a, "b": b}
     a = np.asarray(a)
     b = np.asarray(b)
     if a.shape != b.shape:

@@ -92,9 +92,7 @@ def suffix_of(path: str | Path) -> str:
 
 def unit_of(fixture: Fixture) -> str:
     """The unit of a fixture's points."""
-    if fixture.frame == "image":
-        return "px"
-    return "m"
+    return "px" if fixture.frame == "image" else "m"
 
 
 def ply(fixture: Fixture) -> bytes:
@@ -156,19 +154,16 @@ def slicer_markup(
     points_mm: np.ndarray, number: int, is_closed: bool, frame: str
 ) -> dict[str, Any]:
     """A stroke as Slicer's markup."""
-    control_points = []
-    for i, point in enumerate(points_mm.tolist(), start=1):
-        control_points.append(
-            {
-                "id": str(i),
-                "label": f"stroke{number}-{i}",
-                "position": point,
-                "positionStatus": "defined",
-            }
-        )
-    kind = "Curve"
-    if is_closed:
-        kind = "ClosedCurve"
+    control_points = [
+        {
+            "id": str(i),
+            "label": f"stroke{number}-{i}",
+            "position": point,
+            "positionStatus": "defined",
+        }
+        for i, point in enumerate(points_mm.tolist(), start=1)
+    ]
+    kind = "ClosedCurve" if is_closed else "Curve"
     return {
         "type": kind,
         "coordinateSystem": "LPS",
@@ -181,9 +176,7 @@ def slicer_markup(
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
     pieces = fixture.pieces
-    axis = None
-    if fixture.rendering is not None:
-        axis = fixture.ignore_axis
+    axis = fixture.ignore_axis if fixture.rendering is not None else None
     if pieces is None or axis is None:
         raise InputError(
             "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."

@@ -182,9 +182,7 @@ def read_cloud(path: Path, units: str) -> tuple[Mesh, str]:
             f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind.",
             where=where,
         )
-    max_bytes = MAX_BYTES
-    if suffix == ".csv":
-        max_bytes = MAX_TEXT_BYTES
+    max_bytes = MAX_TEXT_BYTES if suffix == ".csv" else MAX_BYTES
     data, digest = read_bytes(path, max_bytes)
     if suffix == ".npy":
         return read_npy(data, where), digest

@@ -79,9 +79,7 @@ def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     Raises `InputError` when the file is not whole, or holds faces that are not triangles.
     """
     try:
-        if suffix == ".ply":
-            return read_ply(data)
-        return read_stl(data)
+        return read_ply(data) if suffix == ".ply" else read_stl(data)
     except KeyError as error:
         raise unreadable(suffix, f"{error} is unknown or missing", where) from error
     except (ValueError, IndexError, OverflowError, TypeError) as error:
@@ -252,9 +250,7 @@ def text_row(element: Element, line: bytes) -> np.dtype:
             fields.append((name, "f8"))
             column += 1
             continue
-        length = 0
-        if column < len(numbers):
-            length = int(numbers[column])
+        length = int(numbers[column]) if column < len(numbers) else 0
         if not 0 <= length <= len(numbers):
             raise ValueError(f"{element.name!r} begins with a list of {length}")
         fields.append(("#" + name, "f8"))
@@ -280,9 +276,7 @@ def columns_of(table: NDArray, element: Element) -> Columns:
 
 def read_stl(data: bytes) -> Mesh:
     """The facets of an STL file; each has three points of its own."""
-    count = 0
-    if len(data) >= STL_HEAD:
-        count = struct.unpack_from("<I", data, 80)[0]
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= STL_HEAD else 0
     size = STL_HEAD + count * STL_FACET.itemsize
     # Some binary files begin with "solid" as those of text do, so the length decides.
     if len(data) == size:

@@ -148,9 +148,7 @@ def version_of(file: Any, *, is_sealed: bool) -> str:
 def attribute_text(file: Any, name: str) -> str:
     """A text attribute of the root; "" where there is none."""
     value = file.attrs.get(name)
-    if isinstance(value, bytes):
-        return value.decode("ascii", "replace")
-    return ""
+    return value.decode("ascii", "replace") if isinstance(value, bytes) else ""
 
 
 def version_number(version: str) -> tuple[int, ...]:
@@ -213,9 +211,7 @@ def dataset_values(dataset: Any, row: Row) -> np.ndarray:
             code="corrupt.shape",
         )
     for side, wanted in zip(dataset.shape, row.shape, strict=True):
-        max_side = wanted
-        if isinstance(wanted, str):
-            max_side = sizes[wanted]["max"]
+        max_side = sizes[wanted]["max"] if isinstance(wanted, str) else wanted
         if not 1 <= side <= max_side:
             raise UnsafeError(
                 f"has shape {dataset.shape}. Migrate the original file.",

@@ -110,6 +110,4 @@ def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
 
 def within_file(path: str | Path, where: str | None) -> str:
     """A place inside a bundle with the file's name in front."""
-    if where:
-        return f"{Path(path)}:{where}"
-    return str(Path(path))
+    return f"{Path(path)}:{where}" if where else str(Path(path))

@@ -64,16 +64,12 @@ class Row:
         if self.kind == "attribute":
             return self.path.partition("@")[0]
         parent = self.path.rpartition("/")[0]
-        if parent == "":
-            return "/"
-        return parent
+        return "/" if parent == "" else parent
 
     @property
     def name(self) -> str:
         """The last part of the path."""
-        separator = "/"
-        if self.kind == "attribute":
-            separator = "@"
+        separator = "@" if self.kind == "attribute" else "/"
         return self.path.rpartition(separator)[2]
 
 
@@ -111,9 +107,7 @@ def max_size(symbol: str) -> int:
 def max_number(path: str) -> float:
     """The largest number that a bundle may hold at a path."""
     largest = rows_by_path()[path].max
-    if largest is None:
-        return math.inf
-    return float(largest)
+    return math.inf if largest is None else float(largest)
 
 
 def max_payload_bytes() -> int:

@@ -93,9 +93,7 @@ def sign(
 
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
-    slice_option = ""
-    if fixture.image is not None:
-        slice_option = "--slice IMAGE "
+    slice_option = "--slice IMAGE " if fixture.image is not None else ""
     approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
     page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
     how = f"{page}. Or sign it all the same with --despite-findings"

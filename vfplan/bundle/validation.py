@@ -190,9 +190,7 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         for rim in range(rims):
             points = fixture.points[used[rim_of == rim]]
             widest = max(widest, float(np.linalg.norm(np.ptp(points, axis=0))))
-        of_rims = "1 rim"
-        if rims != 1:
-            of_rims = f"{rims} rims"
+        of_rims = f"{rims} rims" if rims != 1 else "1 rim"
         texts.append(
             f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "

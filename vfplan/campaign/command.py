@@ -152,9 +152,7 @@ def campaign_lines(data: dict[str, Any]) -> list[str]:
             f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
         )
     for margin in data.get("margin_for", ()):
-        low = "0"
-        if margin["low"] is not None:
-            low = f"{margin['low']:.3f}"
+        low = f"{margin['low']:.3f}" if margin["low"] is not None else "0"
         high = "no trial bounds it from above"
         if margin["high"] is not None:
             high = f"{margin['high']:.3f}"

@@ -81,10 +81,7 @@ def run_campaign(
 
 def make_block(trials: Trials, block: int) -> Rows:
     """The rows of a block; any process makes the same."""
-    rows = []
-    for trial in range(block * BLOCK, (block + 1) * BLOCK):
-        rows.append(trials.run(trial))
-    return rows
+    return [trials.run(trial) for trial in range(block * BLOCK, (block + 1) * BLOCK)]
 
 
 @contextmanager

@@ -82,11 +82,7 @@ class CampaignSettings:
 
     def as_dict(self) -> dict[str, Any]:
         """What is set, by name."""
-        values = {}
-        for name, value in asdict(self).items():
-            if value is not None:
-                values[name] = value
-        return values
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:

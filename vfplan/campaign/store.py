@@ -46,9 +46,7 @@ def campaign_question(
     record = fixture.registration
     assert rendering is not None
     assert record is not None
-    spacing = None
-    if fixture.image is not None:
-        spacing = fixture.image.pixel_spacing_mm
+    spacing = fixture.image.pixel_spacing_mm if fixture.image is not None else None
     numbers = (
         rendering.contact_radius, rendering.band, rendering.point_radius,
         rendering.max_iterations, record.model, spacing,
@@ -208,9 +206,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
             where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
-    joined = {}
-    for name, parts in columns.items():
-        joined[name] = np.concatenate(parts)[:trials]
+    joined = {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
     return question, joined
 
 

@@ -139,9 +139,7 @@ class Trials:
     @property
     def dimension(self) -> int:
         """How many standard normals the geometry of a trial takes."""
-        if self._sigma is None:
-            return self.markers
-        return self.markers + len(self._sigma)
+        return self.markers if self._sigma is None else self.markers + len(self._sigma)
 
     @property
     def markers(self) -> int:

@@ -73,10 +73,7 @@ def space_of(shape: tuple[int, ...]) -> bytes:
 def stored(value: object, kind: str) -> tuple[bytes, bytes, bytes]:
     """(datatype, dataspace, bytes) of a value of the table's type `kind`."""
     data = as_stored(value, kind)
-    if kind == "text":
-        datatype = text_type(data.itemsize)
-    else:
-        datatype = DATATYPES[kind]
+    datatype = text_type(data.itemsize) if kind == "text" else DATATYPES[kind]
     return datatype, space_of(data.shape), data.tobytes()
 
 
@@ -186,10 +183,7 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     for name, (datatype, dataspace, value) in item.attributes.items():
         messages.append((MessageType.ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
     for name, target in item.links.items():
-        if isinstance(target, bytes):
-            body = target
-        else:
-            body = link(name, addresses[target])
+        body = target if isinstance(target, bytes) else link(name, addresses[target])
         messages.append((MessageType.LINK, 0, body))
     messages += [(kind, 0, body) for kind, body in item.more]
     body = b"".join(struct.pack("<BHB", k, len(b), f) + b for k, f, b in messages)

@@ -103,9 +103,7 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
 def problem_of(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
     """What is wrong with the values that were read, or the refusal; empty if nothing is."""
     if "values" not in stated:
-        if values is None:
-            return ""
-        return "reads what it must refuse"
+        return "" if values is None else "reads what it must refuse"
     if values is None:
         return "refuses what it must read"
     expected = stated["values"]

@@ -254,9 +254,7 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def _and_more(pieces: list[Leftover]) -> str:
-    if len(pieces) <= NAMED:
-        return ""
-    return f", and {len(pieces) - NAMED} smaller pieces as well"
+    return "" if len(pieces) <= NAMED else f", and {len(pieces) - NAMED} smaller pieces as well"
 
 
 def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
@@ -313,9 +311,7 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
-    odd = wide
-    if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
-        odd = thin
+    odd = thin if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width else wide
     return int(odd[len(odd) // 2])
 
 

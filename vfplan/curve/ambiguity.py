@@ -42,9 +42,7 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
     ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
-    mode = "edge"
-    if curve.closed:
-        mode = "wrap"
+    mode = "wrap" if curve.closed else "edge"
     return filters.windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
 

@@ -84,13 +84,9 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
     if end is not None:
         stop = _index(curve, end, "--end")
     if first is None:
-        first = 0
-        if stop <= last / 2:
-            first = last
+        first = last if stop <= last / 2 else 0
     if stop is None:
-        stop = 0
-        if first < last / 2:
-            stop = last
+        stop = last if first < last / 2 else 0
     if first == stop:
         raise CurveError(
             "--start and --end lie on the same point of the curve. Move one of them.",

@@ -70,9 +70,7 @@ class Candidate:
             run = run[::-1]
         run = run[: tuned.TANGENT_PX + 1]
         run = run[len(run) // 6 :]  # Thinning bends the last pixels.
-        degree = 1
-        if len(run) > tuned.TANGENT_PX // 2:
-            degree = 2
+        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)
 
@@ -83,9 +81,7 @@ class Candidate:
     def in_order(self) -> Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
-            if self.path[0].sum() <= self.path[-1].sum():
-                return self
-            return self.backwards()
+            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
         line = self
         u, v = line.path.T
         if (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() < 0:

@@ -55,14 +55,10 @@ class MeasuredStroke(Stroke):
 
 def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
-    mode = "edge"
-    if line.closed:
-        mode = "wrap"
+    mode = "wrap" if line.closed else "edge"
     path = skeleton = filters.gaussian(line.path, tuned.SMOOTH_PX, mode)
     noisy = is_noisy(ink, line.path, line.width)
-    smooth_px = tuned.SMOOTH_PX
-    if noisy:
-        smooth_px = tuned.SMOOTH_NOISY_PX
+    smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
     # Twice: the second time the profiles stand at right angles to the line itself.
     for _ in range(2):
         if not line.closed:
@@ -140,9 +136,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
-    mode = "edge"
-    if closed:
-        mode = "wrap"
+    mode = "wrap" if closed else "edge"
     return length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
 
 
@@ -159,9 +153,7 @@ def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring a run may lead through the seam."""
     if not flags.any():
         return
-    shift = 0
-    if closed:
-        shift = int(np.argmin(flags))
+    shift = int(np.argmin(flags)) if closed else 0
     rolled = np.roll(flags, -shift)
     edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
     for start, stop in edges:
@@ -191,9 +183,7 @@ def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool
     """What was seen between both ends' whole profiles; beyond, profiles lack a side."""
     at = np.arange(len(valid))
     whole = valid & (at >= ends[0].whole) & (at <= ends[1].whole)
-    if whole.sum() < tuned.MIN_PROFILES:
-        return valid
-    return whole
+    return valid if whole.sum() < tuned.MIN_PROFILES else whole
 
 
 def without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -187,9 +187,7 @@ def _find_end(run: Run) -> End:
         level = highest
     ink = ink / level
     width = run.width * level
-    noise = tuned.INK_NOISE
-    if run.noisy:
-        noise = tuned.INK_NOISE_NOISY
+    noise = tuned.INK_NOISE_NOISY if run.noisy else tuned.INK_NOISE
     visible_ink = tuned.VISIBLE_SIGMAS * noise
     high = _crossing(ink, _last_above(ink, HIGH, run.visible), HIGH)
     half = _crossing(ink, high, tuned.HALF)
@@ -229,9 +227,7 @@ def _find_end(run: Run) -> End:
     variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
 
     is_drawn_out = (likely * tapered).sum() > tuned.HALF
-    whole = half
-    if is_drawn_out:
-        whole = _crossing(ink, half, visible_ink)
+    whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
     beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
     continues = False
@@ -297,9 +293,7 @@ def _tip_shape(run: Run, width: float) -> Tip:
     # is left where that disc is half as broad as the line.
     radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
     reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
-    from_width = tuned.FLAT_WIDTH_PX
-    if run.noisy:
-        from_width = tuned.FLAT_WIDTH_NOISY_PX
+    from_width = tuned.FLAT_WIDTH_NOISY_PX if run.noisy else tuned.FLAT_WIDTH_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
     return Tip(
         flat=flat * shows,
@@ -329,9 +323,7 @@ def _smoothed(ink: NDArray) -> NDArray[np.float64]:
 def _last_above(ink: NDArray, level: float, visible: int) -> int:
     """The last point up to `visible` at which the ink has a level."""
     above = np.flatnonzero(ink[: visible + 1] >= level)
-    if len(above) == 0:
-        return visible
-    return int(above[-1])
+    return visible if len(above) == 0 else int(above[-1])
 
 
 def _crossing(ink: NDArray, start: float, level: float) -> float:
@@ -341,6 +333,4 @@ def _crossing(ink: NDArray, start: float, level: float) -> float:
     if len(below) == 0:
         return float(len(ink) - 1)
     k = first + int(below[0])
-    if k == first:
-        return float(start)
-    return k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)
+    return float(start) if k == first else k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)

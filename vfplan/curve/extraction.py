@@ -139,9 +139,7 @@ def extract_curve(
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = find_candidates(pieces, max_gap_px)
-    passing = lines
-    if places and stroke is None:
-        passing = lines_through(lines, start, end)
+    passing = lines_through(lines, start, end) if places and stroke is None else lines
     chosen = choose_lines(passing, stroke, ink, pen, region, max_gap_px)
     unchosen = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
@@ -254,9 +252,7 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
-    length = None
-    if method != "ridge":
-        length = drawn_length(curve.points, curve.closed)
+    length = drawn_length(curve.points, curve.closed) if method != "ridge" else None
     measured = Stroke(
         curve.points,
         curve.closed,

@@ -54,9 +54,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
             kind=CurveError,
         )
         for head in answers:
-            points = None
-            if head.pop("is_line"):
-                points = next(answers)[0] - CORNER_PX
+            points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
             annotations.append(Annotation(points=points, **head))
     return annotations
 

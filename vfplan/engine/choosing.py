@@ -59,12 +59,8 @@ def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
     if fixture.rendering is None or fixture.region is None:
         return None
     if fixture.ignore_axis is not None:
-        if fixture.region.pieces:
-            return "curve"
-        return None
-    if fixture.mesh is not None and fixture.guidance is None:
-        return "mesh"
-    return None
+        return "curve" if fixture.region.pieces else None
+    return "mesh" if fixture.mesh is not None and fixture.guidance is None else None
 
 
 def best_rule(fixture: Fixture) -> Rule:
@@ -83,9 +79,7 @@ def best_rule(fixture: Fixture) -> Rule:
         return "exact"
     native = check_renderable(fixture).native()
     points, triangles = check_triangles(fixture.points, fixture.mesh)
-    if _core.by_triangles(points, triangles, native):
-        return "exact"
-    return "robust"
+    return "exact" if _core.by_triangles(points, triangles, native) else "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -119,9 +113,7 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    if rule == "exact":
-        return fixture
-    return sampled(fixture)
+    return fixture if rule == "exact" else sampled(fixture)
 
 
 def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, NDArray[np.int32]]:

@@ -303,9 +303,7 @@ def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
             f"torque_step_nm and torque_max_nm are of {min(counts)} and {max(counts)} joints. Give "
             "both for the same joints."
         )
-    if counts:
-        return counts.pop()
-    return None
+    return counts.pop() if counts else None
 
 
 def limit_of_joint(limits: Vector | None, joint: int) -> float:
@@ -314,6 +312,4 @@ def limit_of_joint(limits: Vector | None, joint: int) -> float:
         return float("inf")
     if limits.ndim == 0:
         return float(limits)
-    if joint >= len(limits):
-        return float("inf")
-    return float(limits[joint])
+    return float("inf") if joint >= len(limits) else float(limits[joint])

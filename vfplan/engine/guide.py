@@ -199,9 +199,7 @@ class Guide:
                 raise
             except ValueError as error:
                 # The core names the radius where the tube does not fit the curve.
-                kind = SceneError
-                if "radius" in str(error):
-                    kind = SettingError
+                kind = SettingError if "radius" in str(error) else SceneError
                 raise kind(str(error).removeprefix("vfplan: ")) from None
         tight_bend = self.tight_bend
         if tight_bend is not None:
@@ -230,10 +228,9 @@ class Guide:
         if fixture.pieces is not None and fixture.ignore_axis is not None:
             curves: Any = fixture.pieces.of(is_guide)
         else:
-            curves = []
-            for number, stroke in enumerate(fixture.strokes):
-                if is_guide[number]:
-                    curves.append(stroke.points)
+            curves = [
+                stroke.points for number, stroke in enumerate(fixture.strokes) if is_guide[number]
+            ]
         return cls(
             curves,
             guidance.radius,

@@ -232,6 +232,4 @@ def is_rigid(matrix: Vector) -> bool:
     rotation = matrix[:3, :3]
     if np.abs(rotation.T @ rotation - np.eye(3)).max() >= RIGID_TOLERANCE:
         return False
-    if np.linalg.det(rotation) <= 0:
-        return False
-    return np.array_equal(matrix[3], [0, 0, 0, 1])
+    return False if np.linalg.det(rotation) <= 0 else np.array_equal(matrix[3], [0, 0, 0, 1])

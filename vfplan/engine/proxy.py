@@ -150,9 +150,7 @@ class ProxyEngine:
                 point_radius=fixture.point_radius,
                 stiffness=fixture.stiffness,
             )
-        band = fixture.band
-        if rule == "paper":
-            band = None
+        band = None if rule == "paper" else fixture.band
         engine = cls(
             fixture.points,
             contact_radius=fixture.contact_radius,
@@ -304,9 +302,7 @@ class ProxyEngine:
         SceneError
             A fixture that no engine takes, or 4096 changes that wait for a step.
         """
-        engine = other
-        if isinstance(other, Fixture):
-            engine = ProxyEngine.of(other)
+        engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
         if not isinstance(engine, ProxyEngine):

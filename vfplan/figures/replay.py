@@ -51,9 +51,7 @@ def timeline(replayed: Replay) -> Figure:
     rule = replayed.rule
     if rule == "both":
         rule = "robust"  # Its ticks are the ones that are drawn.
-    noun = "episodes"
-    if count == 1:
-        noun = "episode"
+    noun = "episode" if count == 1 else "episodes"
     top.set_title(f"{count} contact {noun}, rule {rule}", loc="left")
     return figure
 
@@ -85,9 +83,7 @@ def plane_basis(axis: Array) -> Array:
     first = start - (start @ axis) * axis
     first /= np.linalg.norm(first)
     # Looking against the axis' largest component keeps the picture unmirrored.
-    towards = axis
-    if axis[np.argmax(np.abs(axis))] <= 0:
-        towards = -axis
+    towards = -axis if axis[np.argmax(np.abs(axis))] <= 0 else axis
     return np.stack([first, np.cross(towards, first)], axis=1)
 
 

@@ -87,9 +87,7 @@ def draw_overlay(
     """
     with drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
-            name = ""
-            if len(extraction.strokes) > 1:
-                name = f" {number}"
+            name = f" {number}" if len(extraction.strokes) > 1 else ""
             if extraction.method == "mask":
                 axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
             else:
@@ -226,9 +224,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     """An outline along the ink, the direction, and both ends by name."""
     points = stroke.points
     # A curve that was given as points has no ink.
-    width = 0.0
-    if stroke.width is not None:
-        width = stroke.width
+    width = stroke.width if stroke.width is not None else 0.0
     distance = width / 2 + OUTLINE_GAP_PX / scale
     bridges = points[np.asarray(stroke.bridged, bool)]
     for outline in outline_along(points, distance, closed=stroke.closed):

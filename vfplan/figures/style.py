@@ -31,10 +31,9 @@ MARGIN_IN = 0.45
 """Height [in] of the margin beside a slice that holds one row of a legend."""
 
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
-SETTINGS = {}
-for name, value in mpl.rcParamsDefault.items():
-    if not name.startswith("backend"):
-        SETTINGS[name] = value
+SETTINGS = {
+    name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")
+}
 SETTINGS["font.size"] = TEXT_PT
 SETTINGS["axes.spines.top"] = False
 SETTINGS["axes.spines.right"] = False

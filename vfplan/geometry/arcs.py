@@ -135,10 +135,7 @@ class SmoothRun:
                 error = tried
             else:
                 fails = last
-            if fails <= end:
-                last = (fits + fails) // 2
-            else:
-                last = min(2 * fits - first, end)
+            last = (fits + fails) // 2 if fails <= end else min(2 * fits - first, end)
         return fits, error
 
     def arcs(self, tolerance: float) -> tuple[Vector, Vector, float]:
@@ -242,9 +239,7 @@ def smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothRu
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:
-        first = 0
-        if len(corners):
-            first = corners[0]
+        first = corners[0] if len(corners) else 0
         points = np.roll(points, -first, axis=0)
         points = np.vstack([points, points[:1]])
         corners = corners - first
@@ -258,9 +253,7 @@ def _bulge(tangent: Vector, chord: Vector) -> float:
     cu, cv = chord.tolist()
     half = float(np.arctan2(tu * cv - tv * cu, tangent @ chord))
     bulge = float(np.tan(min(max(half, -3.1), 3.1) / 2))
-    if abs(bulge) <= ROUNDING:
-        return 0.0
-    return bulge
+    return 0.0 if abs(bulge) <= ROUNDING else bulge
 
 
 def _distance(a: Vector, b: Vector, bulge: float, x: Vector) -> Vector:

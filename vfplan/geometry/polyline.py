@@ -10,17 +10,13 @@ Array = NDArray[np.float64]
 
 def ring_of(points: NDArray, closed: bool) -> Array:
     """The points of a line; those of a closed one end with the first again."""
-    if closed:
-        return np.vstack([points, points[:1]])
-    return np.asarray(points, float)
+    return np.vstack([points, points[:1]]) if closed else np.asarray(points, float)
 
 
 def step_lengths(points: NDArray) -> Array:
     """(M - 1,) the distances of neighbouring points."""
     steps = np.diff(points, axis=0)
-    if steps.shape[1] == 2:
-        return np.hypot(*steps.T)
-    return np.linalg.norm(steps, axis=1)
+    return np.hypot(*steps.T) if steps.shape[1] == 2 else np.linalg.norm(steps, axis=1)
 
 
 def arc_lengths(points: NDArray, closed: bool) -> Array:
@@ -40,9 +36,7 @@ def evenly(points: NDArray, closed: bool) -> Array:
     count = max(4, round(arc[-1]))
     at = np.linspace(0.0, arc[-1], count + 1)
     even = np.column_stack([np.interp(at, arc, column) for column in ring.T])
-    if closed:
-        return even[:-1]
-    return even
+    return even[:-1] if closed else even
 
 
 def normals(points: NDArray, closed: bool) -> Array:

@@ -83,12 +83,8 @@ def read_dicom(
         for (rows,) in parts:
             rgb[row : row + len(rows)] = rows
             row += len(rows)
-    pixel_spacing_mm = None
-    if head["spacing_mm"] is not None:
-        pixel_spacing_mm = tuple(head["spacing_mm"])
-    T_patient_image = None
-    if head["place"] is not None:
-        T_patient_image = np.array(head["place"])
+    pixel_spacing_mm = tuple(head["spacing_mm"]) if head["spacing_mm"] is not None else None
+    T_patient_image = np.array(head["place"]) if head["place"] is not None else None
     return rgb, pixel_spacing_mm, T_patient_image, head["instance"]
 
 
@@ -199,9 +195,7 @@ def windowed_grey(
     shown = (values - low) / span
     if inverted:
         shown = 1 - shown
-    depth = np.uint8
-    if stored.dtype.itemsize > 1:
-        depth = np.uint16
+    depth = np.uint16 if stored.dtype.itemsize > 1 else np.uint8
     grey = np.rint(np.iinfo(depth).max * shown).astype(depth)
     return np.repeat(grey[..., None], 3, axis=2)
 
@@ -239,6 +233,4 @@ def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> ND
     T_patient_image[:3, :2] = steps
     T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
-    if not np.isfinite(T_patient_image).all():
-        return None
-    return T_patient_image
+    return None if not np.isfinite(T_patient_image).all() else T_patient_image

@@ -81,9 +81,7 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a device or a pipe"
-        if stat.S_ISDIR(mode):
-            what = "a directory"
+        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise kind(
             f"cannot be read: it is {what}, not a file. Name a file",
             where=str(path),

@@ -124,9 +124,7 @@ def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
         answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
     except (EOFError, ValueError):
         return None
-    if not isinstance(answer, dict):
-        return None
-    return answer
+    return None if not isinstance(answer, dict) else answer
 
 
 def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:

@@ -111,9 +111,7 @@ def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tupl
 def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
-    encoding = "utf-8-sig"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encoding = "utf-16"
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         return data.decode(encoding), sha256
     except UnicodeDecodeError:
@@ -174,9 +172,7 @@ def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
             where=place,
             code="separator-ambiguous",
         )
-    if present:
-        return present[0]
-    return ","
+    return present[0] if present else ","
 
 
 def split_rows(

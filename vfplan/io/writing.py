@@ -96,10 +96,7 @@ def working_in(folder: Path) -> Iterator[None]:
 @contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder and those above it; remove the new ones when the block fails."""
-    new = []
-    for place in (folder, *folder.parents):
-        if not place.exists():
-            new.append(place)
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield

@@ -46,10 +46,7 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandRe
     from vfplan.session.mcapfile import McapWriter
 
     scene = read_fixture(fixture)
-    if source.startswith("udp:"):
-        ticks = stream_udp(source)
-    else:
-        ticks = stream_result(Path(source))
+    ticks = stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
 
     feed = PositionStream(rate)
     servers: list[Any] = []

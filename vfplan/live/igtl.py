@@ -69,9 +69,7 @@ def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
 
 def to_ras(frame: str) -> Array:
     """(3,) factors of each coordinate from m in `frame` to mm in RAS."""
-    if frame == "patient_lps":
-        return np.array([-1e3, -1e3, 1e3])
-    return np.array([1e3, 1e3, 1e3])
+    return np.array([-1e3, -1e3, 1e3]) if frame == "patient_lps" else np.array([1e3, 1e3, 1e3])
 
 
 def transform(device: str, time_s: float, place_mm: Array) -> bytes:
@@ -104,9 +102,7 @@ def polydata(
     vertices: list[NDArray[np.integer]] = []
     if lines is None and triangles is None:
         vertices = list(np.arange(len(points_mm))[:, None])
-    faces: list[NDArray[np.integer]] = []
-    if triangles is not None:
-        faces = list(triangles)
+    faces: list[NDArray[np.integer]] = list(triangles) if triangles is not None else []
     # Of each kind of cell: how many there are, and each as its length and its points' indices.
     counts = []
     data = []

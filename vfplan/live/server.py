@@ -192,9 +192,7 @@ def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
     flags = [name for bit, name in FLAGS if tick["status"] & bit]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
-    code = igtl.StatusCode.OK
-    if flags or tick["state"] == 2:
-        code = igtl.StatusCode.WARNING
+    code = igtl.StatusCode.WARNING if flags or tick["state"] == 2 else igtl.StatusCode.OK
     return (
         igtl.transform("vfplan_hip", now, tick["hip"] * scale)
         + igtl.transform("vfplan_proxy", now, tick["proxy"] * scale)

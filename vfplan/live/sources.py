@@ -212,8 +212,6 @@ class PositionStream:
             self._has_changed.wait_for(lambda: self._count > max(count, 0), wait_s)
             if not self._count:
                 return count, []
-            new = self._count - count
-            if count < 0:
-                new = 1
+            new = 1 if count < 0 else self._count - count
             kept = list(self._kept)
             return self._count, kept[max(0, len(kept) - new) :]

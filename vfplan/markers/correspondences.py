@@ -237,9 +237,7 @@ def join(
 
 def label_of(text: object, what: str, where: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
-    label = ""
-    if text is not None:
-        label = str(text).strip()
+    label = str(text).strip() if text is not None else ""
     if not label:
         raise MarkerError(
             f"{what} has no label. Give every marker one", where=where, code="label-missing"
@@ -319,9 +317,7 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
         )
 
     table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
-    labels = []
-    for row in table.rows:
-        labels.append(label_of(row.cells[label_column], f"line {row.line}", where))
+    labels = [label_of(row.cells[label_column], f"line {row.line}", where) for row in table.rows]
     sides = []
     if image:
         positions = _numbers(table, labels, [columns[name] for name in image])

@@ -196,9 +196,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     for number, (_, row) in enumerate(rows, start=1):
         cells = dict(zip(columns, row, strict=False))
         label = cells.get("label")
-        what = "of it"
-        if label:
-            what = f"of marker {label.strip()!r}"
+        what = f"of marker {label.strip()!r}" if label else "of it"
         position = np.empty(3)
         for k, axis in enumerate("xyz"):
             place = f"{where}, point {number}"

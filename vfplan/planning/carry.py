@@ -114,9 +114,7 @@ def spacing_of_cloud(points: Array) -> float | None:
     from scipy.spatial import cKDTree
 
     places = np.unique(points, axis=0)
-    if len(places) < 2:
-        return None
-    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
+    return None if len(places) < 2 else float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 def scale_m_per_unit(registration: Registration) -> float:
@@ -206,9 +204,7 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         if not length_m or pieces.error <= ARCS_SHARE_OF_MARGIN * length_m:
             continue
         allowed_mm = Context(2, ROUND_DOWN).create_decimal(ARCS_SHARE_OF_MARGIN * length_m * 1e3)
-        advice = "none"
-        if allowed_mm >= 1e3 * MIN_ARCS_M:
-            advice = f"{float(allowed_mm):g}, or less"
+        advice = f"{float(allowed_mm):g}, or less" if allowed_mm >= 1e3 * MIN_ARCS_M else "none"
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
             f"the {name} of {1e3 * length_m:.4g} mm allows {ARCS_SHARE_OF_MARGIN:g} of "

@@ -239,9 +239,7 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     Raises MarkerError: no slice, or one that does not say where it lies
     Raises SettingError: a pixel spacing that is not the slice's own
     """
-    place = None
-    if image is not None:
-        place = image.T_patient_image
+    place = image.T_patient_image if image is not None else None
     if place is None:
         reason = (
             "its slice does not say soundly where it lies in the patient. Give a slice that does"

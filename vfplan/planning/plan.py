@@ -124,9 +124,7 @@ def refuse_wrong_order(
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    found = None
-    if holds_markers(image):
-        found = "it holds markers"
+    found = "it holds markers" if holds_markers(image) else None
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             found = f"{path} is a picture"
@@ -227,9 +225,7 @@ def register(
     # How far the curve may lie from where it belongs.
     error = target_error(registration, curve.points)
     if settings.max_tre_length_m is not None:
-        taken_from = ""
-        if settings.max_tre_m == "contact radius":
-            taken_from = "contact radius"
+        taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(
             error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
         )

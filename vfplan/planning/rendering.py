@@ -133,9 +133,7 @@ def render(
                 numbers={"tolerance_m": settings.tolerance_m, "smallest_m": smallest_m},
             )
         is_drawn = curve.image is not None or curve.frame == "image"
-        is_planar = is_drawn
-        if settings.ignore_axis is not None:
-            is_planar = settings.ignore_axis != "none"
+        is_planar = settings.ignore_axis != "none" if settings.ignore_axis is not None else is_drawn
         choice = choose(settings.tolerance_m, radius_m, planar=is_planar)
         sampling_tolerance_m = choice.sampling_tolerance_m
 

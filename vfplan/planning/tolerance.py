@@ -125,9 +125,7 @@ def choose(
     used_m = min(tolerance_m, largest_tolerance(radius_m))
     dimple_m = DIMPLE_SHARE * used_m
     # Faces that can hold the proxy.
-    faces = 3
-    if planar:
-        faces = 2
+    faces = 2 if planar else 3
     return Choice(
         tolerance_m=tolerance_m,
         used_tolerance_m=used_m,
@@ -236,9 +234,7 @@ def sample_curve(
         spacing = np.full(len(curve.arc), 1 / density_per_m)
     arclength = place_points(curve.arc, spacing, closed)
     parameter = np.interp(arclength, curve.arc, curve.parameter)
-    ends = arclength
-    if closed:
-        ends = np.append(arclength, curve.arc[-1])
+    ends = np.append(arclength, curve.arc[-1]) if closed else arclength
     gaps = np.diff(ends)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
@@ -319,9 +315,7 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    if closed:
-        return places[:-1]
-    return places
+    return places[:-1] if closed else places
 
 
 def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:

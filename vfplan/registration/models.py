@@ -68,9 +68,7 @@ class Orthogonal:
     @property
     def parameters(self) -> int:
         """Number of free parameters p."""
-        if self.scale is None:
-            return 7
-        return 6
+        return 7 if self.scale is None else 6
 
     @property
     def minimal(self) -> int:

@@ -149,9 +149,7 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = 2
-    if problem.model.name == "affine":
-        rank = problem.model.dimension
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
     return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 

@@ -120,9 +120,7 @@ def make_problem(
     centre = metric.mean(axis=0)
     radius = rms_length(metric - centre)
     # An affine map of a solid needs depth; every other transform needs markers off a line.
-    rank = 2
-    if model == "affine" and raw.shape[1] == 3:
-        rank = 3
+    rank = 3 if model == "affine" and raw.shape[1] == 3 else 2
     condition = _condition(metric - centre, metric, "source", rank)
     target_centre = target_m.mean(axis=0)
     y = target_m - target_centre

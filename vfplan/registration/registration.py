@@ -76,9 +76,7 @@ class Registration:
         normaliser = self.fit.problem.normaliser
         top = self.fit.m @ normaliser.matrix
         top[:, -1] += normaliser.target_centre
-        if top.shape[1] == 3:
-            return top
-        return np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
+        return top if top.shape[1] == 3 else np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
 
     @cached_property
     def covariance(self) -> Array:
@@ -150,9 +148,7 @@ class Registration:
     def loo_rms_m(self) -> float | None:
         """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
         value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
-        if not np.isfinite(value):
-            return None
-        return value
+        return None if not np.isfinite(value) else value
 
     @cached_property
     def studentised_f(self) -> Array:
@@ -213,9 +209,7 @@ class Registration:
         With u to the right and v down. `None` for a source in space.
         """
         normal = self.geometry.normal
-        if normal is None:
-            return None
-        return -normal
+        return None if normal is None else -normal
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
@@ -323,9 +317,7 @@ def fit_registration(
     if seen_from is not None:
         direction = direction_of(seen_from)
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    used = None
-    if robust:
-        used = consistent_markers(problem)
+    used = consistent_markers(problem) if robust else None
     fit = fit_model(problem, used)
 
     # A source in space shows by itself that it fits only a mirror image. A planar one fits its
@@ -350,9 +342,7 @@ def fit_registration(
 
     if labels is None:
         labels = range(len(problem.s))
-    known_spacing = None
-    if pixel_spacing is not None:
-        known_spacing = problem.normaliser.spacing
+    known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
     return Registration(
         model=model,
         labels=tuple(labels),
@@ -390,22 +380,19 @@ def registration_report(
     be known is `None`.
     """
     shape = registration.geometry
-    unit = ""
-    if registration.source.shape[1] == 2:
-        unit = "_m_per_px"
-    markers = []
-    for i, label in enumerate(registration.labels):
-        markers.append(
-            {
-                "label": label,
-                "residual_m": float(registration.residuals_m[i]),
-                "vector_m": registration.residual_vectors_m[i],
-                "leverage": float(registration.leverage[i]),
-                "loo_m": float(registration.loo_m[i]),
-                "f": float(registration.studentised_f[i]),
-                "used": bool(registration.used[i]),
-            }
-        )
+    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    markers = [
+        {
+            "label": label,
+            "residual_m": float(registration.residuals_m[i]),
+            "vector_m": registration.residual_vectors_m[i],
+            "leverage": float(registration.leverage[i]),
+            "loo_m": float(registration.loo_m[i]),
+            "f": float(registration.studentised_f[i]),
+            "used": bool(registration.used[i]),
+        }
+        for i, label in enumerate(registration.labels)
+    ]
     report: dict[str, Any] = {
         "model": registration.model,
         "markers": len(registration.labels),
@@ -469,9 +456,7 @@ def direction_of(seen_from: ArrayLike | str) -> Array:
 def describe_side(faces: Array) -> str:
     """The side of the robot that a slice is seen from, in words: "above (robot +z)"."""
     axis = int(np.abs(faces).argmax())
-    sign = "-"
-    if faces[axis] > 0:
-        sign = "+"
+    sign = "+" if faces[axis] > 0 else "-"
     name = sign + "xyz"[axis]
     words = {"+z": "above", "-z": "below"}
     return f"{words.get(name, 'the side')} (robot {name})"

@@ -38,9 +38,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
         return []
     if registration.model == "rigid":
         fit = fit_similarity(problem, fit.used)
-    axes = 1
-    if registration.model == "affine":
-        axes = k
+    axes = k if registration.model == "affine" else 1
     radius = problem.normaliser.radius
     covariance = fit.covariance.reshape(3, k + 1, 3, k + 1)
     departures = []
@@ -98,9 +96,7 @@ def stretch_findings(registration: Registration) -> list[Finding]:
     if problem.model.dimension != 2 or 3 * used.sum() <= affine.parameters:
         return []
     free = fit_model(replace(problem, model=affine), used)
-    square = registration.fit
-    if registration.model == "affine":
-        square = fit_similarity(problem, used)
+    square = fit_similarity(problem, used) if registration.model == "affine" else registration.fit
     long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
     if registration.model == "affine" and long < MAX_STRETCH * short:
         return []

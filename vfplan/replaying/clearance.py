@@ -49,9 +49,7 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
         if kind == "mesh":
             return MeshClearance(fixture.points, fixture.mesh, radius)
     points = fixture.forbidden
-    if not len(points):
-        return None
-    return PointClearance(points, radius, fixture.ignore_axis)
+    return None if not len(points) else PointClearance(points, radius, fixture.ignore_axis)
 
 
 class Clearance:

@@ -190,9 +190,7 @@ class CurveRuler:
     @staticmethod
     def of(fixture: Fixture) -> CurveRuler | None:
         """The ruler of a fixture, or `None` when it was not drawn as a curve."""
-        if fixture.curve is None:
-            return None
-        return CurveRuler(fixture)
+        return None if fixture.curve is None else CurveRuler(fixture)
 
     def locate(self, place: Array) -> dict[str, Any]:
         """The stroke, the arc length [m] and the index of the planned point nearest to a place."""

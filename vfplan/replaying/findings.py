@@ -49,9 +49,7 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     findings = []
     rate = session["rate_hz"]
-    robot_rate = rate
-    if robot is not None:
-        robot_rate = robot.rate_hz
+    robot_rate = robot.rate_hz if robot is not None else rate
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
         text = (
@@ -138,9 +136,7 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
 
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
-        severity = "error"
-        if inside_ticks:
-            severity = "warning"
+        severity = "warning" if inside_ticks else "error"
         text = (
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
             f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."

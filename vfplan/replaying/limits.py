@@ -98,9 +98,6 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
                 f"{', '.join(similar + others)}",
                 code="no-such-number",
             )
-        if sense == "at_most":
-            holds = value <= limit
-        else:
-            holds = value >= limit
+        holds = value <= limit if sense == "at_most" else value >= limit
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
     return checks

@@ -41,9 +41,7 @@ def dots(a: Array, b: Array) -> Array:
 
 def flattened(places: Array, axis: Array | None) -> Array:
     """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
-    if axis is None:
-        return places
-    return places - np.outer(places @ axis, axis)
+    return places if axis is None else places - np.outer(places @ axis, axis)
 
 
 def penetration(hip: Array, proxy: Array) -> Array:
@@ -177,9 +175,7 @@ class PairedTicks:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
         self._last = block[-1:], hand[-1:]
-        if len(block) < 2:
-            return None
-        return self._steps(block, hand)
+        return None if len(block) < 2 else self._steps(block, hand)
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""

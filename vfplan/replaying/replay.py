@@ -295,9 +295,7 @@ def link_report(
     numbers = {
         name: value for name, value in over_perfect.items() if isinstance(value, (int, float))
     }
-    lost_limit = None
-    if robot is not None:
-        lost_limit = robot.lost_packets_limit
+    lost_limit = robot.lost_packets_limit if robot is not None else None
     return {
         **link.report(),
         **run.link.report(lost_limit),

@@ -123,9 +123,7 @@ class EngineRun:
         if is_first and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        if self._governor is None:
-            return trace
-        return self._governor.run(hip, trace)
+        return trace if self._governor is None else self._governor.run(hip, trace)
 
     def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
         depth = penetration(hip, trace.proxy)

@@ -42,6 +42,4 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     """
     if any(not check["pass"] for check in checks):
         return "fail"
-    if not checks or not has_touched(report):
-        return "not-tested"
-    return "pass"
+    return "not-tested" if not checks or not has_touched(report) else "pass"

@@ -121,10 +121,7 @@ def scrubber(replayed: Replay) -> str:
 def facts_table(facts: dict[str, str]) -> str:
     """When the page was made, by which program, and the facts given; empty ones are left out."""
     rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", **facts}
-    lines = []
-    for name, value in rows.items():
-        if value:
-            lines.append([escape(name), code(value)])
+    lines = [[escape(name), code(value)] for name, value in rows.items() if value]
     return section("About this page", table([], lines, "settings"))
 
 
@@ -176,9 +173,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         failed = sum(not check["pass"] for check in limits)
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
     if metrics["verdict"] == "pass":
-        words = "the limit holds"
-        if len(limits) > 1:
-            words = f"all {len(limits)} limits hold"
+        words = f"all {len(limits)} limits hold" if len(limits) > 1 else "the limit holds"
         words += gap_words(metrics) + change_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
     if has_touched(metrics):
@@ -216,9 +211,7 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
         if opengl.offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
-                planned_slice = None
-                if image is not None:
-                    planned_slice = read_image(image)
+                planned_slice = read_image(image) if image is not None else None
                 view3d.draw_view(
                     replayed.fixture,
                     path,

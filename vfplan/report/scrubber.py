@@ -58,9 +58,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
-    first_episode = 0
-    if episodes:
-        first_episode = episodes[0]["index"]
+    first_episode = episodes[0]["index"] if episodes else 0
     # An envelope of each episode with what is around it, and one of the whole session.
     zooms = []
     for episode in episodes[:MAX_ZOOMS]:

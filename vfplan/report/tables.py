@@ -83,9 +83,7 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     for row in rows:
         parts.append("<tr>")
         for column, cell in enumerate(row):
-            name = ""
-            if column < len(head) and head[column]:
-                name = f' data-name="{head[column]}"'
+            name = f' data-name="{head[column]}"' if column < len(head) and head[column] else ""
             parts.append(f"<td{name}>{cell}</td>")
         parts.append("</tr>")
     parts.append("</tbody></table>")
@@ -95,9 +93,7 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
     text = _text(value)
-    kind = ""
-    if re.fullmatch("[0-9a-f]{64}", text):
-        kind = "digest"
+    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
@@ -108,9 +104,7 @@ def _text(value: Any) -> str:
         return "no"
     if isinstance(value, float):
         return f"{value:.9g}"
-    if isinstance(value, list):
-        return ", ".join(map(_text, value))
-    return str(value)
+    return ", ".join(map(_text, value)) if isinstance(value, list) else str(value)
 
 
 def _number(value: float | None, quantity: Quantity) -> str:
@@ -145,9 +139,7 @@ def summary(metrics: dict[str, Any]) -> str:
         if values == [None] * len(values):
             continue
         if len(values) == 2:
-            difference = None
-            if None not in values:
-                difference = values[1] - values[0]
+            difference = values[1] - values[0] if None not in values else None
             values.append(difference)
         numbers = [_number(value, quantity) for value in values]
         rows.append([escape(quantity.words), *numbers, quantity.unit])
@@ -180,9 +172,7 @@ def checks(metrics: dict[str, Any]) -> str:
                 unit_of(check["name"]),
             ]
         )
-    if not rows:
-        return ""
-    return table(["verdict", "limit on", "found", "allowed", "unit"], rows)
+    return "" if not rows else table(["verdict", "limit on", "found", "allowed", "unit"], rows)
 
 
 def unit_of(name: str) -> str:
@@ -227,9 +217,7 @@ def episodes(metrics: dict[str, Any]) -> str:
             row.append(_number(episode.get(quantity.name), quantity))
         if has_curve:
             row.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
-        passive = '<b class="warning">no</b>'
-        if episode["passive"]:
-            passive = "yes"
+        passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
         rows.append([*row, passive])
     text = table(head, rows, "numbers")
     more = episode_count(metrics) - len(listed)
@@ -261,9 +249,7 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
             if value is not None and not is_large:
                 rows.append([escape(str(name)), code(value)])
         # A long group takes the whole width of the page.
-        kind = "group"
-        if len(rows) > MAX_LISTED:
-            kind = "long"
+        kind = "long" if len(rows) > MAX_LISTED else "group"
         heading = escape(group.replace("_", " "))
         text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
     return text

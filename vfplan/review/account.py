@@ -67,10 +67,7 @@ class Entry:
         padded = cv2.copyMakeBorder(self.mask.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
         contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         corner = np.array(self.box[:2]) - 1.0
-        outlines = []
-        for contour in contours:
-            outlines.append((contour[:, 0] + corner).round(1).tolist())
-        return outlines
+        return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
 
 
 def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entry, ...]:

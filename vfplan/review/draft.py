@@ -36,13 +36,8 @@ class Draft:
 
     def __init__(self, path: Path, files: dict[str, Path | None], settings: dict[str, Any]) -> None:
         self.path = path
-        sha256 = {}
-        for role, file in files.items():
-            if file is not None:
-                sha256[role] = sha256_of(file)
-        texts = {}
-        for name, value in sorted(settings.items()):
-            texts[name] = repr(value)
+        sha256 = {role: sha256_of(file) for role, file in files.items() if file is not None}
+        texts = {name: repr(value) for name, value in sorted(settings.items())}
         self._header = {
             "format": FORMAT,
             "version": VERSION,
@@ -75,9 +70,7 @@ class Draft:
                 f"This is no draft of a review. {advice}", where=where, code="no-draft"
             ) from None
         if header != self._header:
-            what = "other settings"
-            if header["sha256"] != self._header["sha256"]:
-                what = "other files"
+            what = "other files" if header["sha256"] != self._header["sha256"] else "other settings"
             raise InputError(
                 f"This is the draft of a review with {what}. {advice}",
                 where=where,

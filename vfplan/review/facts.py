@@ -21,9 +21,7 @@ def facts_of(
     strokes: tuple[Stroke, ...],
 ) -> tuple[tuple[str, str], ...]:
     """What stands beside the picture, in words."""
-    heading = "Line"
-    if not strokes:
-        heading = "Geometry"
+    heading = "Geometry" if not strokes else "Line"
     facts = [(heading, _geometry_in_words(record, fixture, strokes))]
     registration = fixture.registration
     if record.metres_per_px is not None:
@@ -99,9 +97,7 @@ def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stro
         if not stroke.is_ordered:
             parts.append(f"{len(stroke.points)} pixels in no order")
             continue
-        shape = "open"
-        if stroke.closed:
-            shape = "closed"
+        shape = "closed" if stroke.closed else "open"
         length = length_of(stroke.points, stroke.closed)
         words = f"{shape}, {length:.0f} px"
         if record.metres_per_px is not None:
@@ -115,9 +111,7 @@ def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stro
 def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
     """The stiffness of the wall, one number where it is the same along all axes."""
     x, y, z = stiffness
-    if x == y == z:
-        return f"{x:g} N/m"
-    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
+    return f"{x:g} N/m" if x == y == z else f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:

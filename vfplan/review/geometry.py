@@ -226,9 +226,7 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
         for other in routes:
             if np.array_equal(other.points, route.points):
                 return ()
-        if forks and len(routes) > 1:
-            return tuple(routes)
-        return ()
+        return tuple(routes) if forks and len(routes) > 1 else ()
     return ()
 
 
@@ -305,9 +303,7 @@ def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding,
 
 def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:
     """A candidate as the page shows it."""
-    shape = "open"
-    if route.closed:
-        shape = "closed"
+    shape = "closed" if route.closed else "open"
     return {
         "number": number,
         "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),

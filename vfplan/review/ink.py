@@ -173,9 +173,7 @@ class SliceInk:
             alone = has_ink & ~joined
             alone &= ~jumps(offset, alone)
             noisy = is_noisy(self.found, points, usual)
-            smooth_px = tuned.SMOOTH_PX
-            if noisy:
-                smooth_px = tuned.SMOOTH_NOISY_PX
+            smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
             # Close to the ink it is measured as extraction measures.
             mass = np.ones(len(points))
             if reach == CLOSE_PX and alone.sum() >= tuned.MIN_PROFILES:
@@ -198,9 +196,7 @@ class SliceInk:
             residual = np.where(alone, offset - smooth, 0.0)
             points = points + faded(smooth, alone, closed)[:, None] * normal
             points, passed = past_branches(points, joined, alone)
-        mode = "edge"
-        if closed:
-            mode = "wrap"
+        mode = "wrap" if closed else "edge"
         sigma = np.hypot(deviation_of(residual, alone, smooth_px, noisy, mode), INK_SIGMA_PX)
         sigma[passed] = BRANCH_SIGMA_PX
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
@@ -222,9 +218,7 @@ class SliceInk:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
         from scipy.ndimage import gaussian_filter1d
 
-        mode = "nearest"
-        if closed:
-            mode = "wrap"
+        mode = "wrap" if closed else "nearest"
         path = gaussian_filter1d(np.asarray(path, float), tuned.SMOOTH_PX, axis=0, mode=mode)
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
@@ -257,9 +251,7 @@ class SliceInk:
     def width_along(self, path: NDArray, closed: bool) -> float:
         """The usual width of the ink along a path [px]; 3 where there is none."""
         _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
-        if not has_ink.any():
-            return 3.0
-        return float(np.median(width[has_ink]))
+        return 3.0 if not has_ink.any() else float(np.median(width[has_ink]))
 
 
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:

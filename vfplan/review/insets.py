@@ -118,9 +118,7 @@ def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
     rows, columns = np.mgrid[low[1] : low[1] + part.shape[0], low[0] : low[0] + part.shape[1]]
     inside = np.hypot(columns - centre[0], rows - centre[1]) <= AHEAD_PX
     colours = part[inside].astype(int)
-    if len(colours) == 0 or np.ptp(colours) > ONE_GREY:
-        return None
-    return int(np.median(colours))
+    return None if len(colours) == 0 or np.ptp(colours) > ONE_GREY else int(np.median(colours))
 
 
 def insets_of(content: SheetInput) -> list[Inset]:
@@ -128,9 +126,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
     insets = []
     is_single = len(content.strokes) == 1
     for number, stroke in enumerate(content.strokes, 1):
-        name = f"line {number}"
-        if is_single:
-            name = "the line"
+        name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             note = ""
@@ -148,9 +144,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
                 )
             )
     for number, stroke in enumerate(content.strokes, 1):
-        of_line = f" of line {number}"
-        if is_single:
-            of_line = ""
+        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]

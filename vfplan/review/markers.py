@@ -178,9 +178,7 @@ class Fit:
             return None
         sample = self.to_source(points[:: max(1, len(points) // BOUND_PLACES)])
         bound = float(np.max(self.registration.tre95_curve_m(sample)))
-        if not np.isfinite(bound):
-            return None
-        return bound
+        return None if not np.isfinite(bound) else bound
 
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
@@ -325,9 +323,7 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
         places = (pairs.source - place[:, 2]) @ np.linalg.pinv(place[:, :2]).T
     markers = []
     for k, label in enumerate(pairs.labels):
-        sigma = ()
-        if pairs.sigma is not None:
-            sigma = tuple(np.atleast_1d(pairs.sigma[k]).tolist())
+        sigma = tuple(np.atleast_1d(pairs.sigma[k]).tolist()) if pairs.sigma is not None else ()
         target = tuple(pairs.target[k].tolist())
         marker = Marker(
             str(label), tuple(places[k].tolist()), target, sigma, depth_m=float(depths[k])

@@ -238,9 +238,7 @@ class Paper:
                 cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
                 blend(canvas, cover, colour, column, row)
             texts.clear()
-        if len(self._pages) == 1:
-            return self._pages[0]
-        return np.vstack(self._pages)
+        return self._pages[0] if len(self._pages) == 1 else np.vstack(self._pages)
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
@@ -292,9 +290,7 @@ def _font(points: float, bold: bool) -> Any:
     from PIL import ImageFont
 
     place = Path(find_spec("matplotlib").submodule_search_locations[0])
-    name = "DejaVuSans.ttf"
-    if bold:
-        name = "DejaVuSans-Bold.ttf"
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
 
 

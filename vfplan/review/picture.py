@@ -78,9 +78,7 @@ class Panel:
 
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
-        half_width = USUAL_HALF_WIDTH
-        if stroke.width is not None:
-            half_width = stroke.width / 2
+        half_width = stroke.width / 2 if stroke.width is not None else USUAL_HALF_WIDTH
         return half_width * self.zoom + OUTLINE_GAP
 
 
@@ -189,9 +187,7 @@ def _residual_enlargement(content: SheetInput, panel: Panel) -> float | None:
             longest = max(length, longest or 0.0)
     if longest is None:
         return None
-    if not 0 < longest < ARROW_LENGTH:
-        return 1.0
-    return nice_length(ARROW_LENGTH / longest)
+    return 1.0 if not 0 < longest < ARROW_LENGTH else nice_length(ARROW_LENGTH / longest)
 
 
 def _draw_markers(
@@ -311,9 +307,7 @@ def _draw_legend(
     width: float,
 ) -> float:
     """What the lines on the picture mean."""
-    line = "the curve"
-    if content.pen:
-        line = f"the line of the pen ({content.pen})"
+    line = f"the line of the pen ({content.pen})" if content.pen else "the curve"
     rows: list[tuple[str, paper.Colour, bool]] = [
         (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
     ]
@@ -328,17 +322,13 @@ def _draw_legend(
     elif content.tre95_m is not None:
         rows.append(("Purple dashes: 95 % band, see the last enlargement", BAND_COLOUR, True))
     if enlargement is not None:
-        length = "true length"
-        if enlargement != 1:
-            length = f"drawn {enlargement:g} times as long"
+        length = f"drawn {enlargement:g} times as long" if enlargement != 1 else "true length"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     sheet.text(x, y, "On the picture", HEADING)
     y += HEADING.line_height + 4
     for words, colour, is_dashed in rows:
         middle = y + BODY.line_height / 2
-        dashes = ((0, 44),)
-        if is_dashed:
-            dashes = ((0, 12), (17, 29), (34, 44))
+        dashes = ((0, 12), (17, 29), (34, 44)) if is_dashed else ((0, 44),)
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)

@@ -223,10 +223,9 @@ class Session:
         if "outcome" not in plan:
             outcome = self._plan()
             # Whether this review shows the slice; an earlier one may have.
-            findings = []
-            for finding in outcome.findings:
-                if finding.code != "slice-not-shown":
-                    findings.append(finding)
+            findings = [
+                finding for finding in outcome.findings if finding.code != "slice-not-shown"
+            ]
             if self.source.is_slice_missing:
                 text = (
                     "The slice is not shown, so neither the line's ends nor other ink can be seen. "
@@ -321,9 +320,7 @@ class Session:
         if fit.registration is not None:
             fre_rms_m = _finite(fit.registration.fre_rms_m)
             loo_rms_m = _finite(fit.registration.loo_rms_m)
-        why_not = ""
-        if fit.markers:
-            why_not = fit.why_not
+        why_not = fit.why_not if fit.markers else ""
         margin_m = None
         if isinstance(fit.settings.margin, float):
             margin_m = fit.settings.margin
@@ -463,9 +460,7 @@ def _runs(flags: np.ndarray) -> list[list[int]]:
 
 
 def _finite(value: float | None) -> float | None:
-    if value is None or not math.isfinite(value):
-        return None
-    return float(value)
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _sentence(text: str) -> str:

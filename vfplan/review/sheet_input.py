@@ -296,9 +296,7 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     The slice need not be given where the bundle itself says how its pixels lie.
     """
     convert = to_pixels(fixture, image)
-    units_per_px = 1.0
-    if fixture.frame != "image":
-        units_per_px = _size_of(_pixel_axes(fixture, image))
+    units_per_px = _size_of(_pixel_axes(fixture, image)) if fixture.frame != "image" else 1.0
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
@@ -373,15 +371,11 @@ def account_again(
     ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
     lines = []
     for stroke in strokes:
-        width = 0.0
-        if stroke.is_ordered:
-            width = ink.width_along(stroke.points, stroke.closed)
+        width = ink.width_along(stroke.points, stroke.closed) if stroke.is_ordered else 0.0
         lines.append(replace(stroke, width=width))
     entries = []
     for entry in list_account(ink.mask, lines):
-        what = ""
-        if not entry.is_ink:
-            what = "gap in the line, or line hidden"
+        what = "gap in the line, or line hidden" if not entry.is_ink else ""
         u, v = entry.middle
         entries.append(
             AccountEntry(entry.number, u, v, entry.pixels, entry.share, what, entry.is_ink)
@@ -394,9 +388,7 @@ def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
     margin = fixture.provenance.settings.get("margin")
     if margin is None or (margin == "tre95" and tre95_m is None):
         return None
-    if margin == "tre95":
-        return float(tre95_m.max())
-    return float(margin)
+    return float(tre95_m.max()) if margin == "tre95" else float(margin)
 
 
 def _pixel_axes(fixture: Fixture, image: PlannedImage | None) -> Array | None:
@@ -439,9 +431,7 @@ def _markers_of(
     left_out = labels_left_out(fixture)
     markers = []
     for i, label in enumerate(record.labels):
-        residual_px = None
-        if residuals_px is not None:
-            residual_px = residuals_px[i]
+        residual_px = residuals_px[i] if residuals_px is not None else None
         residual_m = float(record.residuals_m[i])
         markers.append(
             SheetMarker(label, places[i], residual_px, residual_m, label not in left_out)

@@ -108,9 +108,7 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    heading = "Findings"
-    if not content.findings:
-        heading = "Findings: none"
+    heading = "Findings: none" if not content.findings else "Findings"
     lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
     for number, finding in enumerate(content.findings, 1):
         kind, style = finding.severity, BODY

@@ -83,18 +83,12 @@ class Source:
         """The extraction's settings, for the provenance; a bundle has its own."""
         if self.fixture is not None:
             return dict(self.fixture.provenance.settings)
-        settings = {}
-        for name, value in asdict(self.extraction).items():
-            if value is not None:
-                settings[name] = value
-        return settings
+        return {name: value for name, value in asdict(self.extraction).items() if value is not None}
 
     @property
     def image_of_markers(self) -> PlannedImage | None:
         """The slice against whose drawn marks the markers are held."""
-        if self.slice_path is None:
-            return None
-        return self.image
+        return None if self.slice_path is None else self.image
 
     @property
     def is_slice_missing(self) -> bool:
@@ -174,9 +168,7 @@ def open_source(
             refuse_planning_of_planned(source.fixture, planning)
         return source
     pairs = read_markers(markers, markers2, common=planning.common)
-    second = None
-    if markers2 is not None:
-        second = Path(markers2)
+    second = Path(markers2) if markers2 is not None else None
     return replace(
         source,
         fit=fit_of(pairs, source.image, planning),
@@ -429,9 +421,7 @@ def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSetti
     pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
     fit = fit_of(pairs, image, settings)
     left_out = labels_left_out(fixture)
-    markers = []
-    for marker in fit.markers:
-        markers.append(replace(marker, is_used=marker.label not in left_out))
+    markers = [replace(marker, is_used=marker.label not in left_out) for marker in fit.markers]
     return replace(fit, markers=tuple(markers))
 
 

@@ -201,9 +201,7 @@ def draw(session: Session, step: Step) -> State:
     else:
         line = geometry.ink.draw(path, closed, REACH_PX, (True, True))
     stroke = MendedStroke.of(line)
-    strokes: tuple[MendedStroke, ...] = (stroke,)
-    if adds:
-        strokes = (*geometry.strokes, stroke)
+    strokes: tuple[MendedStroke, ...] = (*geometry.strokes, stroke) if adds else (stroke,)
     return state.changed(geometry=geometry.with_strokes(strokes))
 
 
@@ -243,9 +241,7 @@ def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
         for end in (path[0], path[-1]):
             _, distance = nearest_point(stroke.points, end)
             distances.append((distance, number))
-    if not distances or min(distances)[0] > JOIN_PX:
-        return None
-    return min(distances)[1]
+    return None if not distances or min(distances)[0] > JOIN_PX else min(distances)[1]
 
 
 def cut(session: Session, step: Step) -> State:
@@ -348,9 +344,7 @@ def exclude(session: Session, step: Step) -> State:
             geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
             return state.changed(geometry=geometry, exclude=exclude)
     ink = ink.without(exclude)
-    strokes = []
-    for stroke in geometry.strokes:
-        strokes.append(stroke.measured_in(exclude[-1], ink))
+    strokes = [stroke.measured_in(exclude[-1], ink) for stroke in geometry.strokes]
     geometry = replace(geometry, strokes=tuple(strokes), ink=ink)
     return state.changed(geometry=geometry, exclude=exclude)
 
@@ -364,9 +358,7 @@ def take(session: Session, step: Step) -> State:
     if meaning not in ("curve", "part"):
         raise _malformed(step, "as", '"curve" or "part"')
     stroke = MendedStroke.of(ink.trace(route.points, route.closed))
-    strokes: tuple[MendedStroke, ...] = (stroke,)
-    if meaning == "part":
-        strokes = (*state.geometry.strokes, stroke)
+    strokes = (*state.geometry.strokes, stroke) if meaning == "part" else (stroke,)
     return state.changed(geometry=state.geometry.with_strokes(strokes))
 
 
@@ -404,12 +396,8 @@ def add_marker(session: Session, step: Step) -> State:
             f"There are {MAX_MARKERS} markers, and no more can be added. Delete one.",
             code="too-many-markers",
         )
-    place = None
-    if step.get("at") is not None:
-        place = tuple(_place(session, step, "at").tolist())
-    target = None
-    if step.get("target_m") is not None:
-        target = _numbers(step, "target_m", 3)
+    place = tuple(_place(session, step, "at").tolist()) if step.get("at") is not None else None
+    target = _numbers(step, "target_m", 3) if step.get("target_m") is not None else None
     markers = (*fit.markers, Marker(label, place, target))
     return session.current.changed(fit=replace(fit, markers=markers))
 

@@ -112,9 +112,7 @@ class MendedStroke(Stroke):
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
-        needed = 2
-        if self.closed:
-            needed = 3
+        needed = 3 if self.closed else 2
         if count <= needed:
             raise SettingError(
                 f"The stroke has {count} knots and needs them. Cut it, or draw it anew.",
@@ -276,9 +274,7 @@ class MendedStroke(Stroke):
 
     def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> MendedStroke:
         """The stroke with these of its points, in this order."""
-        values = {}
-        for name in PER_POINT:
-            values[name] = getattr(self, name)[order]
+        values = {name: getattr(self, name)[order] for name in PER_POINT}
         return replace(self, **values, knots=knots)
 
     def _around(self, knot: int) -> tuple[int, int, int]:
@@ -386,9 +382,7 @@ def _concatenated(
     parts: list[MendedStroke], closed: bool, knots: NDArray[np.int64]
 ) -> MendedStroke:
     """Strokes as one, one behind the other, with these knots."""
-    values = {}
-    for name in PER_POINT:
-        values[name] = np.concatenate([getattr(part, name) for part in parts])
+    values = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_POINT}
     return replace(parts[0], **values, closed=closed, knots=knots)
 
 
@@ -397,9 +391,7 @@ def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None)
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
-    min_steps = 1
-    if closed:
-        min_steps = 4
+    min_steps = 4 if closed else 1
     steps = max(min_steps, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     if closed:

@@ -89,9 +89,7 @@ def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, floa
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
     for number, side in enumerate(SIDES):
         row, column = divmod(number, 2)
-        x = MARGIN
-        if column == 1:
-            x = MARGIN + CONTENT_WIDTH - VIEW_PX
+        x = MARGIN + CONTENT_WIDTH - VIEW_PX if column == 1 else MARGIN
         view_y = round(y) + row * (VIEW_PX + 60)
         sheet.text(x, view_y, side.words, STRONG)
         axes = f"{'xyz'[side.across]} to the right, {'xyz'[side.upward]} upwards"
@@ -191,9 +189,7 @@ def draw_tag(
     if place is None:
         return
     paper.draw_cased(part, place.leader, BLACK, 1)
-    letters = WHITE
-    if ground == WHITE:
-        letters = BLACK
+    letters = BLACK if ground == WHITE else WHITE
     plate = part[place.y : place.y + height, place.x : place.x + width]
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground

@@ -80,9 +80,7 @@ class Scene(ABC):
             The start lies inside the fixture.
         """
         path = check_path(hips)
-        proxy = path[0]
-        if start is not None:
-            proxy = np.asarray(start, float)
+        proxy = np.asarray(start, float) if start is not None else path[0]
         flat = self._flat
         out = np.empty_like(path)
         for i, hip in enumerate(path):
@@ -127,9 +125,7 @@ class Scene(ABC):
     @property
     def _flat(self) -> Vector:
         """(3,) 1 for each coordinate of a position that counts, else 0."""
-        if self.along_z:
-            return np.array([1.0, 1.0, 0.0])
-        return np.ones(3)
+        return np.array([1.0, 1.0, 0.0]) if self.along_z else np.ones(3)
 
     @property
     def along_z(self) -> bool:
@@ -184,9 +180,7 @@ class Drawn(Scene):
     @property
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""
-        if self.extrude:
-            return None
-        return "z"
+        return None if self.extrude else "z"
 
     @property
     def along_z(self) -> bool:
@@ -209,7 +203,5 @@ def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
 
 def corners_mm(*points: tuple[float, ...]) -> Vector:
     """The corners of a path in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
-    rows = []
-    for point in points:
-        rows.append([*point, 0.0][:3])
+    rows = [[*point, 0.0][:3] for point in points]
     return np.array(rows) * 1e-3

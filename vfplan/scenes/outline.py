@@ -31,9 +31,7 @@ class Link:
     @property
     def length(self) -> float:
         """Arc length [m]."""
-        if self.sweep:
-            return abs(self.sweep) * self.radius
-        return float(np.hypot(*(self.b - self.a)))
+        return abs(self.sweep) * self.radius if self.sweep else float(np.hypot(*(self.b - self.a)))
 
     def at(self, s: Vector) -> Vector:
         """(K, 2) positions at the arc lengths s (K,) from `a`."""
@@ -72,9 +70,7 @@ class Run:
     def sample(self, spacing: float) -> Vector:
         """(N, 2) points at equal arc lengths, as close to `spacing` as both ends allow."""
         count = max(1, round(self.length / spacing))
-        point_count = count + 1
-        if self.closed:
-            point_count = count
+        point_count = count if self.closed else count + 1
         s = np.arange(point_count) * (self.length / count)
         edges = np.concatenate([[0.0], np.cumsum([link.length for link in self.links])])
         which = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(self.links) - 1)
@@ -167,9 +163,7 @@ def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
 
 def polyline(*corners: Vector) -> tuple[Run, ...]:
     """Straight runs from corner to corner (2,) [m]."""
-    runs = []
-    for a, b in pairwise(corners):
-        runs.append(Run((segment(a, b),)))
+    runs = [Run((segment(a, b),)) for a, b in pairwise(corners)]
     return tuple(runs)
 
 

@@ -127,9 +127,7 @@ def plain_attribute(value: Any) -> Any:
     """An attribute's value in Python's types. h5py gives text of fixed length as bytes."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def _check_shapes(time: Any, hip: Any, where: str) -> int:

@@ -70,9 +70,7 @@ class Event:
         """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
-        if self.fixture is None:
-            return "edit"
-        return "exchange"
+        return "edit" if self.fixture is None else "exchange"
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:

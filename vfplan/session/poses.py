@@ -36,18 +36,14 @@ def read_poses(path: str | Path) -> Poses:
     """
     file = OpenedFile(Path(path), SessionError)
     table = open_number_table(file.view, str(path), SessionError, POSE_COLUMNS)
-    columns = POSE_COLUMNS
-    if "arrived" in table.columns:
-        columns = (*POSE_COLUMNS, "arrived")
+    columns = (*POSE_COLUMNS, "arrived") if "arrived" in table.columns else POSE_COLUMNS
     blocks = list(table.blocks(columns))
     if not blocks:
         raise SessionError("holds no pose. Give at least one", where=str(path), code="poses-empty")
     rows = np.concatenate(blocks)
     time = rows[:, 0].copy()
     pose = rows[:, 1:8].copy()
-    arrived = time
-    if "arrived" in table.columns:
-        arrived = rows[:, 8].copy()
+    arrived = rows[:, 8].copy() if "arrived" in table.columns else time
 
     length = np.linalg.norm(pose[:, 3:], axis=1)
     good = np.isfinite(rows).all(axis=1)

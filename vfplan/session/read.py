@@ -94,9 +94,7 @@ def open_session(
             run_in_sandbox, "vfplan.session.mcapfile:read_hips", name, factor, **source
         )
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
-        kind = "npz"
-        if signature == HDF5_SIGNATURE:
-            kind = "hdf5"
+        kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
         length, statements = run_once(f"vfplan.session.arrays:{kind}_header", name, **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.

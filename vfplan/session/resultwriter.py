@@ -97,9 +97,7 @@ class ResultWriter(WholeFileWriter):
         # CRC-32 of the rows written so far, by group and dataset.
         self._checksums: dict[tuple[str, str], int] = {}
         for group in self._groups:
-            place = self._file
-            if group:
-                place = self._file.require_group(group)
+            place = self._file.require_group(group) if group else self._file
             for name, (columns, dtype, unit) in TABLE.items():
                 self._checksums[group, name] = 0
                 dataset = place.create_dataset(
@@ -177,9 +175,7 @@ class CsvWriter(WholeFileWriter):
         columns: list[list[Any]] = []
         for name in TABLE:
             columns.extend(np.atleast_2d(getattr(block, name).T).tolist())
-        lines = []
-        for row in zip(*columns, strict=True):
-            lines.append(",".join(map(repr, row)) + "\n")
+        lines = [",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True)]
         self._write("".join(lines))
 
     def verify(self) -> None:

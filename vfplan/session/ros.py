@@ -40,9 +40,7 @@ def is_bag(path: Path) -> bool:
 
 def bag_files(path: Path) -> list[Path]:
     """The files that a bag consists of, in order of their names."""
-    if path.is_file():
-        return [path]
-    return sorted(part for part in path.iterdir() if part.is_file())
+    return [path] if path.is_file() else sorted(part for part in path.iterdir() if part.is_file())
 
 
 def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
@@ -116,9 +114,7 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
     """Yield (time since the first message [s], hip [m]) a block at a time."""
     path = Path(place)
     ros = RosOptions(*options)
-    tip = None
-    if ros.tool_tip is not None:
-        tip = np.asarray(ros.tool_tip, float)
+    tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
     start: int | None = None
     times: list[float] = []
     hips: list[Array] = []
@@ -229,9 +225,7 @@ def _value_at(message: Any, field: str) -> Any:
 
 def _choose_field(message: Any, field: str | None, where: str) -> str:
     """The field that holds a position: the one that is named, or the first of `FIELDS`."""
-    names = FIELDS
-    if field is not None:
-        names = (field,)
+    names = (field,) if field is not None else FIELDS
     for name in names:
         try:
             value = _value_at(message, name)

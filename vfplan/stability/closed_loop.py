@@ -129,12 +129,8 @@ def closed_loop_case(
 
 def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
     """What the search and the press found, in words."""
-    or_more = ""
-    if largest.is_above_search:
-        or_more = " or more"
-    rest = "no rest"
-    if pressed.rest_s is not None:
-        rest = f"rest in {pressed.rest_s:.2f} s"
+    or_more = " or more" if largest.is_above_search else ""
+    rest = f"rest in {pressed.rest_s:.2f} s" if pressed.rest_s is not None else "no rest"
     return (
         f"largest stable K {largest.measured:.0f} N/m{or_more}, {largest.ratio:.3f} of the exact "
         f"bound; pressed: overshoot {pressed.overshoot:.2f}, {rest}, limit cycle "
@@ -198,15 +194,9 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
     quarter = len(depth) // 4
     final_depth = float(depth[-quarter:].mean())
     moving = np.flatnonzero(np.abs(depth - final_depth) > REST_TOLERANCE * abs(final_depth))
-    rest_tick = 0
-    if moving.size > 0:
-        rest_tick = int(moving[-1]) + 1
-    rest_s = None
-    if rest_tick < len(depth) - quarter:
-        rest_s = rest_tick / robot.rate_hz
-    overshoot = 0.0
-    if final_depth > 0:
-        overshoot = float(depth.max() / final_depth - 1.0)
+    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
+    rest_s = rest_tick / robot.rate_hz if rest_tick < len(depth) - quarter else None
+    overshoot = float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0
     work = (motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum()
     return Press(
         energy_j=float(work),

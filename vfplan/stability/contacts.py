@@ -175,9 +175,7 @@ def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], f
     """
     if isinstance(on, str):
         return on, SCENES[on](), None
-    band = None
-    if rule == "robust":
-        band = on.band
+    band = on.band if rule == "robust" else None
     return "bundle", contacts_along(as_rendered(on, rule), 5), band
 
 
@@ -187,9 +185,7 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
     A side on which no ball of radius R fits has no contact.
     """
     radius = fixture.contact_radius + fixture.point_radius
-    shape = fixture.mesh
-    if exact_shape(fixture) == "curve":
-        shape = fixture.pieces
+    shape = fixture.pieces if exact_shape(fixture) == "curve" else fixture.mesh
     for row in spread_rows(fixture.points, count):
         place = fixture.points[row]
         yield from contacts_beside(fixture.points, place, fixture.ignore_axis, radius, shape)

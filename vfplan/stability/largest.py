@@ -120,9 +120,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     engine
         An engine of stiffness 1 N/m on the contact's cloud.
     """
-    hand_share = 0.0
-    if contact.needs_spring:
-        hand_share = HAND_SHARE
+    hand_share = HAND_SHARE if contact.needs_spring else 0.0
     exact = exact_bound(Plant.of(robot), robot.delay_ticks, hand_share)
     if exact == 0.0:
         return LargestStiffness(0.0, 0.0)
@@ -201,7 +199,5 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
 def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
     """A hand that presses `PRESS_DEPTH` R deep into each wall at this K [N/m]."""
     press = PRESS_DEPTH * contact.radius * contact.inward
-    hand_stiffness = 0.0
-    if contact.needs_spring:
-        hand_stiffness = HAND_SHARE * stiffness
+    hand_stiffness = HAND_SHARE * stiffness if contact.needs_spring else 0.0
     return SimulatedHand(stiffness * press, hand_stiffness, contact.touch + press)

@@ -48,9 +48,7 @@ class EnergyBalance:
     @property
     def excess(self) -> float:
         """(work - bound) / stored. Above 0 the fixture was active."""
-        if self.stored_j <= 0:
-            return 0.0
-        return (self.work_j - self.bound_j) / self.stored_j
+        return 0.0 if self.stored_j <= 0 else (self.work_j - self.bound_j) / self.stored_j
 
 
 def random_cycle(contact: Contact, rng: np.random.Generator) -> Vector:

@@ -76,9 +76,7 @@ class Study:
     def as_dict(self) -> dict[str, Any]:
         """The study as `vfplan stability --json` reports it."""
         report = self.verdict.as_dict()
-        robot = {}
-        for name in ("robot", *ROBOT_KEYS):
-            robot[name] = report.pop(name)
+        robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
         return {
             **report,
             "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
@@ -111,9 +109,7 @@ class Study:
     def as_text(self, every_case: bool = False) -> str:
         """The short report: the verdict, and each case that failed, or every case."""
         outcomes = Counter(row.outcome for row in self.rows)
-        summary = "NOT STABLE"
-        if self.verdict.stable:
-            summary = "stable"
+        summary = "stable" if self.verdict.stable else "NOT STABLE"
         summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
         if outcomes["fail"]:
             summary += f", {outcomes['fail']} fail"
@@ -257,11 +253,9 @@ def extreme_tasks(fixture: Fixture | None, full: bool) -> list[Task]:
 
 def skipped_extremes(full: bool) -> dict[str, str]:
     """Why some extreme cases do not run, by their names."""
-    skipped = {}
-    for case in CASES:
-        if case.full and not full:
-            skipped[f"extreme/{case.name}"] = "a long run: --full"
-    return skipped
+    return {
+        f"extreme/{case.name}": "a long run: --full" for case in CASES if case.full and not full
+    }
 
 
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
@@ -296,6 +290,4 @@ def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
 
 def csv_number(value: float | None) -> str:
     """Six digits, or nothing for `None`."""
-    if value is None:
-        return ""
-    return f"{value:.6g}"
+    return "" if value is None else f"{value:.6g}"

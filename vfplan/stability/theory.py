@@ -103,9 +103,7 @@ def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray
     matrix[1, :2] = -vf * plant.hand, vv
 
     # The spring acts on the position of d ticks ago, which is the last one of the state.
-    sampled = 0
-    if d > 0:
-        sampled = 1 + d
+    sampled = 1 + d if d > 0 else 0
     matrix[0, sampled] -= xf * stiffness
     matrix[1, sampled] -= vf * stiffness
 

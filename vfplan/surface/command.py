@@ -81,12 +81,8 @@ def command(sources, output, picture_out, **options) -> CommandResult:
 def surface_text(report: dict[str, Any]) -> str:
     """The report in a few lines."""
     low, high = report["spacing_range_mm"]
-    spacing = f"{low:.3g}"
-    if high - low >= 1e-3:
-        spacing = f"{low:.3g} to {high:.3g}"
-    sizes_mm = []
-    for low, high in zip(*report["extent_m"], strict=True):
-        sizes_mm.append(f"{1e3 * (high - low):.1f}")
+    spacing = f"{low:.3g} to {high:.3g}" if high - low >= 1e-3 else f"{low:.3g}"
+    sizes_mm = [f"{1e3 * (high - low):.1f}" for low, high in zip(*report["extent_m"], strict=True)]
     closed = f"{report['open_edges']} open edges"
     if report["volume_mm3"] is not None:
         closed = f"closed, {report['volume_mm3'] / 1e3:.2f} cm3"

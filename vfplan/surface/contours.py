@@ -68,10 +68,7 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
         return structures[0]
 
     # A name counts before a number.
-    matches = []
-    for structure in structures:
-        if structure.name == wanted:
-            matches.append(structure)
+    matches = [structure for structure in structures if structure.name == wanted]
     if not matches:
         for structure in structures:
             if str(structure.number) == wanted:

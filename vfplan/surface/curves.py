@@ -34,9 +34,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             types = {str(markup.get("type")) for markup in markups}
             if types != {"ClosedCurve"}:
                 types.discard("ClosedCurve")
-                content = "nothing"
-                if types:
-                    content = repr(min(types)[:32])
+                content = repr(min(types)[:32]) if types else "nothing"
                 raise InputError(
                     f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
                 )
@@ -75,10 +73,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     from vfplan.planning import ExtractSettings, extract
 
     load_libraries()
-    files = []
-    for path in sorted(folder.iterdir()):
-        if path.is_file():
-            files.append(path)
+    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     if not 2 <= len(files) <= MAX_TIFF_PARTS:
         raise InputError(
             f"holds {len(files)} files. Give 2 to {MAX_TIFF_PARTS} slices.",

@@ -136,9 +136,7 @@ def ring_of_contour(contour: Any, where: str) -> Array:
             code="outline-not-finite",
         )
     points = numbers.reshape(-1, 3) * 1e-3
-    if len(points) > 3 and np.array_equal(points[0], points[-1]):
-        return points[:-1]
-    return points
+    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
 
 
 def contours_of_segmentation(
@@ -170,9 +168,7 @@ def contours_of_segmentation(
         if kind == "FRACTIONAL":
             borders = rings_of_share(pixels / largest_share)
         else:
-            label = 1
-            if kind == "LABELMAP":
-                label = chosen.number
+            label = chosen.number if kind == "LABELMAP" else 1
             borders, is_smooth = rings_of_mask(pixels == label)
             if not is_smooth:
                 slices_with_stairs += 1

@@ -109,11 +109,7 @@ def zero_rings(values: Array) -> list[Array]:
     """Closed rings of the level 0, joined across corners that touch, without the repeated end."""
     from skimage.measure import find_contours
 
-    rings = []
-    for ring in find_contours(values, 0.0):
-        if len(ring) > 3:
-            rings.append(ring[:-1])
-    return rings
+    return [ring[:-1] for ring in find_contours(values, 0.0) if len(ring) > 3]
 
 
 def stairs_remark(slice_count: int) -> tuple[str, ...]:

@@ -232,9 +232,7 @@ def read_nifti(path: Path) -> LabelVolume:
         import nibabel
     if data.startswith(GZIP):
         data = decompress(data, "gzip", where, max_nifti_bytes(first_decompressed(data), where))
-    kind = nibabel.Nifti2Image
-    if nifti_order_and_version(data)[1] == 1:
-        kind = nibabel.Nifti1Image
+    kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     log = logging.getLogger("nibabel.global")
     level = log.level
     log.setLevel(logging.CRITICAL)

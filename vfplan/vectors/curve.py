@@ -90,9 +90,7 @@ class VectorDrawing:
             return _interpolate(chords, knots, ring)
         from scipy.interpolate import CubicSpline
 
-        ends = "natural"
-        if self.closed:
-            ends = "periodic"
+        ends = "periodic" if self.closed else "natural"
         return CubicSpline(knots, ring, bc_type=ends)(chords)
 
 
@@ -125,9 +123,7 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
         points = points[np.r_[True, np.diff(chords) > same]]
         if closed and np.linalg.norm(points[-1] - points[0]) <= same:
             points = points[:-1]
-    wanted = 2
-    if closed:
-        wanted = 3
+    wanted = 3 if closed else 2
     if len(points) < wanted:
         raise CurveError(
             f"holds {len(points)} different points. Give at least {wanted}",

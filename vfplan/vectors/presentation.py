@@ -29,10 +29,7 @@ def read_presentation(
         not_read += f"; not read: {annotation.name}"
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
-    if len(lines) == 1:
-        count = "1 curve"
-    else:
-        count = f"{len(lines)} curves"
+    count = "1 curve" if len(lines) == 1 else f"{len(lines)} curves"
     if number is None and len(annotations) > 1:
         raise CurveError(
             f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",

@@ -11,9 +11,7 @@ from vfplan.vectors.curve import VectorDrawing, distinct_points, without_repeate
 def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorDrawing:
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
     rows = [row for _, row in split_rows(text, where, MarkerError)]
-    header = []
-    if rows:
-        header = [name.strip() for name in rows[0]]
+    header = [name.strip() for name in rows[0]] if rows else []
     if imagej.is_xy_table(header):
         points = imagej.read_xy_table(rows, origin, where)
     elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.

@@ -130,9 +130,7 @@ class Stage:
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
         add_scale(pyvista, self.plotter, fixture.points)
-        hip = None
-        if ticks is not None:
-            hip = ticks.hip
+        hip = ticks.hip if ticks is not None else None
         place_camera(self.plotter, fixture.points, hip)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.
@@ -145,9 +143,7 @@ class Stage:
     def _add_cloud(self) -> None:
         fixture = self._fixture
         stride = -(-len(fixture.points) // MAX_DRAWN)
-        point_size = 5.0
-        if stride > 1:
-            point_size = 3.0
+        point_size = 3.0 if stride > 1 else 5.0
         self.plotter.add_mesh(
             self._pv.PolyData(fixture.points[::stride]),
             color=CLOUD,
