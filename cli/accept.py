@@ -20,7 +20,7 @@ from vfplan.cli.run import CommandResult, command
     option("--answer-all", is_flag=True, help="Answer every finding."),
     output_option("Write the accepted bundle to this file."),
 )  # fmt: skip
-def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
+def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     """Accept FIXTURE.h5 by the digest on its review sheet, and write it with name and time.
 
     The command refuses the digest of another plan, and a finding without an answer (exit 1).

@@ -36,7 +36,7 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
     option("--from", "source", type=FILE, metavar="JSON",
            help="Measure nothing. Print and draw what this bench.json holds."),
 )  # fmt: skip
-def command(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
+def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
     """Measure error and run time of a step, by default of every step, against a known truth.
 
     For each scene the table has every method with its error and its time, which is that of one

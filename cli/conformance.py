@@ -18,7 +18,7 @@ from vfplan.cli.run import CommandResult, command
     metavar="DIR",
     help="Write the kit into this folder. Files of an older kit are replaced.",
 )
-def command(folder) -> CommandResult:
+def vfplan_conformance(folder) -> CommandResult:
     """Write the conformance kit: sound bundles, broken bundles, and rendered paths.
 
     `python -m vfplan.conformance --kit DIR CMD` runs a reader on each of its files.

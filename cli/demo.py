@@ -29,7 +29,7 @@ from vfplan.io.writing import write_whole
            help="Write the files into this folder. It is made if it does not exist."),
     OVERWRITE,
 )  # fmt: skip
-def command(what, output) -> CommandResult:
+def vfplan_demo(what, output) -> CommandResult:
     """Plan a fixture on the shipped slice, replay the shipped session, and draw both.
 
     \b

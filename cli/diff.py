@@ -16,7 +16,7 @@ from vfplan.cli.values import FILE
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)
-def command(a, b, session) -> CommandResult:
+def vfplan_diff(a, b, session) -> CommandResult:
     """List what differs between A.h5 and B.h5 (exit 1 if anything does).
 
     With a SESSION the command replays both and names the first tick in which proxy or force differ.

@@ -15,7 +15,7 @@ from vfplan.cli.values import OutputFile
     "Write this file. Its suffix says the format: .ply, .csv, .mrk.json or .dxf.",
     kind=OutputFile(".ply", ".csv", ".mrk.json", ".dxf"),
 )
-def command(fixture, output) -> CommandResult:
+def vfplan_export(fixture, output) -> CommandResult:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
     lines and arcs as .dxf [mm].
     """

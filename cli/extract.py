@@ -52,7 +52,7 @@ MENDED_ON_PAGE = {
            help="Put this many points on a millimetre. This needs a pixel spacing.  [default: "
            "one a pixel]"),
 )  # fmt: skip
-def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
+def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
     """Measure the curve that is drawn on IMAGE.
 
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file. It may also be a curve drawn as vectors: a

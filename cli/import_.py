@@ -39,7 +39,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
            help="Extend the fixture without end along this axis."),
     output_option("Write the fixture to this bundle."),
 )  # fmt: skip
-def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
+def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points or the mesh in CLOUD."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.choosing import best_rule, mesh_findings

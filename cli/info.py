@@ -15,7 +15,7 @@ from vfplan.cli.verify import finding_lines, seal_lines
 @FIXTURE
 @option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
 @option("--values", is_flag=True, help="Put the whole tables into --json.")
-def command(fixture, everything, values) -> CommandResult:
+def vfplan_info(fixture, everything, values) -> CommandResult:
     """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it.
 
     `--json` always has all of it.

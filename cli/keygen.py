@@ -15,7 +15,7 @@ from vfplan.cli.values import OutputFile
     "Write the private key to this file, and the public key beside it with the suffix .pub.",
     kind=OutputFile(),
 )
-def command(output) -> CommandResult:
+def vfplan_keygen(output) -> CommandResult:
     """Make an Ed25519 key pair: a private key to sign with, and a public key for the robots."""
     from vfplan.bundle import keygen
 

@@ -54,11 +54,18 @@ for _group in GROUPS.values():
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C, as a shell reports an interrupt."""
 
-# Each module holds a click command called `command`. It is imported when the command is called,
-# which keeps `--help` fast. A module that is not named here is vfplan.cli.<name>; `import` is a
-# keyword of Python, so that module has an underscore.
+# The module of each command, imported when the command is called, which keeps `--help` fast. In it
+# `vfplan plan` is the function `vfplan_plan`. A command that is not named here has a file of
+# its own in vfplan.cli.
 MODULES = {
-    "import": "vfplan.cli.import_",
+    "import": "vfplan.cli.exchange",
+    "export": "vfplan.cli.exchange",
+    "validate": "vfplan.cli.info",
+    "diff": "vfplan.cli.info",
+    "keygen": "vfplan.cli.sign",
+    "verify": "vfplan.cli.sign",
+    "accept": "vfplan.cli.sign",
+    "conformance": "vfplan.cli.bench",
     "surface": "vfplan.surface.command",
     "campaign": "vfplan.campaign.command",
     "rehearse": "vfplan.arm.command",
@@ -90,8 +97,8 @@ class LazyGroup(click.Group):
             if similar:
                 hint = f"Did you mean {similar[0]!r}?"
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
-        module = MODULES.get(name, f"vfplan.cli.{name}")
-        return importlib.import_module(module).command
+        module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
+        return getattr(module, f"vfplan_{name}")
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""

@@ -13,7 +13,7 @@ from vfplan.cli.values import FILE
 @command("migrate")
 @click.argument("old", type=FILE, metavar="OLD.h5")
 @output_option("Write the new bundle to this file.")
-def command(old, output) -> CommandResult:
+def vfplan_migrate(old, output) -> CommandResult:
     """Write the content of OLD.h5, a bundle of version 0.1, 1.0 or 1.1, as one of version 2.0.
 
     OLD.h5 stays as it is. The new bundle is neither signed nor reviewed. Its provenance names the

@@ -50,7 +50,7 @@ from vfplan.findings import Finding, doubt
     option("--no-sheet", is_flag=True,
            help="Write no review sheet beside the bundle."),
 )  # fmt: skip
-def command(
+def vfplan_plan(
     image, markers, markers2, output, mask_out, overlay_out, picture_out, no_sheet, **arguments
 ) -> CommandResult:
     """Turn the curve drawn on IMAGE into a fixture for the robot, by MARKERS.

@@ -38,7 +38,7 @@ from vfplan.cli.values import FILE, MM_OR_ZERO
            help="Radius of the ball that touched them [mm].  [default: 0]"),
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def command(
+def vfplan_register(
     curve, markers, markers2, output, image, touched, tip_radius, picture_out, **arguments
 ) -> CommandResult:
     """Register CURVE.h5 to the robot by MARKERS and write a fixture bundle.

@@ -125,7 +125,7 @@ SESSION_OPTIONS = options_in_order(
     LINK_OPTIONS,
     options.signature_options(),
 )  # fmt: skip
-def command(fixture, session, output, csv_out, **arguments) -> CommandResult:
+def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResult:
     """Replay SESSION (a recording of HIP positions) against FIXTURE.h5, tick by tick.
 
     SESSION is a CSV with a header t,x,y,z, an HDF5 or .npz file with time and hip, or a ROS bag.

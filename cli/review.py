@@ -65,7 +65,7 @@ class ReviewFiles(NamedTuple):
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def command(source, markers, markers2, output, sheet_out, slice_path, **arguments) -> CommandResult:
+def vfplan_review(source, markers, markers2, output, sheet_out, slice_path, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
     SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.

@@ -23,7 +23,7 @@ from vfplan.cli.values import FILE
            help="Sign it even with open findings or without a review. The seal says so."),
     output_option("Write the signed bundle to this file."),
 )  # fmt: skip
-def command(fixture, output, key, **arguments) -> CommandResult:
+def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     """Check FIXTURE.h5 and write it again with a signature.
 
     The signature covers every byte of the bundle, the time, and the case and the robot if they are

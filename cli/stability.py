@@ -68,7 +68,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Write the report, the tables and the pictures into this folder."),
     OVERWRITE,
 )  # fmt: skip
-def command(
+def vfplan_stability(
     fixture, output, robot, stiffness, margin, parts, full, jobs, **robot_figures
 ) -> CommandResult:
     """Judge the stiffness K of FIXTURE (or --stiffness) with a robot, and test the engine.

@@ -14,7 +14,7 @@ from vfplan.cli.values import FILE
 
 @command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
-def command(fixture) -> CommandResult:
+def vfplan_validate(fixture) -> CommandResult:
     """List everything that is wrong or unusual in FILE.h5 (exit 1 if anything is an error)."""
     from vfplan.bundle import validate
 

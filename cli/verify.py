@@ -19,7 +19,7 @@ from vfplan.cli.run import CommandResult, command, command_line
 @command("verify")
 @FIXTURE
 @signature_options("--keys", required=True)
-def command(fixture, **arguments) -> CommandResult:
+def vfplan_verify(fixture, **arguments) -> CommandResult:
     """Check that FIXTURE.h5 is sound and signed by a trusted key (exit 4 if it is not)."""
     from vfplan.bundle import read_sealed
 

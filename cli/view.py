@@ -25,7 +25,7 @@ from vfplan.cli.values import FILE, PNG, Number
                 "[default: its border only]"),
     OVERWRITE,
 )  # fmt: skip
-def command(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
+def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     """Show FIXTURE.h5 in three dimensions.
 
     With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The

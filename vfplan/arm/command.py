@@ -52,7 +52,7 @@ if TYPE_CHECKING:
            help="Write a picture of the arm over the fixture."),
     options.signature_options(),
 )  # fmt: skip
-def command(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
+def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
     """Let a hand move a simulated arm along SESSION, while the arm renders FIXTURE.h5.
 
     The hand is a spring with a damper. The report says whether the arm reaches every place, and

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from vfplan.bench.record import Array
 
 WIDTH_PX = 640
 """Width of the drawn slice at scale 1 [px]."""

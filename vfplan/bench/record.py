@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
-from vfplan.replaying import timing
+from vfplan.replaying.timing import timed as timed_run
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
@@ -217,4 +217,4 @@ def measure_runs(
 def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
     """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs]."""
     engine.reset(hips[0])
-    return timing.timed(engine, hips)
+    return timed_run(engine, hips)

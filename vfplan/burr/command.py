@@ -27,7 +27,7 @@ from vfplan.cli.values import CSV, PNG, DecimalNumber
     options.UNITS,
     options.signature_options(),
 )  # fmt: skip
-def command(
+def vfplan_burr(
     fixture, session, radius_mm, output, events_out, picture_out, **arguments
 ) -> CommandResult:
     """Let the hand of SESSION burr FIXTURE.h5 away with a ball at the tip.

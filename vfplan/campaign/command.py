@@ -56,7 +56,7 @@ from vfplan.errors import SettingError
            help="Write a picture of where along the curve the tool enters, and how far."),
     OVERWRITE,
 )  # fmt: skip
-def command(
+def vfplan_campaign(
     fixture, sessions, folder, trials, workers, scheduler, picture_out, beyond, margin_for,
     **arguments,
 ) -> CommandResult:  # fmt: skip

@@ -33,7 +33,7 @@ from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
            help="Stop after this time [s].  [default: at the end of the result, or on Ctrl-C]"),
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip
-def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandResult:
+def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandResult:
     """Show the ticks of a controller, or of a result of `vfplan replay -o` at its own pace.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. After Ctrl-C the MCAP file is

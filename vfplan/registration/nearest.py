@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vfplan.geometry import ROWS_AT_ONCE
 
-Array = NDArray[np.float64]
+from vfplan.registration.models import Array
 
 # Number of nearest corners whose triangles are compared.
 CORNERS = 4

@@ -206,9 +206,9 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
         from vfplan.images.read import read_image
-        from vfplan.view3d import opengl
+        from vfplan.view3d.opengl import offscreen_window
 
-        if opengl.offscreen_window() is not None:
+        if offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
                 planned_slice = read_image(image) if image is not None else None

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture
-from vfplan.fixture_parts import Review
+from vfplan.fixture import Review
 from vfplan.io.files import now_utc
 from vfplan.review.digest import digest_of
 

@@ -43,7 +43,7 @@ from vfplan.cli.values import MM, MM_OR_ZERO, PNG
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write a picture of the surface with the outlines, and three slices of it."),
 )  # fmt: skip
-def command(sources, output, picture_out, **options) -> CommandResult:
+def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     """Make a surface through the outlines of one structure in SOURCES.
 
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
