@@ -1,7 +1,11 @@
-"""`vfplan bench`: error against run time."""
+"""`vfplan bench`: error against run time.
+
+`vfplan conformance`: write the files with which a reader of bundles is tested.
+"""
 
 from __future__ import annotations
 
+import shlex
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,10 +13,9 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.options import OVERWRITE, option, options_in_order
+from vfplan.cli.options import FILE, MM, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, is_verbose, progress
-from vfplan.cli.values import FILE, MM
 
 from vfplan.errors import InputError, SettingError
 
@@ -42,8 +45,8 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
     For each scene the table has every method with its error and its time, which is that of one
     call or of one tick. The last sentences compare the chosen setting with other settings.
     """
-    from vfplan.bench import read_document, summaries
-    from vfplan.bench.table import table_lines
+    from vfplan.bench.record import summaries, table_lines
+    from vfplan.bench.stages import read_document
 
     stages = list(STAGES) if stage == "all" else [stage]
     refuse_idle_options(stages, source)
@@ -103,7 +106,8 @@ def measure(
     stages: list[str], commands: tuple[str, ...], quick: bool, tolerance_m: float
 ) -> dict[str, Any]:
     """The document of a bench of now, beside the peers named or the shipped one."""
-    from vfplan.bench import Peer, bench, build_nanoflann
+    from vfplan.bench.peers import Peer, build_nanoflann
+    from vfplan.bench.stages import bench
 
     peers = [Peer(words) for words in commands]
     absent: list[dict[str, Any]] = []
@@ -124,11 +128,37 @@ def measure(
 
 def write_bench(document: dict[str, Any], stages: list[str], files: list[Path]) -> None:
     """Write the document as JSON and CSV, and a diagram of each stage."""
-    from vfplan.bench import write_csv, write_json
     from vfplan.bench.figures import draw_stage
+    from vfplan.bench.stages import write_csv, write_json
 
     with outputs(*files) as (json_path, csv_path, *pictures):
         write_json(document, json_path)
         write_csv(document, csv_path)
         for stage, picture in zip(stages, pictures, strict=True):
             draw_stage(document, stage, picture)
+
+
+@command("conformance")
+@click.option(
+    "--write",
+    "folder",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write the kit into this folder. Files of an older kit are replaced.",
+)
+def vfplan_conformance(folder) -> CommandResult:
+    """Write the conformance kit: sound bundles, broken bundles, and rendered paths.
+
+    `python -m vfplan.conformance --kit DIR CMD` runs a reader on each of its files.
+    """
+    from vfplan.conformance.kit import write_kit
+
+    count = write_kit(folder)
+    return CommandResult(
+        {"folder": str(folder), "files": count},
+        f"wrote {count} files into {folder}",
+        verdict="the kit is complete",
+        next_step="run your reader CMD on each file: python -m vfplan.conformance --kit "
+        f"{shlex.quote(str(folder))} CMD",
+    )

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import OVERWRITE, option, options_in_order
+from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.units import micrometres, millimetres
-from vfplan.cli.values import FILE
 
-from vfplan.display import length
-from vfplan.io.json_types import to_json_types
+from vfplan.display import length, micrometres, millimetres
+from vfplan.io.files import to_json_types
 from vfplan.io.writing import write_whole
 
 

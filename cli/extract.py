@@ -12,16 +12,17 @@ import click
 from vfplan.cli.next_commands import page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
+    FILE,
+    Number,
     option,
     options_in_order,
     output_option,
     settings_from_options,
-)  # fmt: skip
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.units import count
-from vfplan.cli.values import FILE, Number
 
+from vfplan.display import count
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 
 LISTED_GAPS = 4
@@ -61,8 +62,9 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
     If the command would have to guess the curve, it says why and what to do (exit 3). It then
     writes nothing but the picture of --overlay-out, which shows the place.
     """
-    from vfplan.bundle import write_fixture
-    from vfplan.planning import ExtractSettings, extract
+    from vfplan.bundle.write import write_fixture
+    from vfplan.planning.extraction import extract
+    from vfplan.planning.settings import ExtractSettings
 
     settings = settings_from_options(ExtractSettings, arguments)
     page = page_command(image, output=output)

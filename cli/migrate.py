@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import click
 from vfplan.cli.next_commands import review_command
-from vfplan.cli.options import output_option
+from vfplan.cli.options import FILE, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
-from vfplan.cli.values import FILE
 
 
 @command("migrate")
@@ -19,7 +18,7 @@ def vfplan_migrate(old, output) -> CommandResult:
     OLD.h5 stays as it is. The new bundle is neither signed nor reviewed. Its provenance names the
     migration.
     """
-    from vfplan.bundle import migrate
+    from vfplan.bundle.migration import migrate
 
     with outputs(output) as (path,):
         content = migrate(old, path)

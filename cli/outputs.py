@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import click
-from vfplan.cli.values import OutputFile
+from vfplan.cli.options import OutputFile
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.writing import (

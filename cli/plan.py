@@ -14,13 +14,12 @@ from vfplan.cli.extract import (
     findings_verdict,
     pointing_to_page,
     write_pictures,
-)  # fmt: skip
+)
 from vfplan.cli.next_commands import page_command, review_command
-from vfplan.cli.options import option, options_in_order, output_option, settings_from_options
+from vfplan.cli.options import FILE, option, options_in_order, output_option, settings_from_options
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.values import FILE
 
 from vfplan.findings import Finding, doubt
 
@@ -59,8 +58,9 @@ def vfplan_plan(
     .mrk.json or .fcsv. Afterwards look at the review sheet beside the bundle. It shows both ends
     of the line enlarged, and all findings.
     """
-    from vfplan.bundle import write_fixture
-    from vfplan.planning import ExtractSettings, plan
+    from vfplan.bundle.write import write_fixture
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings
     from vfplan.robot import read_robot
 
     # The files that have no option of their own are checked before any work, as the others were.
@@ -91,7 +91,7 @@ def vfplan_plan(
 
     # Robot and arm have a say before anything is written.
     if robot is not None:
-        from vfplan.stability import with_verdict
+        from vfplan.stability.study import with_verdict
 
         fixture = with_verdict(fixture, robot)
         findings += strong_pull(fixture, robot)
@@ -169,10 +169,11 @@ def rehearse_approaches(
     CheckFailed
         The arm does not reach a place, or would stop.
     """
-    from vfplan.arm import Arm, rehearse
     from vfplan.arm.command import objections
+    from vfplan.arm.model import Arm
+    from vfplan.arm.rehearsal import rehearse
     from vfplan.errors import CheckFailed
-    from vfplan.replaying.approach import approach_sessions
+    from vfplan.replaying.link import approach_sessions
 
     arm = Arm(arguments["rehearse"], robot, base=arguments["base"], tool=arguments["tool"])
     rehearsals = []

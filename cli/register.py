@@ -10,11 +10,11 @@ import click
 from vfplan.cli import options
 from vfplan.cli.extract import findings_verdict
 from vfplan.cli.next_commands import register_command, review_command
-from vfplan.cli.options import option, options_in_order, output_option
+from vfplan.cli.options import FILE, MM_OR_ZERO, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, is_verbose
-from vfplan.cli.units import count, micrometres, millimetres
-from vfplan.cli.values import FILE, MM_OR_ZERO
+
+from vfplan.display import count, micrometres, millimetres
 
 
 @command(
@@ -46,9 +46,10 @@ def vfplan_register(
     MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
     .mrk.json or .fcsv.
     """
-    from vfplan.bundle import read_fixture, write_fixture
+    from vfplan.bundle.read import read_fixture
+    from vfplan.bundle.write import write_fixture
     from vfplan.images.read import read_image
-    from vfplan.planning import register
+    from vfplan.planning.plan import register
 
     settings = options.fixture_settings(arguments)
     if settings.find_markers and image is None:

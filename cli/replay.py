@@ -11,22 +11,28 @@ import click
 from vfplan.cli import options
 from vfplan.cli.next_commands import review_command
 from vfplan.cli.options import (
+    CSV,
+    FILE,
     FIXTURE,
     SESSION,
+    DecimalNumber,
+    Number,
+    Numbers,
+    Parsed,
+    WholeNumber,
     option,
     options_in_order,
     output_option,
     settings_from_options,
-)  # fmt: skip
+)
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
-from vfplan.cli.units import count
-from vfplan.cli.values import CSV, FILE, DecimalNumber, Number, Numbers, Parsed, WholeNumber
 
+from vfplan.display import count
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
-from vfplan.replaying.verdict import change_words, gap_words
+from vfplan.replaying.findings import change_words, gap_words
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""
@@ -193,10 +199,14 @@ def replay_with_outputs(
     With the rule `both` the result holds the paper's ticks in the group `paper`, and the CSV holds
     the robust ones alone.
     """
-    from vfplan.replaying import Link, replay
+    from vfplan.replaying.link import Link
+    from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
-    from vfplan.session import CsvWriter, ResultWriter, RosOptions, open_session, resampled
+    from vfplan.session.bags import RosOptions
     from vfplan.session.events import as_the_loop_saw
+    from vfplan.session.read import open_session
+    from vfplan.session.result import CsvWriter, ResultWriter
+    from vfplan.session.session import resampled
 
     # The session, and what happens to the fixture during it.
     ros = RosOptions(arguments["topic"], arguments["field"], arguments["tool_tip"])

@@ -7,12 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.cli.run import command_line, is_verbose
-from vfplan.cli.units import count, micrometres, millijoules, millimetres, milliseconds
 
-from vfplan.display import MAX_LISTED, length
-from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.limits import LIMITS
-from vfplan.replaying.verdict import has_touched
+from vfplan.display import (
+    MAX_LISTED,
+    count,
+    length,
+    micrometres,
+    millijoules,
+    millimetres,
+    milliseconds,
+)
+from vfplan.replaying.findings import LIMITS, has_touched
+from vfplan.replaying.metrics import episode_count
 
 UNITS = {
     "_m_s": " m/s",

@@ -19,12 +19,18 @@ from vfplan.cli.next_commands import (
     public_key_of,
     sign_command,
     verify_command,
-)  # fmt: skip
-from vfplan.cli.options import option, options_in_order, settings_from_options
+)
+from vfplan.cli.options import (
+    FILE,
+    HDF5,
+    PNG,
+    WholeNumber,
+    option,
+    options_in_order,
+    settings_from_options,
+)
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line
-from vfplan.cli.stopping import noted_signals
-from vfplan.cli.values import FILE, HDF5, PNG, WholeNumber
+from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -65,7 +71,9 @@ class ReviewFiles(NamedTuple):
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def vfplan_review(source, markers, markers2, output, sheet_out, slice_path, **arguments) -> CommandResult:
+def vfplan_review(
+    source, markers, markers2, output, sheet_out, slice_path, **arguments
+) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
     SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.
@@ -88,9 +96,8 @@ def vfplan_review(source, markers, markers2, output, sheet_out, slice_path, **ar
 
 def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
-    from vfplan.planning import ExtractSettings
-    from vfplan.review.draft import Draft, draft_path
-    from vfplan.review.server import ReviewServer
+    from vfplan.planning.settings import ExtractSettings
+    from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
     from vfplan.review.source import settings_of
 
@@ -192,7 +199,8 @@ def open_page(address: str) -> None:
 
 def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) -> None:
     """Write an approved bundle, signed where there is a key."""
-    from vfplan.bundle import sign, write_fixture
+    from vfplan.bundle.signing import sign
+    from vfplan.bundle.write import write_fixture
 
     with outputs(output) as (path,):
         if arguments["key"] is None:
@@ -236,7 +244,9 @@ def draw_sheet(files: ReviewFiles, sheet_out: Path, arguments: dict[str, Any]) -
 
 def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a planned slice, with or without markers."""
-    from vfplan.planning import ExtractSettings, extract, plan
+    from vfplan.planning.extraction import extract
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings
     from vfplan.review import sheet_input
 
     if files.slice_path is not None:
@@ -256,9 +266,10 @@ def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
 
 def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
-    from vfplan.bundle import read_fixture
+    from vfplan.bundle.read import read_fixture
     from vfplan.images.read import read_image
-    from vfplan.planning import ExtractSettings, register
+    from vfplan.planning.plan import register
+    from vfplan.planning.settings import ExtractSettings
     from vfplan.review import sheet_input
     from vfplan.review.source import refuse_extraction_of_extracted, refuse_planning_of_planned
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.values import Number, Numbers, OutputFile, Parsed
+from vfplan.cli.options import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole

@@ -1,12 +1,35 @@
-"""`vfplan sign`: approve a bundle."""
+"""`vfplan sign`: approve a bundle.
+
+`vfplan verify`: does a trusted key vouch for this bundle?
+
+`vfplan keygen`: a key pair for approving bundles.
+
+`vfplan accept`: a script's way to approve what somebody saw on the review sheet.
+"""
 
 from __future__ import annotations
 
-from vfplan.cli.next_commands import public_key_of, verify_command
-from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
-from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command
-from vfplan.cli.values import FILE
+import shlex
+from dataclasses import asdict
+from typing import Any
+
+import click
+from vfplan.cli.next_commands import public_key_of, sign_command, verify_command
+from vfplan.cli.options import (
+    FILE,
+    FIXTURE,
+    SIGNED_FOR,
+    OutputFile,
+    not_compared,
+    not_compared_warnings,
+    option,
+    options_in_order,
+    output_option,
+    signature_options,
+    trust,
+)
+from vfplan.cli.outputs import is_overwriting, outputs
+from vfplan.cli.run import CommandResult, command, command_line
 
 
 @command("sign")
@@ -30,7 +53,7 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     given. The command refuses a bundle that nobody reviewed, or with findings that nobody answered
     (exit 1).
     """
-    from vfplan.bundle import sign
+    from vfplan.bundle.signing import sign
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
@@ -43,3 +66,130 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
             output, public_key_of(key), case=seal.case, robot_serial=seal.robot_serial
         ),
     )
+
+
+@command("verify")
+@FIXTURE
+@signature_options("--keys", required=True)
+def vfplan_verify(fixture, **arguments) -> CommandResult:
+    """Check that FIXTURE.h5 is sound and signed by a trusted key (exit 4 if it is not)."""
+    from vfplan.bundle.read import read_sealed
+
+    signed, seal = read_sealed(fixture, trust=trust(arguments))
+    reviewed = asdict(signed.reviewed) if signed.reviewed is not None else None
+    data = {
+        **seal.describe(),
+        "ok": True,
+        "not_compared": not_compared(seal.describe(), arguments),
+        "findings": [finding.as_dict() for finding in signed.findings],
+        "reviewed": reviewed,
+    }
+    lines = [f"sound, signed by key {data['key_id']}", *seal_lines(data)]
+    lines += finding_lines(data["findings"], reviewed)
+    verdict = "signed by a trusted key"
+    next_step = "load it on the robot"
+    if data["not_compared"]:
+        words = " and ".join(data["not_compared"]).replace("_", " ")
+        verdict = f"signed by a trusted key, but its {words} was compared with nothing"
+        missing = [SIGNED_FOR[name] for name in data["not_compared"]]
+        next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
+    if seal.despite_findings:
+        reasons = []
+        if signed.open_findings:
+            reasons.append("findings were not answered")
+        if signed.reviewed is None:
+            reasons.append("nobody had reviewed it")
+        reason = " and ".join(reasons)
+        lines.append(f"  {'but':<11} signed although {reason}")
+        verdict = f"signed by a trusted key, although {reason}"
+        next_step = "ask who signed it why, before a robot loads it"
+    return CommandResult(
+        data, "\n".join(lines), warnings=not_compared_warnings(data, arguments), verdict=verdict,
+        next_step=next_step,
+    )  # fmt: skip
+
+
+def seal_lines(seal: dict[str, Any]) -> list[str]:
+    """What a signature is for: case, robot and time, where they are given."""
+    lines = []
+    for name, word in (("case", "case"), ("robot_serial", "robot"), ("signed_utc", "time")):
+        if name in seal:
+            lines.append(f"  {word:<11} {seal[name]}")
+    return lines
+
+
+def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
+    """Who reviewed the plan, and its findings, a line each."""
+    lines = []
+    if reviewed is None:
+        lines.append("  reviewed    by nobody")
+    else:
+        lines.append(f"  reviewed    by {reviewed['by']}, {reviewed['utc']}")
+    for finding in findings:
+        line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"
+        if finding["answered_by"] is not None:
+            line += f" (accepted by {finding['answered_by']}, {finding['answered_utc']})"
+        elif finding["severity"] == "doubt":
+            line += " (not answered)"
+        lines.append(line)
+    return lines
+
+
+@command("keygen")
+@output_option(
+    "Write the private key to this file, and the public key beside it with the suffix .pub.",
+    kind=OutputFile(),
+)
+def vfplan_keygen(output) -> CommandResult:
+    """Make an Ed25519 key pair: a private key to sign with, and a public key for the robots."""
+    from vfplan.bundle.trust import keygen
+
+    public, key_id = keygen(output, overwrite=is_overwriting())
+    data = {"private_key": str(output), "public_key": str(public), "key_id": key_id}
+    return CommandResult(
+        data,
+        f"wrote {output} and {public}",
+        verdict=f"made key {key_id}",
+        next_step=f"keep {output} secret, give {public} to the robots, and sign: vfplan sign "
+        f"FIXTURE.h5 --key {shlex.quote(str(output))} -o SIGNED.h5",
+    )
+
+
+@command("accept")
+@FIXTURE
+@options_in_order(
+    option("--digest", required=True, metavar="DIGEST",
+           help="The 64 hexadecimal digits on the sheet that the person looked at."),
+    option("--by", required=True, metavar="NAME", help="Name of the person who looked at it."),
+    option("--answer", "answers", multiple=True, metavar="CODE",
+           help="Answer the findings of this code; repeatable."),
+    option("--answer-all", is_flag=True, help="Answer every finding."),
+    output_option("Write the accepted bundle to this file."),
+)  # fmt: skip
+def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandResult:
+    """Accept FIXTURE.h5 by the digest on its review sheet, and write it with name and time.
+
+    The command refuses the digest of another plan, and a finding without an answer (exit 1).
+    """
+    from vfplan.bundle.read import read_sealed
+    from vfplan.bundle.write import write_fixture
+    from vfplan.review.acceptance import accept
+
+    if answers and answer_all:
+        raise click.UsageError("--answer and --answer-all exclude each other. Give one")
+    before, seal = read_sealed(fixture)
+    accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
+    with outputs(output) as (path,):
+        write_fixture(accepted, path)
+    answered = [finding.code for finding in accepted.findings if finding not in before.findings]
+    data = {
+        "output": str(output),
+        "digest": accepted.reviewed.digest,
+        "by": by,
+        "answered": answered,
+    }
+    return CommandResult(
+        data, f"wrote {output}", findings=accepted.findings,
+        verdict=f"accepted by {by}",
+        next_step=sign_command(output, case=seal.case, robot_serial=seal.robot_serial),
+    )  # fmt: skip

@@ -12,15 +12,13 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.next_commands import approval_command
-from vfplan.cli.options import OVERWRITE, option, options_in_order
+from vfplan.cli.options import FILE, OVERWRITE, DecimalNumber, WholeNumber, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, is_verbose, progress
-from vfplan.cli.units import count
-from vfplan.cli.values import FILE, DecimalNumber, WholeNumber
 
-from vfplan.bundle.schema import max_number
-from vfplan.io.files import naming_place
-from vfplan.io.json_types import to_json_types
+from vfplan.bundle.content import max_number
+from vfplan.display import count
+from vfplan.io.files import naming_place, to_json_types
 from vfplan.io.writing import write_whole
 
 REPORT_FILE = "stability.json"
@@ -76,7 +74,7 @@ def vfplan_stability(
     The exit code is 1 if K times the margin is not stable, or if a case did not end as it should.
     The files are written all the same.
     """
-    from vfplan.bundle import read_sealed
+    from vfplan.bundle.read import read_sealed
     from vfplan.robot import read_robot
     from vfplan.stability.study import DEFAULT_ROBOT, study
 
@@ -163,8 +161,7 @@ def short_text(studied: Any) -> str:
 
 def write_study(folder: Path, studied: Any) -> None:
     """Write the report and the table, and a picture where there is something to draw."""
-    from vfplan.figures.stability import passivity_plot
-    from vfplan.figures.style import save_png
+    from vfplan.figures.style import passivity_plot, save_png
 
     picture_path = None
     for row in studied.rows:

@@ -6,10 +6,9 @@ import shlex
 from typing import Any
 
 import click
-from vfplan.cli.options import FIXTURE, OVERWRITE, option, options_in_order
+from vfplan.cli.options import FILE, FIXTURE, OVERWRITE, PNG, Number, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.values import FILE, PNG, Number
 
 
 @command("view")
@@ -31,10 +30,10 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The
     window has a time slider. --screenshot needs an OpenGL library (Debian: libosmesa6).
     """
-    from vfplan.bundle import read_sealed
+    from vfplan.bundle.read import read_sealed
     from vfplan.images.read import read_image
     from vfplan.review.sheet_input import check_slice
-    from vfplan.session import read_result, require_fixture
+    from vfplan.session.result import read_result, require_fixture
 
     if at_s is not None and (screenshot is None or result is None):
         raise click.UsageError("--at picks a tick. Give --screenshot PNG and RESULT.h5 too")
@@ -49,7 +48,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
         check_slice(planned, image)
 
     from vfplan import view3d
-    from vfplan.view3d import opengl
+    from vfplan import view3d as opengl
 
     with announce_if_slow("trying how pictures can be drawn here"):
         opengl.ready_pyvista(screen=screenshot is None)

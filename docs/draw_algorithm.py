@@ -12,7 +12,8 @@ import numpy as np
 import vfplan
 from vfplan import palette
 from vfplan.figures import style
-from vfplan.scenes import Corner, Omega, travel
+from vfplan.scenes.base import travel
+from vfplan.scenes.scenes import Corner, Omega
 
 PICTURES = Path(__file__).with_name("pictures")
 RC = 5e-3

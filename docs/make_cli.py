@@ -9,7 +9,8 @@ import inspect
 from pathlib import Path
 
 import click
-from vfplan.cli import COMMANDS, GROUPS, cli, options
+from vfplan.cli import options
+from vfplan.cli.main import COMMANDS, GROUPS, cli
 
 HEAD = """# Command reference
 

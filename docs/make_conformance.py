@@ -10,10 +10,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vfplan.bundle import Trust, read_bundle, read_keys
-from vfplan.conformance import runner, write_kit
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.trust import Trust, read_keys
+from vfplan.conformance import runner
+from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError, InputError
-from vfplan.io import to_json_types
+from vfplan.io.files import to_json_types
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "howto" / "reader.md"

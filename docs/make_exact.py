@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 import vfplan
-from vfplan.bench.cases import fitted
+from vfplan.bench.proxy import fitted
 from vfplan.scenes import SCENES
 
 R = 5e-3

@@ -8,8 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from vfplan.bundle import table
-from vfplan.bundle.schema import Row, document
+from vfplan.bundle.content import Row, document, table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "format.md"

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import vfplan
-from vfplan.session import TICK, McapWriter, read_ticks
+from vfplan.session.bags import TICK, McapWriter, read_ticks
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 5

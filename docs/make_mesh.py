@@ -18,8 +18,8 @@ import numpy as np
 
 import vfplan
 from vfplan import _core
-from vfplan.bundle import mesh_band, refined
-from vfplan.engine import ProxyParameters
+from vfplan.bundle.importing import mesh_band, refined
+from vfplan.engine.parameters import ProxyParameters
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 from triangle_scenes import Bone

@@ -62,11 +62,12 @@ def draw_guidance() -> None:
     import numpy as np
 
     import vfplan
-    from vfplan.figures import save_png, scene
-    from vfplan.figures.replay import guide_plot
-    from vfplan.planning import ExtractSettings, FixtureSettings, plan
-    from vfplan.replaying import replay
-    from vfplan.session import Session
+    from vfplan.figures.replay import guide_plot, scene
+    from vfplan.figures.style import save_png
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings, FixtureSettings
+    from vfplan.replaying.replay import replay
+    from vfplan.session.session import Session
 
     fixture = plan(
         SLICE,

@@ -22,16 +22,15 @@ from numpy.typing import NDArray
 
 import vfplan
 from vfplan.errors import VfplanError
-from vfplan.registration import (
-    Registration,
+from vfplan.registration.checks import (
+    POSSIBLE_PERSPECTIVE,
+    SURE_PERSPECTIVE,
     error_findings,
-    fit_registration,
     refuse_large_error,
     refuse_wrong_markers,
     registration_findings,
-    target_error,
 )
-from vfplan.registration.perspective import POSSIBLE_PROBABILITY, SURE_PROBABILITY
+from vfplan.registration.registration import Registration, fit_registration, target_error
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "making"))
@@ -291,8 +290,8 @@ def tilt_row(n: int) -> str:
     """The tilt that is noted, and that is doubted, in nine of ten sets of n markers."""
     cells = [str(n)]
     for fle_m in (1e-4, 3e-4, 5e-4, 1e-3):
-        noted = visible_tilt_deg(n, fle_m, POSSIBLE_PROBABILITY)
-        doubted = visible_tilt_deg(n, fle_m, SURE_PROBABILITY)
+        noted = visible_tilt_deg(n, fle_m, POSSIBLE_PERSPECTIVE)
+        doubted = visible_tilt_deg(n, fle_m, SURE_PERSPECTIVE)
         cells.append(f"{noted:.1f}°, {doubted:.1f}°")
     return f"| {' | '.join(cells)} |"
 
@@ -339,8 +338,9 @@ def photographed(plate: NDArray[np.float64], tilt_deg: float) -> NDArray[np.floa
 
 def processor_time() -> str:
     """Processor time of `register`'s work in a plan of the sample, modules loaded."""
-    from vfplan.planning import extract, register
+    from vfplan.planning.extraction import extract
     from vfplan.planning.match import match
+    from vfplan.planning.plan import register
     from vfplan.planning.settings import FixtureSettings
 
     files = SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv"

@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 import vfplan
-from vfplan.planning import ExtractSettings, plan
-from vfplan.replaying import replay
+from vfplan.planning.plan import plan
+from vfplan.planning.settings import ExtractSettings
+from vfplan.replaying.replay import replay
 
 TICKS = 60_000
 RUNS = 40

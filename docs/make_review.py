@@ -17,7 +17,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vfplan.review import Draft, ReviewServer, Session
+from vfplan.review.server import Draft, ReviewServer
+from vfplan.review.session import Session
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "support"))

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures import save_png
-from vfplan.figures.style import subplots
+from vfplan.figures.style import save_png, subplots
 from vfplan.palette import CONTACT, FORCE, RULE
 from vfplan.robot import Robot
-from vfplan.stability import engine_for, largest_stiffness, patch
+from vfplan.stability.closed_loop import engine_for, largest_stiffness
+from vfplan.stability.contacts import patch
 
 DOCS = Path(__file__).resolve().parent
 PAGE = DOCS / "stability.md"

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "making")
 import bones
 import nrrd
 
-from vfplan.registration import NearestOnMesh
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.registration.touch import NearestOnMesh
+from vfplan.surface.build import SurfaceSettings, surface
 
 GAP_MM = 3.0
 """Distance between slices [mm]."""

@@ -21,7 +21,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from vfplan import scenes
-from vfplan.engine import ProxyParameters
+from vfplan.engine.parameters import ProxyParameters
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests" / room) for room in ("making", "support", "engine", ".")]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.replaying import replay
-from vfplan.session import Session
+from vfplan.replaying.replay import replay
+from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,8 @@ def minimum_jerk(stops: Array, rate: float, speed: float = 0.25) -> tuple[Array,
 
 def planned_curve() -> Fixture:
     """Experiment 2: the elbow's curve, 5.3 points a millimetre, infinite along its normal."""
-    from vfplan.planning import ExtractSettings, FixtureSettings, plan
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
     sample = files("vfplan.samples")
     return plan(
@@ -105,11 +106,10 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
     Returns the numbers of each experiment.
     """
     from vfplan import view3d
-    from vfplan.figures.depth import slice_depth
-    from vfplan.figures.replay import scene, timeline
+    from vfplan import view3d as opengl
+    from vfplan.figures.replay import scene, slice_depth, timeline
     from vfplan.figures.style import save_png
     from vfplan.images.read import read_image
-    from vfplan.view3d import opengl
 
     numbers = {}
     hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from vfplan.samples.experiments import planned_curve, probing_hand, square
 
-from vfplan.session import Session, read_session
+from vfplan.session.read import read_session
+from vfplan.session.session import Session
 
 FILES = (
     "panda-1-depth.png",
@@ -36,8 +37,9 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
 
     Returns the numbers of each experiment.
     """
-    from vfplan.arm import Arm, rehearse
     from vfplan.arm.figures import depth, draw_forces, draw_in_space
+    from vfplan.arm.model import Arm
+    from vfplan.arm.rehearsal import rehearse
     from vfplan.figures.style import save_png
 
     hand: Session = read_session(str(files("vfplan.samples") / "elbow_session.csv"))

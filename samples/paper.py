@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from vfplan.samples.experiments import probing_hand, square
 
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.replaying import Replay, replay
+from vfplan.replaying.replay import Replay, replay
 from vfplan.scenes import SCENES
-from vfplan.session import Session, read_session
+from vfplan.session.read import read_session
+from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
 SIMULATIONS = {"fig2a": "point", "fig2b": "segment", "fig2c": "teapot", "fig2d": "omega"}
@@ -122,7 +123,8 @@ def route_along_line(scene: Any, name: str) -> Array:
 
 def planned_mask() -> tuple[Fixture, float]:
     """Experiment 2 in the paper's way: every mask pixel a point; and its density [points/mm]."""
-    from vfplan.planning import ExtractSettings, plan
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings
 
     sample = files("vfplan.samples")
     result = plan(

@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from vfplan.figures.replay import MM, plane_basis, shade_episodes
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying import Replay
-from vfplan.replaying.thinning import contact_marks
+from vfplan.replaying.replay import Replay
+from vfplan.replaying.run import contact_marks
 
 MARK_HZ = 10.0
 """Marks a second in the experiments."""
@@ -194,7 +194,7 @@ def draw_trial_in_space(axes: Any, replayed: Replay, first: int, last: int) -> N
 
 def draw_plan(image: Path, path: Path) -> dict[str, Any]:
     """Fig. 5: (a) the planned slice, (b) its binary image; the numbers of both."""
-    from vfplan.curve import extract_curve
+    from vfplan.curve.extraction import extract_curve
     from vfplan.images.read import read_image
 
     planned = read_image(image)

@@ -23,15 +23,17 @@ def draw(folder: Path) -> dict[str, Any]:
 
     Returns the reports of all steps.
     """
-    from vfplan.bundle import write_fixture
+    from vfplan.bundle.write import write_fixture
     from vfplan.figures import replay as figures
     from vfplan.figures.slice import draw_mask, draw_overlay
     from vfplan.figures.style import save_png
-    from vfplan.planning import ExtractSettings, plan
-    from vfplan.replaying import replay
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings
+    from vfplan.replaying.replay import replay
     from vfplan.review.sheet import write_sheet
     from vfplan.review.sheet_input import of_plan
-    from vfplan.session import read_session, write_result
+    from vfplan.session.read import read_session
+    from vfplan.session.result import write_result
 
     sample = files("vfplan.samples")
     result = plan(

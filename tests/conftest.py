@@ -196,6 +196,6 @@ def nanoflann_peer(tmp_path_factory):
     """The shipped peer, built on apt's nanoflann."""
     need_header("nanoflann.hpp", "libnanoflann-dev")
     need_program("g++", "g++")
-    from vfplan.bench import build_nanoflann
+    from vfplan.bench.peers import build_nanoflann
 
     return build_nanoflann(tmp_path_factory.mktemp("peer"))

@@ -17,7 +17,7 @@ def test_command_reference_is_what_help_says():
 
 
 def test_every_command_has_help_for_itself_and_each_option():
-    from vfplan.cli import COMMANDS, cli
+    from vfplan.cli.main import COMMANDS, cli
 
     for name in COMMANDS:
         command = cli.get_command(None, name)
@@ -36,7 +36,7 @@ def test_links_and_pictures_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_commands_named_in_the_docs_exist(page):
-    from vfplan.cli import COMMANDS
+    from vfplan.cli.main import COMMANDS
 
     for name in re.findall(r"^\s*\$ vfplan ([a-z]+)", page.read_text(), re.MULTILINE):
         assert name in COMMANDS, f"{page.name} calls vfplan {name}"

@@ -10,11 +10,10 @@ from conftest import ROOT
 # Lowest first. A module belongs to the longest name that fits it; modules of one row may not import
 # each other.
 LAYERS = [
-    ["errors", "display", "lazy"],
+    ["errors", "display"],
     ["io", "geometry", "palette", "findings"],
-    ["fixture_parts", "robot"],
+    ["robot"],
     ["fixture"],
-    ["dicom"],
     ["engine"],
     ["images", "session"],
     ["markers"],

@@ -26,22 +26,27 @@ if not list(_source.glob("_core.*")):
 
 # Module -> the public names that it defines
 _DEFINED = {
-    "bundle": "Trust read_fixture read_keys write_fixture",
-    "curve": "Extraction extract_curve",
+    "bundle.read": "read_fixture",
+    "bundle.trust": "Trust read_keys",
+    "bundle.write": "write_fixture",
+    "curve.extraction": "Extraction extract_curve",
     "engine.governor": "Governor GovernorStatus",
     "engine.guide": "Guide GuideStep GuideTrace",
     "engine.moving": "MovingFrame",
     "engine.parameters": "ProxyParameters",
-    "engine.proxy": "ProxyEngine",
-    "engine.answers": "Status Step Trace",
+    "engine.proxy": "ProxyEngine Status Step Trace",
     "images.read": "PlannedImage read_image",
-    "markers": "Correspondences read_markers",
-    "planning": "ExtractSettings FixtureSettings extract plan register",
+    "markers.correspondences": "Correspondences read_markers",
+    "planning.extraction": "extract",
+    "planning.plan": "plan register",
+    "planning.settings": "ExtractSettings FixtureSettings",
     "planning.tolerance": "sample_curve",
-    "registration": "Registration fit_registration",
-    "replaying": "Replay replay",
+    "registration.registration": "Registration fit_registration",
+    "replaying.replay": "Replay replay",
     "robot": "Robot read_robot",
-    "session": "Session read_result read_session write_result",
+    "session.read": "read_session",
+    "session.result": "read_result write_result",
+    "session.session": "Session",
 }
 _LAZY = {name: f"vfplan.{home}" for home, names in _DEFINED.items() for name in names.split()}
 # Public name -> the module that it is

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
 from vfplan.engine.parameters import MAX_COORDINATE, ProxyParameters, Vector, check_points
+from vfplan.engine.proxy import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING
 

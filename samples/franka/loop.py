@@ -27,7 +27,7 @@ import vfplan
 from vfplan import Status
 from vfplan.engine.governor import GovernorStatus
 from vfplan.errors import InputError, MissingExtra, OutputError, UnsafeError, VfplanError
-from vfplan.io import parse_seconds
+from vfplan.io.files import parse_seconds
 from vfplan.io.writing import write_whole
 
 RATE_HZ = 1000
@@ -297,7 +297,7 @@ def load(options: argparse.Namespace) -> vfplan.Fixture:
             file=sys.stderr,
         )
     else:
-        from vfplan.bundle import Trust, read_keys
+        from vfplan.bundle.trust import Trust, read_keys
 
         keys = read_keys(options.keys)
         trust = Trust(keys, options.case, options.robot_serial, options.max_age)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from refusals import refuses
 
-from vfplan.arm import ARMS, Arm
-from vfplan.arm.mjcf import MAX_NODES
+from vfplan.arm.model import ARMS, MAX_NODES, Arm
 from vfplan.errors import InputError, SettingError
 from vfplan.robot import Robot, read_robot
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.arm import Arm
-from vfplan.stability import Plant, exact_bound
+from vfplan.arm.model import Arm
+from vfplan.stability.loop import Plant, exact_bound
 
 POSTURES = {
     "ready": [0, -0.785, 0, -2.356, 0, 1.571, 0.785],

@@ -7,10 +7,11 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.arm import Arm, ArmHand, rehearse
+from vfplan.arm.model import Arm
+from vfplan.arm.rehearsal import ArmHand, rehearse
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.replaying import approach_sessions
-from vfplan.session import Session
+from vfplan.replaying.link import approach_sessions
+from vfplan.session.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -154,7 +155,7 @@ def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
 @pytest.mark.full
 @pytest.mark.parametrize("arm", ["panda", "fr3"])
 def test_the_experiments_pass_on_the_arms(arm):
-    from vfplan.samples import probing_hand, square
+    from vfplan.samples.experiments import probing_hand, square
 
     found = rehearse(square(), probing_hand(), Arm(arm))
     assert found.passed

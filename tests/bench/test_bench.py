@@ -9,34 +9,26 @@ from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
 from vfplan import ProxyParameters
-from vfplan.bench import (
-    BallMesh,
+from vfplan.bench import extract as pictures
+from vfplan.bench.extract import from_line
+from vfplan.bench.peers import NearestPointPenalty, Peer, build_nanoflann
+from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, chosen_points, judge
+from vfplan.bench.record import (
     BenchRun,
-    BoxMesh,
-    Case,
-    NearestPointPenalty,
-    Peer,
-    bench,
-    build_nanoflann,
-    chosen_points,
     errors_of,
     judge_chosen,
     mark_pareto,
     measure_runs,
     non_dominated,
-    pictures,
-    read_document,
-    write_json,
 )
-from vfplan.bench.cases import cases
-from vfplan.bench.extract import from_line
-from vfplan.bench.proxy import judge
 from vfplan.bench.register import apply, markers_px, true_map
 from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
+from vfplan.bench.stages import bench, read_document, write_json
 from vfplan.errors import CurveError, InputError, SettingError
-from vfplan.planning import choose
+from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES, corners_mm, travel
+from vfplan.scenes import SCENES
+from vfplan.scenes.base import corners_mm, travel
 
 R = 5e-3
 

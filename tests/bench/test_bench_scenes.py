@@ -9,9 +9,9 @@ from functools import cache
 import pytest
 
 from vfplan import ProxyEngine
-from vfplan.bench import Case, NearestPointPenalty, is_drawn, timed_ticks
-from vfplan.bench.cases import FULL, SPEED_M_S
-from vfplan.bench.proxy import chosen_run, judge
+from vfplan.bench.peers import NearestPointPenalty
+from vfplan.bench.proxy import FULL, SPEED_M_S, Case, chosen_run, is_drawn, judge
+from vfplan.bench.record import timed_ticks
 from vfplan.scenes import SCENES
 
 pytestmark = pytest.mark.slow

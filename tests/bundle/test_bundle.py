@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import completed, content, read_bundle, table, to_content, to_payload
-from vfplan.bundle.content import FIELDS
+from vfplan.bundle import content
+from vfplan.bundle.content import FIELDS, table, to_content
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError, InputError, OutputError
 from vfplan.fixture import Fixture, Pieces
-from vfplan.session import RESULT_FORMAT
+from vfplan.session.result import RESULT_FORMAT
 
 MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
 
@@ -180,7 +182,7 @@ def test_what_is_no_setting_is_told_with_its_value(value, says, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle.write", "vfplan.session.arrays", "vfplan.session.resultwriter"]
+    "module", ["vfplan.bundle.write", "vfplan.session.read", "vfplan.session.result"]
 )
 def test_no_plugin_can_be_loaded(module, tmp_path):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
@@ -194,7 +196,7 @@ def test_no_plugin_can_be_loaded(module, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle.write", "vfplan.session.arrays", "vfplan.session.resultwriter"]
+    "module", ["vfplan.bundle.write", "vfplan.session.read", "vfplan.session.result"]
 )
 def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"

@@ -15,7 +15,10 @@ import pytest
 from conftest import ROOT
 
 import vfplan
-from vfplan.bundle import completed, read_bundle, to_content, to_payload, validate
+from vfplan.bundle.content import to_content
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.validation import validate
+from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import SettingError, UnsafeError
 from vfplan.fixture import Pieces, StabilityVerdict
 

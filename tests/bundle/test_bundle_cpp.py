@@ -14,8 +14,11 @@ import pytest
 from conftest import ROOT, need_header, need_program
 
 import vfplan
-from vfplan.bundle import keygen, read_bundle, sign
-from vfplan.conformance import runner, write_kit
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.signing import sign
+from vfplan.bundle.trust import keygen
+from vfplan.conformance import runner
+from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError
 
 pytestmark = pytest.mark.slow

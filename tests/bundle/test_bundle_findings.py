@@ -9,11 +9,15 @@ import damage
 import pytest
 
 import vfplan
-from vfplan.bundle import describe, keygen, read_bundle, seal, sign, validate
+from vfplan.bundle import seal
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.signing import sign
+from vfplan.bundle.trust import keygen
+from vfplan.bundle.validation import describe, validate
 from vfplan.errors import BundleError, CheckFailed, InputError, SettingError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
-from vfplan.io import to_json_types
+from vfplan.io.files import to_json_types
 
 MAKE = {
     "findings": bundles.doubtful,

@@ -16,9 +16,12 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.bundle import describe, migrate, migration, require_signature, seal, validate
+from vfplan.bundle import migration, seal
+from vfplan.bundle.migration import migrate
+from vfplan.bundle.read import require_signature
+from vfplan.bundle.validation import describe, validate
 from vfplan.errors import BundleError, InputError, SignatureError
-from vfplan.io import to_json_types
+from vfplan.io.files import to_json_types
 
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("2.*.h5"))

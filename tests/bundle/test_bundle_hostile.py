@@ -18,7 +18,9 @@ import pytest
 from conftest import ROOT
 
 import vfplan
-from vfplan.bundle import read_bundle, seal, validate
+from vfplan.bundle import seal
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.validation import validate
 from vfplan.errors import BundleError, CorruptError
 
 pytestmark = pytest.mark.slow

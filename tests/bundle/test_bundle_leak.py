@@ -12,7 +12,8 @@ import pytest
 
 import vfplan
 from vfplan import _core
-from vfplan.bundle import leak, validate
+from vfplan.bundle import leak
+from vfplan.bundle.validation import validate
 
 CLOUDS = {
     "at random": lambda draw, n: draw.uniform(size=(n, 3)),

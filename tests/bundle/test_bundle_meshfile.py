@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import import_cloud, read_mesh, refined
-from vfplan.bundle.meshfile import STL_FACET
+from vfplan.bundle.importing import import_cloud, refined
+from vfplan.bundle.meshfile import STL_FACET, read_mesh
 from vfplan.errors import InputError, SessionError
-from vfplan.session.arrays import npz_header
+from vfplan.session.read import npz_header
 
 POINTS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 1 / 3, 0], [0, 0, -2.5e-3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)

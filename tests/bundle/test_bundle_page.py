@@ -20,7 +20,7 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
 import vfplan
-from vfplan.bundle import validate
+from vfplan.bundle.validation import validate
 
 GOLDEN = Path(__file__).parents[1] / "data" / "bundles"
 SEALED = sorted(GOLDEN.glob("2.*.h5"))

@@ -17,11 +17,13 @@ import pytest
 from conftest import ROOT, need_program
 
 from vfplan import Guide, ProxyEngine
-from vfplan.bundle import Trust, read_bundle, read_fixture, read_keys, table
-from vfplan.conformance import runner, vectors, write_kit
-from vfplan.conformance.kit import RENDERED
+from vfplan.bundle.content import table
+from vfplan.bundle.read import read_bundle, read_fixture
+from vfplan.bundle.trust import Trust, read_keys
+from vfplan.conformance import runner, vectors
+from vfplan.conformance.kit import RENDERED, write_kit
 from vfplan.errors import BundleError, InputError
-from vfplan.io import to_json_types
+from vfplan.io.files import to_json_types
 
 RULE = re.compile(r"^- \*\*([LCVSKM]\d+)\*\*", re.MULTILINE)
 

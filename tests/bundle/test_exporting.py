@@ -9,7 +9,7 @@ import bundles
 import numpy as np
 import pytest
 
-from vfplan.bundle import export, left_out
+from vfplan.bundle.exporting import export, left_out
 from vfplan.errors import InputError
 from vfplan.fixture import Pieces
 

@@ -7,9 +7,8 @@ from refusals import refuses
 from replays import fixture_of
 
 import vfplan
-from vfplan.bundle import write_fixture
-from vfplan.burr.burr import burr
-from vfplan.burr.figures import burr_figure
+from vfplan.bundle.write import write_fixture
+from vfplan.burr.burr import burr, burr_figure
 from vfplan.errors import SettingError
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5

@@ -12,21 +12,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from vfplan.campaign import (
-    CampaignSettings,
-    Trials,
-    clopper_pearson,
-    margin_for,
-    margins,
-    quantile,
-    read_campaign,
-    run_campaign,
-)
-from vfplan.campaign.store import BLOCK
+from vfplan.campaign.statistics import clopper_pearson, margin_for, margins, quantile
+from vfplan.campaign.store import BLOCK, read_campaign, run_campaign
+from vfplan.campaign.trial import CampaignSettings, Trials
 from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering
-from vfplan.replaying import approach_sessions
-from vfplan.session import Session
+from vfplan.replaying.link import approach_sessions
+from vfplan.session.session import Session
 
 pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
 
@@ -176,7 +168,7 @@ def test_no_deepest_place_is_passed_over(monkeypatch):
 
 
 def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
-    from vfplan.bundle import write_fixture
+    from vfplan.bundle.write import write_fixture
 
     line = line_fixture()
     exact = replace(line.registration, residuals_m=np.zeros(9))  # as a bundle wants them
@@ -249,7 +241,7 @@ def test_margin_from_a_campaign(folder, tmp_path):
 
 
 def test_a_margin_of_another_plan_or_on_a_margin_is_refused(folder):
-    from vfplan.campaign import require_same_plan
+    from vfplan.campaign.statistics import require_same_plan
     from vfplan.errors import SceneError
 
     plan = line_fixture()

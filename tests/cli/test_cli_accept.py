@@ -7,7 +7,8 @@ from dataclasses import replace
 import bundles
 import pytest
 
-from vfplan.bundle import read_fixture, write_fixture
+from vfplan.bundle.read import read_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.findings import doubt, note
 
 FINDINGS = (

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.replaying import Comparison
-from vfplan.session import TickBlock
+from vfplan.replaying.link import Comparison
+from vfplan.session.result import TickBlock
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import json
 
 import click
 import pytest
-from vfplan.cli import COMMANDS, GROUPS, cli
+from vfplan.cli.main import COMMANDS, GROUPS, cli
 
 import vfplan
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import export, import_cloud, largest_cover, read_bundle, refined
-from vfplan.engine import sampled
+from vfplan.bundle.exporting import export
+from vfplan.bundle.importing import import_cloud, refined
+from vfplan.bundle.leak import largest_cover
+from vfplan.bundle.read import read_bundle
+from vfplan.engine.choosing import sampled
 from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
@@ -126,7 +129,7 @@ def test_refining_keeps_the_surface(stl):
     x, y, z = points.T
     off = np.min(np.abs([x, y, z, (x + y + z - 0.03) / np.sqrt(3)]), axis=0)
     assert off.max() < 1e-15
-    from vfplan.bundle import open_edges
+    from vfplan.bundle.leak import open_edges
 
     assert open_edges(triangles) == 0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT
-from vfplan.cli import cli
+from vfplan.cli.main import cli
 
 import vfplan
 from vfplan.errors import CurveError

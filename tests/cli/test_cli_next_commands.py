@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 from conftest import ROOT
-from vfplan.cli import cli
+from vfplan.cli.main import cli
 from vfplan.cli.next_commands import (
     file_beside,
     page_command,

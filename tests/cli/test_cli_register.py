@@ -232,7 +232,7 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     from layouts import R
     from slicer_files import mrk
 
-    from vfplan.bundle import write_fixture
+    from vfplan.bundle.write import write_fixture
 
     rng = np.random.default_rng(3)
     patient = rng.uniform(-0.1, 0.1, (6, 3))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from vfplan.bundle import write_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.review.paper import PAGE_HEIGHT, PAGE_WIDTH
 
 SAMPLES = ROOT / "samples"

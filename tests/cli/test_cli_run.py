@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from vfplan.cli import CommandResult, announce_if_slow, command
+from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 
 @command("boom")

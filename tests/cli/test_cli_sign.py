@@ -11,7 +11,9 @@ import pytest
 from keyfolders import BESIDE, keys_beside
 
 import vfplan
-from vfplan.bundle import Trust, keygen, read_bundle, read_keys, sign
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.signing import sign
+from vfplan.bundle.trust import Trust, keygen, read_keys
 from vfplan.errors import InputError, OutputError, SettingError, SignatureError
 
 

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from bundles import PROVENANCE, pixels, whole
 
-from vfplan.bundle import read_fixture, write_fixture
+from vfplan.bundle.read import read_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.errors import CheckFailed
 from vfplan.fixture import Fixture
 from vfplan.robot import Robot
-from vfplan.stability import Plant, exact_bound, gate
+from vfplan.stability.loop import Plant, exact_bound
+from vfplan.stability.study import gate
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0, delay_ticks=1)
 KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out", "elapsed_s"}

@@ -12,11 +12,11 @@ import sys
 import bundles
 import pytest
 from click.testing import CliRunner
-from vfplan.cli import CommandResult, command, printable, progress
+from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
 from vfplan import view3d
-from vfplan.view3d import opengl
+from vfplan import view3d as opengl
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AWAKE = (

@@ -11,7 +11,7 @@ from vfplan.cli.register import registered_text
 
 import vfplan
 from vfplan.errors import CurveError, ImageError, InputError, SettingError
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.surface.build import SurfaceSettings, surface
 
 NAME, NUMBER, UID = "Zacharias^Quint", "PID-778899", "1.2.826.0.1.3680043.99.123456"
 WHO = {

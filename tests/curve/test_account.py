@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawing import blend, coverage, flat, to_uint8
 
-from vfplan.curve import extract_curve
+from vfplan.curve.extraction import extract_curve
 
 RED, GREEN = (255, 0, 0), (0, 200, 60)
 SHAPE = (300, 340)

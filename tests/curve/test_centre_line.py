@@ -16,11 +16,9 @@ from drawing import (
     wavy,
 )
 
-from vfplan.curve import extract_curve
 from vfplan.curve.centreline import is_noisy
-from vfplan.curve.coverage import find_ink
-from vfplan.curve.pen import Pen
-from vfplan.curve.region import Region
+from vfplan.curve.coverage import Pen, Region, find_ink
+from vfplan.curve.extraction import extract_curve
 
 RED = (255, 0, 0)
 SHAPE = (300, 340)

@@ -8,7 +8,7 @@ import pytest
 import slices
 from drawing import blend, coverage, flat, to_uint8, wavy
 
-from vfplan.curve import extract_curve
+from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import dimple_depth
 
-from vfplan.engine import default_band
+from vfplan.engine.parameters import default_band
 
 R = 5e-3
 Z = np.array([0.0, 0.0, 1.0])

@@ -12,7 +12,8 @@ import pytest
 
 import vfplan
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES, Omega
+from vfplan.scenes import SCENES
+from vfplan.scenes.scenes import Omega
 
 TOLERANCE = 1e-9  # [m]
 SENSITIVE = 1e-10  # a permutation moves the reference by more: left out

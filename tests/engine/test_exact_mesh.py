@@ -17,8 +17,9 @@ from triangle_scenes import Triangles
 
 import vfplan
 from vfplan import _core
-from vfplan.bundle import largest_cover, refined
-from vfplan.engine import sampled
+from vfplan.bundle.importing import refined
+from vfplan.bundle.leak import largest_cover
+from vfplan.engine.choosing import sampled
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.scenes import god_object

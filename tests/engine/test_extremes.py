@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from vfplan import ProxyEngine
-from vfplan.bundle import certificate, to_content
+from vfplan.bundle.content import to_content
+from vfplan.bundle.leak import certificate
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
-from vfplan.stability import Contact, breach, patch, random_path
-from vfplan.stability.extremes import ROUNDING_M
+from vfplan.stability.cases import ROUNDING_M, breach, random_path
+from vfplan.stability.contacts import Contact, patch
 
 R = 5e-3
 UP = np.array([[0.0, 1.0, 0.0]])

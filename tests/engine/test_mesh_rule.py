@@ -11,18 +11,13 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.bundle import refined
-from vfplan.engine import MAX_TICK_TIME, best_rule, worst_tick_time
-from vfplan.replaying import replay
-from vfplan.session import Session
-from vfplan.stability import (
-    breach,
-    breach_by_jump,
-    contacts_along,
-    engine_at_start,
-    engine_for,
-    random_path,
-)
+from vfplan.bundle.importing import refined
+from vfplan.engine.choosing import MAX_TICK_TIME, best_rule, worst_tick_time
+from vfplan.replaying.replay import replay
+from vfplan.session.session import Session
+from vfplan.stability.cases import breach, breach_by_jump, engine_at_start, random_path
+from vfplan.stability.closed_loop import engine_for
+from vfplan.stability.contacts import contacts_along
 
 
 def meshed(points, triangles, axis=None):

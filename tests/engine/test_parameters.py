@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
-from vfplan.engine import PAPER_BAND, check_hip, check_path, check_points
-from vfplan.errors import SceneError, SettingError
+from vfplan import ProxyEngine, ProxyParameters, _core
+from vfplan.engine.parameters import PAPER_BAND, check_points
+from vfplan.engine.proxy import check_hip, check_path
+from vfplan.errors import SceneError, SettingError, VfplanError
 
 POINT = [[0.0, 0.0, 0.0]]
 MAKE = ProxyParameters.make

@@ -161,7 +161,7 @@ def pixels_of_the_sample():
 
     Also the points [m] as the registration carries the pixels, before a plan rounds them to 1 nm.
     """
-    from vfplan.samples import planned_mask
+    from vfplan.samples.paper import planned_mask
 
     fixture, _ = planned_mask()
     T = fixture.registration.T_robot_image
@@ -207,7 +207,8 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
 
 def line_of_the_sample(points):
     """The engine of the drawn line, as wide as so many pixels are on it [m], and that width."""
-    from vfplan.planning import ExtractSettings, plan
+    from vfplan.planning.plan import plan
+    from vfplan.planning.settings import ExtractSettings
 
     sample = files("vfplan.samples")
     names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")

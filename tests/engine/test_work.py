@@ -10,8 +10,8 @@ from conftest import ROOT, quick_compiler
 
 import vfplan
 from vfplan import _core
-from vfplan.bundle import validate
-from vfplan.engine import MAX_TICK_TIME, worst_tick_time
+from vfplan.bundle.validation import validate
+from vfplan.engine.choosing import MAX_TICK_TIME, worst_tick_time
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces
 

@@ -15,7 +15,7 @@ import vfplan
 from vfplan import _core
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Pieces, Rendering
-from vfplan.scenes import Circle, Corner, DoubleSheet, Sheet, Sphere, ThreeWalls, Wedge
+from vfplan.scenes.scenes import Circle, Corner, DoubleSheet, Sheet, Sphere, ThreeWalls, Wedge
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
 from vfplan.fixture import Curve, Fixture, Provenance
-from vfplan.registration import fit_registration
+from vfplan.registration.registration import fit_registration
 
 
 def texts(figure):

@@ -9,18 +9,19 @@ from replays import fixture_of, line, probing
 
 from vfplan import PlannedImage
 from vfplan.errors import InputError
-from vfplan.figures import (
+from vfplan.figures.replay import (
     depth_along,
     depth_plot,
     image_places,
     plane_basis,
-    save_png,
     scene,
     slice_depth,
     timeline,
 )
+from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
-from vfplan.replaying import ThinnedTicks, contact_marks, replay, thinned
+from vfplan.replaying.replay import replay
+from vfplan.replaying.run import ThinnedTicks, contact_marks, thinned
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vfplan import PlannedImage
-from vfplan.curve import vector_stroke
+from vfplan.curve.extraction import vector_stroke
 from vfplan.errors import CurveError
 from vfplan.figures import slice as picture
 from vfplan.figures import style
@@ -75,7 +75,7 @@ def test_overlay_leaves_the_ink_as_it_is(tmp_path):
     import cv2
     from drawing import blend, coverage, to_uint8
 
-    from vfplan.curve import extract_curve
+    from vfplan.curve.extraction import extract_curve
 
     line = np.column_stack([np.linspace(60, 840, 400), 300 + 120 * np.sin(np.linspace(0, 6, 400))])
     ground = np.full((600, 900, 3), 90.0)

@@ -16,9 +16,9 @@ from replays import fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import OutputError
-from vfplan.replaying import replay
-from vfplan.report import envelope, scrubber_data, unit_of, write_report
-from vfplan.report.page import page
+from vfplan.replaying.replay import replay
+from vfplan.report.page import envelope, page, scrubber_data, write_report
+from vfplan.report.tables import unit_of
 from vfplan.robot import read_robot
 
 

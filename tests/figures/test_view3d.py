@@ -14,10 +14,10 @@ from replays import fixture_of, line, probing
 
 import vfplan
 from vfplan import view3d
+from vfplan import view3d as opengl
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.palette import CLOUD, PROXY
-from vfplan.replaying import replay
-from vfplan.view3d import opengl
+from vfplan.replaying.replay import replay
 
 
 def need_gl():

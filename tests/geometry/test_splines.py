@@ -7,7 +7,8 @@ import pytest
 from scipy import ndimage
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from vfplan.geometry import filters, smoothing_spline, solve_banded, spline_through
+from vfplan.geometry import filters
+from vfplan.geometry.lines import smoothing_spline, solve_banded, spline_through
 
 MODES = {"symmetric": "reflect", "edge": "nearest", "wrap": "wrap"}
 COUNTS = [2, 3, 4, 5, 31, 32, 33, 64, 65, 700]

@@ -11,7 +11,8 @@ import signal
 import h5py
 import numpy as np
 
-from vfplan.bundle import read_bundle, seal
+from vfplan.bundle import seal
+from vfplan.bundle.read import read_bundle
 from vfplan.errors import BundleError
 
 SEAL, TAIL = 512, 48

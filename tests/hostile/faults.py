@@ -39,7 +39,7 @@ def forked(words, folder, nth, number, shim):
         code = 70
         shim.fault_arm(nth, number)
         try:
-            from vfplan.cli import cli
+            from vfplan.cli.main import cli
 
             cli.main(words)
         except SystemExit as end:
@@ -61,7 +61,7 @@ def forked(words, folder, nth, number, shim):
 
 def warm(words, source):
     """Once in this process: what the command imports is there, in every copy."""
-    from vfplan.cli import cli
+    from vfplan.cli.main import cli
 
     with tempfile.TemporaryDirectory() as place:
         shutil.copytree(source, place, dirs_exist_ok=True)
@@ -91,7 +91,7 @@ def main(source, number):
     import cv2
 
     cv2.setNumThreads(1)  # no threads may stand in a process that forks
-    from vfplan.cli import COMMANDS, cli
+    from vfplan.cli.main import COMMANDS, cli
 
     for name in COMMANDS:
         cli.get_command(None, name)

@@ -31,7 +31,10 @@ import damage
 import hdf5_spans
 from vfplan._core import lookup3
 
-from vfplan.bundle import completed, read_bundle, to_content, to_payload, validate
+from vfplan.bundle.content import to_content
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.validation import validate
+from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError
 
 

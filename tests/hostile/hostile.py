@@ -17,7 +17,9 @@ import h5py
 import hdf5_spans
 import numpy as np
 
-from vfplan.bundle import completed, seal, to_content, to_payload
+from vfplan.bundle import seal
+from vfplan.bundle.content import to_content
+from vfplan.bundle.write import completed, to_payload
 
 CASES = {}
 ACCEPTED = {}

@@ -16,7 +16,8 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import ImageError, SettingError
-from vfplan.images import LARGEST_MEGAPIXELS, MAX_TIFF_PARTS, read_header
+from vfplan.images.raster import MAX_TIFF_PARTS, read_header
+from vfplan.images.read import LARGEST_MEGAPIXELS
 
 GIB = 1 << 30
 

@@ -17,8 +17,8 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.io import working_in, write_whole
-from vfplan.session import Session
+from vfplan.io.writing import working_in, write_whole
+from vfplan.session.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -139,7 +139,7 @@ def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
     """The result's file is not there until it is right, and an error takes it away."""
     session = Session(np.arange(20) * 1e-3, np.full((20, 3), 0.03))
     replayed = vfplan.replay(bundles.small(), session)
-    from vfplan.session import ResultWriter, write_result
+    from vfplan.session.result import ResultWriter, write_result
 
     path = tmp_path / "r.h5"
     with pytest.raises(KeyError), ResultWriter(path, {}) as writer:  # noqa: PT012
@@ -186,7 +186,7 @@ def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
 
 def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeypatch):
     """Somebody guesses the hidden name and puts a link there: refused, the link's file stays."""
-    from vfplan.session import CsvWriter
+    from vfplan.session.result import CsvWriter
 
     victim = tmp_path / "victim"
     victim.write_bytes(b"theirs")

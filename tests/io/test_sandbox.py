@@ -3,7 +3,7 @@
 import pytest
 
 from vfplan.errors import SessionError
-from vfplan.io import run_in_sandbox
+from vfplan.io.sandbox import run_in_sandbox
 
 
 def test_a_refusal_keeps_its_kind_place_code_and_numbers(tmp_path):

@@ -11,11 +11,12 @@ from vfplan.cli.outputs import outputs
 
 from vfplan import read_image
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
-from vfplan.io import move_into_place, read_whole, write_whole
-from vfplan.markers import read_markers
+from vfplan.io.files import read_whole
+from vfplan.io.writing import move_into_place, write_whole
+from vfplan.markers.correspondences import read_markers
 from vfplan.robot import read_robot
-from vfplan.session import read_session
-from vfplan.vectors import read_vector_curve
+from vfplan.session.read import read_session
+from vfplan.vectors.read import read_vector_curve
 
 
 @pytest.fixture
@@ -238,7 +239,7 @@ def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
 
 
 def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
-    from vfplan.bundle import import_cloud
+    from vfplan.bundle.importing import import_cloud
 
     path = tmp_path / "points.csv"
     path.write_text("x,y,z\n")

@@ -16,23 +16,17 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT, need_header, need_program
 from refusals import refuses
-from vfplan.cli import cli
+from vfplan.cli.main import cli
 
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Curve, Fixture
-from vfplan.live import (
-    PositionStream,
-    Server,
-    Ticks,
-    decode,
-    host_and_port,
-    igtl,
-    sources,
-    static_messages,
-    stream_udp,
-)
-from vfplan.session import TICK, McapWriter, mcapfile, read_ticks
+from vfplan.live import server as igtl
+from vfplan.live import sources
+from vfplan.live.server import Server, static_messages
+from vfplan.live.sources import PositionStream, Ticks, decode, host_and_port, stream_udp
+from vfplan.session import bags as mcapfile
+from vfplan.session.bags import TICK, McapWriter, read_ticks
 
 
 def made(count):

@@ -16,8 +16,9 @@ from conftest import need_program
 from refusals import refuses
 
 from vfplan.errors import OutputError
-from vfplan.live import PositionStream, Web, live_page
-from vfplan.session import TICK
+from vfplan.live.server import Web, live_page
+from vfplan.live.sources import PositionStream
+from vfplan.session.bags import TICK
 
 pytest.importorskip("websockets", reason="needs pip install 'vfplan[live]'")
 FIXTURE = bundles.whole()
@@ -113,7 +114,7 @@ def test_a_client_too_many_is_told_so_and_one_that_reads_nothing_holds_up_nobody
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
-    monkeypatch.setattr("vfplan.live.web.MAX_CLIENTS", 1)
+    monkeypatch.setattr("vfplan.live.server.MAX_CLIENTS", 1)
     feed = PositionStream()
     web = served(feed)
     where = {"uri": f"ws://127.0.0.1:{web.port}/ticks", "origin": f"http://127.0.0.1:{web.port}"}

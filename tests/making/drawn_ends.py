@@ -10,7 +10,7 @@ from drawing import anatomy
 from slices import RED, SHAPE, arc_of, hand, part, pen
 
 from vfplan.fixture import Stroke
-from vfplan.review import AccountEntry, SheetInput, SheetMarker
+from vfplan.review.sheet_input import AccountEntry, SheetInput, SheetMarker
 
 
 @dataclass

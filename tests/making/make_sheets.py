@@ -17,7 +17,7 @@ import cv2
 import drawn_ends
 import numpy as np
 
-from vfplan.review import write_sheet
+from vfplan.review.sheet import write_sheet
 
 SEED = 36
 

@@ -6,7 +6,7 @@ import numpy as np
 from layouts import PX, grid, planar
 
 from vfplan.fixture import Curve, Fixture, Provenance
-from vfplan.registration import fit_registration
+from vfplan.registration.registration import fit_registration
 
 MADE = Provenance("2024-01-01T00:00:00Z", "vfplan 0")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
-from vfplan.session import Session
+from vfplan.session.session import Session
 
 BORN = Provenance("2026-01-01T00:00:00Z", "vfplan 0")
 

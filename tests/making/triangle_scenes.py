@@ -14,7 +14,8 @@ import numpy as np
 
 from vfplan.bench.record import Array
 from vfplan.errors import InputError
-from vfplan.scenes import Look, Pieces, Scene, from_nearest, nearest_on_segments
+from vfplan.scenes.base import Scene
+from vfplan.scenes.outline import Look, Pieces, from_nearest, nearest_on_segments
 
 R = 5e-3
 PRESS_M, SLIDE_M, OFF_M = 2e-3, 25e-3, 15e-3
@@ -63,7 +64,7 @@ class Bone(Scene):
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:
-        from vfplan.bundle import import_cloud
+        from vfplan.bundle.importing import import_cloud
 
         fixture = import_cloud(self.source, units="mm", spacing=1.0)
         if fixture.mesh is None:
@@ -91,7 +92,7 @@ class Bone(Scene):
     @cached_property
     def points(self) -> Array:
         """(N, 3) corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        from vfplan.bundle import refined
+        from vfplan.bundle.importing import refined
 
         return refined(*self._mesh, self.spacing)[0]
 

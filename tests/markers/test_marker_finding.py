@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers import Mark, find_markers, fit_mark
+from vfplan.markers.find_marks import Mark, find_markers, fit_mark
 
 FINE = 16  # samples a pixel of the drawings below: their edges are exact to 1/32 px
 

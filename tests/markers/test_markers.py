@@ -10,7 +10,7 @@ from slicer_files import mrk
 
 import vfplan
 from vfplan.errors import MarkerError
-from vfplan.markers import read_markers
+from vfplan.markers.correspondences import read_markers
 
 IMAGE = "label,u_px,v_px\nx1,10,20\nx2,30,25\nx3,12,60\n"
 ROBOT = "label,x_m,y_m,z_m\nx3,0.3,0,0\nx1,0.1,0,0.5\nx2,0.2,0,0\n"
@@ -125,7 +125,7 @@ def test_slicer_target_of_image_markers(write):
 
 
 def test_real_slicer_files(shared_data):
-    from vfplan.markers import parse_fcsv, parse_mrk_json
+    from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
 
     folder = shared_data / "markers_slicer"
     l1 = parse_fcsv((folder / "L1.fcsv").read_bytes().decode(), "L1.fcsv")

@@ -9,7 +9,8 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import CheckFailed
-from vfplan.markers import compare_with_marks, drawn_marks, read_markers
+from vfplan.markers.check_marks import compare_with_marks, drawn_marks
+from vfplan.markers.correspondences import read_markers
 
 SAMPLES = ROOT / "samples"
 WIDTH, HEIGHT = 700, 600

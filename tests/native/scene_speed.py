@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vfplan.bench.cases import Case, R, cases
+from vfplan.bench.proxy import Case, R, cases
 from vfplan.engine.parameters import ProxyParameters
 
 HERE = Path(__file__).parent

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 from oracle.replays import ARCHIVE, OURS, SAMPLES, readable
-from vfplan.cli import cli
+from vfplan.cli.main import cli
 
 # In the order in which they run, in one folder that holds the sample. `elbow.h5` is the bundle that
 # 2dd7600 planned, so that what comes after the extraction does not depend on it.

@@ -58,7 +58,7 @@ def judged(source, target, model):
 
     This is the one place of the oracle that knows how a registration is made and judged.
     """
-    from vfplan.registration import refuse_wrong_markers, registration_findings
+    from vfplan.registration.checks import refuse_wrong_markers, registration_findings
 
     try:
         registration = vfplan.fit_registration(source, target, model=model, pixel_spacing=PX_M)

@@ -9,14 +9,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from vfplan.samples import probing_hand, square
+from vfplan.samples.experiments import probing_hand, square
 
 import vfplan
-from vfplan.bundle import migrate
+from vfplan.bundle.migration import migrate
 from vfplan.errors import VersionError
-from vfplan.replaying import replay
+from vfplan.replaying.replay import replay
 from vfplan.robot import Robot
-from vfplan.session import Poses, Session
+from vfplan.session.events import Poses
+from vfplan.session.session import Session
 
 DATA = Path(__file__).parents[1] / "data"
 SAMPLES = Path(vfplan.__file__).parent / "samples"

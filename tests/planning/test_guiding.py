@@ -15,7 +15,10 @@ from replays import fixture_of
 import vfplan
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
-from vfplan.planning import FixtureSettings, add_guidance, check_arcs_error, plan
+from vfplan.planning.plan import plan
+from vfplan.planning.rendering import add_guidance
+from vfplan.planning.settings import FixtureSettings
+from vfplan.planning.tolerance import check_arcs_error
 from vfplan.robot import Robot
 
 SAMPLES = files("vfplan.samples")
@@ -46,7 +49,7 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
 
 
 def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
-    from vfplan.bundle import describe
+    from vfplan.bundle.validation import describe
 
     made = plan(*ELBOW, settings=FixtureSettings(points_only=True))
     vfplan.write_fixture(made.fixture, tmp_path / "a.h5")

@@ -9,8 +9,8 @@ from margins import CLOCKWISE, LINE, registered
 
 from vfplan import FixtureSettings
 from vfplan.errors import SettingError
-from vfplan.planning import add_margin
-from vfplan.registration import fit_registration
+from vfplan.planning.plan import add_margin
+from vfplan.registration.registration import fit_registration
 
 
 @pytest.mark.parametrize("curve", [LINE, CLOCKWISE])

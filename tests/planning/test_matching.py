@@ -11,8 +11,10 @@ from refusals import refuses
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
-from vfplan.figures import draw_registration
-from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan, register
+from vfplan.figures.registration import draw_registration
+from vfplan.planning.extraction import extract
+from vfplan.planning.plan import plan, register
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 PIXEL = 0.35
 C, S = np.cos(0.3), np.sin(0.3)

@@ -18,8 +18,11 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
-from vfplan.geometry import values_at
-from vfplan.planning import ExtractSettings, FixtureSettings, extract, ignored_axis, plan, render
+from vfplan.geometry.lines import values_at
+from vfplan.planning.extraction import extract
+from vfplan.planning.plan import plan
+from vfplan.planning.rendering import ignored_axis, render
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 SAMPLES = ROOT / "samples"
 SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))

@@ -9,11 +9,13 @@ from margins import MADE
 from refusals import refuses
 from scipy.spatial import cKDTree
 
-from vfplan.bundle import read_fixture, write_fixture
+from vfplan.bundle.read import read_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.planning import ExtractSettings, FixtureSettings, plan, register
-from vfplan.replaying import make_engine
+from vfplan.planning.plan import plan, register
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.replaying.guiding import make_engine
 
 R = 5e-3
 

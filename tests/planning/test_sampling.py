@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from vfplan import sample_curve
-from vfplan.engine import MAX_POINTS
+from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import SettingError
 
 R = 5e-3

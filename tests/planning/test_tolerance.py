@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from vfplan import sample_curve
 from vfplan.errors import SettingError
-from vfplan.planning import choose, iterations, largest_tolerance
+from vfplan.planning.tolerance import choose, iterations, largest_tolerance
 
 R = 5e-3
 

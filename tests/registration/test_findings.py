@@ -8,17 +8,16 @@ from conftest import ROOT
 from docs_modules import load
 from layouts import MODELS, PX, grid, planar, solid
 
-from vfplan.registration import (
+from vfplan.registration.checks import (
     describe_checks,
     error_findings,
-    fit_registration,
     label_mistakes,
     perspective_test,
     registration_findings,
     scale_departures,
     side_finding,
-    target_error,
 )
+from vfplan.registration.registration import fit_registration, target_error
 
 NAMES = [f"x{i}" for i in range(1, 10)]
 table = load(ROOT / "docs" / "make_registration_table.py")

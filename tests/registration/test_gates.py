@@ -10,12 +10,8 @@ from layouts import MODELS, PX, grid, planar, solid
 from marker_sets import SPACING_M, marker_sets
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.registration import (
-    fit_registration,
-    refuse_large_error,
-    refuse_wrong_markers,
-    target_error,
-)
+from vfplan.registration.checks import refuse_large_error, refuse_wrong_markers
+from vfplan.registration.registration import fit_registration, target_error
 
 NAMES = [f"x{i}" for i in range(1, 10)]
 table = load(ROOT / "docs" / "make_registration_table.py")

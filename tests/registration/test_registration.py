@@ -10,7 +10,8 @@ from layouts import MODELS, PX, R, grid, planar, solid
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration import fit_registration, registration_report, rotation
+from vfplan.registration.models import rotation
+from vfplan.registration.registration import fit_registration, registration_report
 
 
 def test_affine_is_ordinary_least_squares():
@@ -292,7 +293,7 @@ def test_a_rotation_is_that_of_scipy():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_report_is_json(model, robust):
-    from vfplan.io import to_json_types
+    from vfplan.io.files import to_json_types
 
     names = [f"x{i}" for i in range(9)]
     for source, target in ((grid(), planar(grid())), solid(6)):

@@ -8,7 +8,9 @@ from layouts import MODELS, PX, R, grid, planar, solid
 from scipy.spatial.transform import Rotation
 from scipy.special import fdtr
 
-from vfplan.registration import error, fit_registration, homogeneous, marker_rows
+from vfplan.registration import registration as error
+from vfplan.registration.models import homogeneous, marker_rows
+from vfplan.registration.registration import fit_registration
 
 TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
 LAYOUTS = {

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration import NearestOnMesh, fit_registration, refine_by_touch
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.registration.registration import fit_registration
+from vfplan.registration.touch import NearestOnMesh, refine_by_touch
+from vfplan.surface.build import SurfaceSettings, surface
 
 MARKS = 1e-3 * np.array(
     [[20, 0, -30], [-20, 5, -10], [10, 25, 20], [-12, -20, 36], [14, -22, 8.0], [30, 4, 12]]
@@ -140,7 +141,7 @@ def test_points_nowhere_near_the_bone_are_refused(bone):
 def test_the_nearest_place_on_a_mesh_is_the_nearest(bone):
     """Against all triangles, one by one."""
     rng = np.random.default_rng(4)
-    from vfplan.registration import on_triangles
+    from vfplan.registration.touch import on_triangles
 
     places = bone.points[rng.integers(0, len(bone.points), 60)] + rng.normal(0, 2e-3, (60, 3))
     found, rows = NearestOnMesh(bone.points, bone.mesh)(places)

@@ -10,10 +10,10 @@ from refusals import refuses
 from replays import fixture_of
 
 import vfplan
-from vfplan.bundle import write_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.errors import SessionError, SettingError
-from vfplan.replaying.verdict import change_words
-from vfplan.session import Event, Poses, read_events, read_poses, write_events
+from vfplan.replaying.findings import change_words
+from vfplan.session.events import Event, Poses, read_events, read_poses, write_events
 
 K, T, N = 1000.0, 1e-3, 2500
 

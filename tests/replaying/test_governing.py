@@ -8,7 +8,7 @@ from replays import fixture_of
 
 import vfplan
 from vfplan.errors import SettingError
-from vfplan.session import Session
+from vfplan.session.session import Session
 
 PANDA = vfplan.read_robot("franka")
 

@@ -16,9 +16,11 @@ from triangle_scenes import nearest_on
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying import MeshClearance, PointClearance, replay
-from vfplan.replaying.verdict import gap_words
-from vfplan.session import Session, read_result, resampled, write_result
+from vfplan.replaying.clearance import MeshClearance, PointClearance
+from vfplan.replaying.findings import gap_words
+from vfplan.replaying.replay import replay
+from vfplan.session.result import read_result, write_result
+from vfplan.session.session import Session, resampled
 
 PAPER = {"rule": "paper", "engine": "reference"}
 
@@ -342,7 +344,7 @@ def test_the_call_is_public(pressed):
 
 def test_of_very_many_episodes_the_deepest_are_reported():
     """Memory does not grow with them; what is left out is counted, with its depth."""
-    from vfplan.replaying import episodes as module
+    from vfplan.replaying import metrics as module
 
     count = 2 * module.MAX_EPISODES + 7
     time = np.arange(40 * count) * 1e-3

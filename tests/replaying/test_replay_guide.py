@@ -12,8 +12,8 @@ from replays import fixture_of, line
 import vfplan
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Guidance, Pieces
-from vfplan.replaying import replay
-from vfplan.session import Session
+from vfplan.replaying.replay import replay
+from vfplan.session.session import Session
 
 K, RHO = 1000.0, 1e-3
 

@@ -9,9 +9,10 @@ from replays import fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import SettingError
-from vfplan.replaying import Link, LossyLink, replay
+from vfplan.replaying.link import Link, LossyLink
+from vfplan.replaying.replay import replay
 from vfplan.robot import Robot, read_robot
-from vfplan.session import Session
+from vfplan.session.session import Session
 
 
 def delivered(link, time, hip, size):

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from conftest import dimple_depth
 from replays import fixture_of
-from vfplan.samples import planned_curve, probing_hand, square
+from vfplan.samples.experiments import planned_curve, probing_hand, square
 
 import vfplan
 from vfplan import ProxyParameters
-from vfplan.replaying import replay
-from vfplan.scenes import SCENES, Segments
+from vfplan.replaying.replay import replay
+from vfplan.scenes import SCENES
 from vfplan.scenes.god_object import follow
-from vfplan.session import Session, read_session
+from vfplan.scenes.outline import Segments
+from vfplan.session.read import read_session
+from vfplan.session.session import Session
 
 K = 1000.0
 RC = 5e-3

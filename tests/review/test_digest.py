@@ -8,11 +8,11 @@ import bundles
 import numpy as np
 import pytest
 
-from vfplan.bundle import read_fixture, write_fixture
+from vfplan.bundle.read import read_fixture
+from vfplan.bundle.write import write_fixture
 from vfplan.findings import doubt
 from vfplan.fixture import Review
-from vfplan.review import digest_of
-from vfplan.review.digest import LEFT_OUT
+from vfplan.review.acceptance import LEFT_OUT, digest_of
 
 FINDING = doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0))
 

@@ -9,8 +9,9 @@ from drawing import jpeg, normal_errors
 from review_slices import RED, double, miss, wave
 
 import vfplan
-from vfplan.review import SliceInk, routes_through
-from vfplan.review.paths import spline_through
+from vfplan.review.geometry import routes_through
+from vfplan.review.ink import SliceInk
+from vfplan.review.strokes import spline_through
 
 
 def drawn(truth, closed, seed, off_px=1.0):

@@ -18,7 +18,8 @@ from review_slices import fork, hidden_end, miss, two_candidates
 
 import vfplan
 from vfplan.findings import doubt
-from vfplan.review import Draft, ReviewServer, Session
+from vfplan.review.server import Draft, ReviewServer
+from vfplan.review.session import Session
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

@@ -13,8 +13,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from vfplan.errors import OutputError
-from vfplan.review import Draft, ReviewServer, Session, server
-from vfplan.review.server import MAX_MESSAGE_BYTES
+from vfplan.review import server
+from vfplan.review.server import MAX_MESSAGE_BYTES, Draft, ReviewServer
+from vfplan.review.session import Session
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

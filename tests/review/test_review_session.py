@@ -18,9 +18,12 @@ from review_slices import clear, double, fork, hidden_end, miss, two_candidates,
 
 import vfplan
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
-from vfplan.markers import read_markers
-from vfplan.planning import ExtractSettings, FixtureSettings, extract
-from vfplan.review import Draft, Session, of_fixture
+from vfplan.markers.correspondences import read_markers
+from vfplan.planning.extraction import extract
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.review.server import Draft
+from vfplan.review.session import Session
+from vfplan.review.sheet_input import of_fixture
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"

@@ -17,12 +17,11 @@ from vfplan import PlannedImage
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
-from vfplan.review import AccountEntry, SheetInput, check_slice, draw_sheet, of_fixture
 from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, FOOT, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.sheet_input import of_plan
-from vfplan.review.sheet_text import draw_lists
+from vfplan.review.sheet import draw_lists, draw_sheet
+from vfplan.review.sheet_input import AccountEntry, SheetInput, check_slice, of_fixture, of_plan
 
 RED = (255, 0, 0)
 

@@ -19,10 +19,10 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering, Review
-from vfplan.geometry import fit_arcs
-from vfplan.io import parse_seconds
-from vfplan.live import decode
-from vfplan.scenes import Omega, Sheet
+from vfplan.geometry.arcs import fit_arcs
+from vfplan.io.files import parse_seconds
+from vfplan.live.sources import decode
+from vfplan.scenes.scenes import Omega, Sheet
 
 pytestmark = pytest.mark.slow
 
@@ -579,7 +579,8 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
 
 def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
     """By a key, for a case and a robot; told to do without, it says what it does not know."""
-    from vfplan.bundle import keygen, sign
+    from vfplan.bundle.signing import sign
+    from vfplan.bundle.trust import keygen
 
     keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
     sign(

@@ -20,7 +20,8 @@ import pytest
 from conftest import ROOT, missing
 
 import vfplan
-from vfplan.arm import Arm, ArmHand, run_loop, safety_stops
+from vfplan.arm.model import Arm
+from vfplan.arm.rehearsal import ArmHand, run_loop, safety_stops
 from vfplan.errors import SignatureError
 from vfplan.findings import doubt
 
@@ -211,7 +212,8 @@ def test_the_loop_refuses_open_findings_unless_told(loop, tmp_path, capsys):
 
 
 def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
-    from vfplan.bundle import keygen, sign
+    from vfplan.bundle.signing import sign
+    from vfplan.bundle.trust import keygen
 
     path, signed = tmp_path / "plain.h5", str(tmp_path / "signed.h5")
     vfplan.write_fixture(bundles.small(), path)

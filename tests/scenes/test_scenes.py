@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from vfplan import scenes
 from vfplan.errors import SceneError, SettingError
-from vfplan.scenes import SCENES, god_object, outline, primitives
+from vfplan.scenes import SCENES, god_object, outline
+from vfplan.scenes import outline as primitives
 
 R = 5e-3
 FLAT = np.array([1.0, 1.0, 0.0])

@@ -10,18 +10,9 @@ import pytest
 from refusals import refuses
 
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
-from vfplan.session import (
-    BLOCK,
-    CsvWriter,
-    ResultWriter,
-    Session,
-    TickBlock,
-    open_session,
-    read_result,
-    read_session,
-    require_fixture,
-    resampled,
-)
+from vfplan.session.read import open_session, read_session
+from vfplan.session.result import CsvWriter, ResultWriter, TickBlock, read_result, require_fixture
+from vfplan.session.session import BLOCK, Session, resampled
 
 
 def recording(ticks, seed=1):

@@ -22,8 +22,10 @@ import vfplan.io.sandbox
 import vfplan.session.read
 import vfplan.session.result
 from vfplan.errors import InputError, SessionError
-from vfplan.io import parse_decimal, run_in_sandbox, stream_over
-from vfplan.session import ResultWriter, TickBlock, open_session, read_result, read_session
+from vfplan.io.files import parse_decimal, stream_over
+from vfplan.io.sandbox import run_in_sandbox
+from vfplan.session.read import open_session, read_session
+from vfplan.session.result import ResultWriter, TickBlock, read_result
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,8 @@ import pytest
 from refusals import refuses
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.session import RosOptions, read_session
-from vfplan.session.ros import tip_position
+from vfplan.session.bags import RosOptions, tip_position
+from vfplan.session.read import read_session
 
 rosbags = pytest.importorskip("rosbags")
 

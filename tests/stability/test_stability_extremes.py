@@ -11,17 +11,17 @@ from bundles import small, whole
 
 from vfplan import Trace
 from vfplan.fixture import Curve, Pieces
-from vfplan.stability import (
+from vfplan.stability.cases import (
     CASES,
     ExtremeCase,
     breach,
     engine_at_start,
-    engine_for,
     figure_of_long_walk,
-    patch,
     run_extreme_cases,
-    skipped_extremes,
 )
+from vfplan.stability.closed_loop import engine_for
+from vfplan.stability.contacts import patch
+from vfplan.stability.study import skipped_extremes
 
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 

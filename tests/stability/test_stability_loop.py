@@ -10,23 +10,22 @@ import pytest
 from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
-from vfplan.stability import (
+from vfplan.stability.closed_loop import engine_for, largest_stiffness, press, pressing_hand
+from vfplan.stability.contacts import (
     Contact,
-    Plant,
-    SimulatedHand,
     contacts_along,
-    engine_for,
-    exact_bound,
     first_touch,
-    largest_stiffness,
-    loop_matrix,
     patch,
     point,
-    press,
-    pressing_hand,
+    spread_rows,
+)
+from vfplan.stability.loop import (
+    Plant,
+    SimulatedHand,
+    exact_bound,
+    loop_matrix,
     run_until_still,
     simulate,
-    spread_rows,
 )
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from vfplan import Trace
-from vfplan.figures import passivity_plot
+from vfplan.figures.style import passivity_plot
 from vfplan.palette import RULE
-from vfplan.stability import ALL_RULES, energy_balance, passivity_cases, random_cycle
+from vfplan.stability.cases import energy_balance, passivity_cases, random_cycle
 from vfplan.stability.contacts import SCENES
+from vfplan.stability.study import ALL_RULES
 
 
 def wall(hips, stiffness):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vfplan.errors import SettingError
-from vfplan.stability import (
+from vfplan.stability.loop import (
     MAX_DECAY,
     MIN_DECAY,
     Plant,

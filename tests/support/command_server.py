@@ -53,7 +53,7 @@ def load() -> None:
             importlib.import_module(name)
     import click
     import cv2
-    from vfplan.cli import COMMANDS, cli
+    from vfplan.cli.main import COMMANDS, cli
 
     cv2.setNumThreads(1)
     for name in COMMANDS:
@@ -71,7 +71,7 @@ def run(request: dict) -> None:
     try:
         os.chdir(request["cwd"])
         sys.argv = ["vfplan", *request["words"]]
-        from vfplan.cli import cli
+        from vfplan.cli.main import cli
 
         cli()
     except SystemExit as end:

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import vfplan
-from vfplan.scenes import Channel, Corner, travel
-from vfplan.scenes.solid import grid
+from vfplan.scenes.base import travel
+from vfplan.scenes.scenes import Channel, Corner, grid
 
 K = 1000.0
 RC = 5e-3

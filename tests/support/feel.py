@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from vfplan import ProxyEngine, Status, Trace
-from vfplan.bench import BenchRun, Record, errors_of, timed_ticks
-from vfplan.bench.record import Array
-from vfplan.scenes import Drawn, outline
+from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
+from vfplan.scenes import outline
+from vfplan.scenes.base import Drawn
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
 SPACING, PIXEL = 0.5e-3, 0.25e-3  # of the even cloud, and of a mask

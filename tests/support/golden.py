@@ -71,9 +71,11 @@ def write_archive() -> None:
     import bundles
 
     import vfplan
-    from vfplan.bundle import describe, keygen, sign
-    from vfplan.bundle.schema import VERSION
-    from vfplan.io import to_json_types
+    from vfplan.bundle.content import VERSION
+    from vfplan.bundle.signing import sign
+    from vfplan.bundle.trust import keygen
+    from vfplan.bundle.validation import describe
+    from vfplan.io.files import to_json_types
 
     for name, make in MADE.items():
         path = ARCHIVE / f"{VERSION}-{name}.h5"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from bones import BENT, BRANCHES, TUNNEL
 
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.surface.build import SurfaceSettings, surface
 
 pytestmark = pytest.mark.slow
 

@@ -11,7 +11,7 @@ import pytest
 from bones import BENT
 
 from vfplan.errors import VfplanError
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.surface.build import SurfaceSettings, surface
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from refusals import refuses
 from scipy.spatial import cKDTree
 
 from vfplan.errors import CurveError, InputError, MissingExtra
-from vfplan.surface import SurfaceSettings, surface
+from vfplan.surface.build import SurfaceSettings, surface
 from vfplan.surface.outline import outline_of
 
 COARSE = SurfaceSettings(tolerance_m=1e-3)

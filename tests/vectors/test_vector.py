@@ -12,8 +12,9 @@ from refusals import refuses
 from vector_files import RING_MM, SCHEMA, polyline, slicer
 
 from vfplan.errors import CurveError, SettingError
-from vfplan.planning import ExtractSettings, extract
-from vfplan.vectors import read_vector_curve
+from vfplan.planning.extraction import extract
+from vfplan.planning.settings import ExtractSettings
+from vfplan.vectors.read import read_vector_curve
 
 
 def test_closed_curve_is_a_smooth_ring_in_metres(tmp_path):

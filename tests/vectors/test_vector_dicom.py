@@ -12,8 +12,9 @@ from refusals import refuses
 from vector_files import polyline
 
 from vfplan.errors import CurveError, SettingError
-from vfplan.planning import ExtractSettings, extract
-from vfplan.vectors import read_vector_curve
+from vfplan.planning.extraction import extract
+from vfplan.planning.settings import ExtractSettings
+from vfplan.vectors.read import read_vector_curve
 
 GREY = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
 LINE = np.array([(20.5, 20.5), (60.5, 30.5), (70.5, 60.5)])  # from the first pixel's corner

@@ -11,8 +11,9 @@ from refusals import refuses
 from vector_files import polyline
 
 from vfplan.errors import CurveError, MissingExtra, SettingError
-from vfplan.planning import ExtractSettings, extract
-from vfplan.vectors import read_vector_curve
+from vfplan.planning.extraction import extract
+from vfplan.planning.settings import ExtractSettings
+from vfplan.vectors.read import read_vector_curve
 
 roifile = pytest.importorskip("roifile", reason="needs pip install 'vfplan[imagej]'")
 

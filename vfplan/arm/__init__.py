@@ -6,17 +6,4 @@ A leaf room: no other package imports it. Its command is `vfplan rehearse`. It n
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-
 __all__ = ["ARMS", "Arm", "Rehearsal", "rehearse"]
-
-# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "model": "ARMS Arm",
-        "rehearsal": "Rehearsal rehearse",
-        "loop": "ArmHand run_loop",
-        "stops": "safety_stops",
-    },
-)

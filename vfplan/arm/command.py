@@ -6,23 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
-from vfplan.cli.options import option, options_in_order, output_option
+from vfplan.cli.options import FILE, PNG, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import (
-    CommandResult,
-    command,
-    command_line,
-    is_verbose,
-    progress,
-    rough_ticks,
-)  # fmt: skip
-from vfplan.cli.units import millijoules, millimetres
-from vfplan.cli.values import FILE, PNG, Number
-from vfplan.display import MAX_LISTED
+from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress, rough_ticks
+from vfplan.display import MAX_LISTED, millijoules, millimetres
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
-    from vfplan.session import Session
+    from vfplan.session.session import Session
 
 
 @command(
@@ -59,9 +50,9 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
     what would have stopped it, with tick, joint and place along the curve. The exit code is 1 if
     the arm does not reach a place or would have stopped. The files are written all the same.
     """
-    from vfplan.arm import Arm, rehearse
-    from vfplan.arm.loop import ArmHand
-    from vfplan.bundle import read_sealed
+    from vfplan.arm.model import Arm
+    from vfplan.arm.rehearsal import ArmHand, rehearse
+    from vfplan.bundle.read import read_sealed
     from vfplan.robot import read_robot
 
     # The fixture, the arm, and the session at the arm's rate.
@@ -81,7 +72,7 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
     index_path = report / "index.html" if report is not None else None
     with outputs(output, picture_out, index_path) as (result, picture, index):
         if result is not None:
-            from vfplan.session import ResultWriter
+            from vfplan.session.result import ResultWriter
 
             with ResultWriter(result, {"rehearsal": rehearsal.metrics}) as file:
                 file.append(rehearsal.ticks)
@@ -91,7 +82,7 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
 
             save_png(draw_in_space(rehearsal), picture)
         if index is not None:
-            from vfplan.arm.page import page
+            from vfplan.arm.figures import page
 
             facts = {
                 "command": command_line(),
@@ -129,8 +120,8 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
     import numpy as np
 
     from vfplan.arm.rehearsal import SAME_RATE
-    from vfplan.session import open_session, resampled
-    from vfplan.session.sampling import SamplingReport
+    from vfplan.session.read import open_session
+    from vfplan.session.session import SamplingReport, resampled
 
     source = open_session(path, units=units, frame=frame)
     with progress("read", rough_ticks(path)):

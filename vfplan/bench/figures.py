@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from vfplan.bench.record import SMALLEST_ERROR_M
-from vfplan.bench.summary import is_tick_stage
+from vfplan.bench.record import SMALLEST_ERROR_M, is_tick_stage
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 

@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 
 from vfplan.bench.record import Array
-from vfplan.engine.answers import Status, Step
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.proxy import Status, Step
 from vfplan.errors import SettingError
 
 TIMEOUT_S = 120.0

@@ -18,10 +18,11 @@ from typing import Any, NamedTuple
 
 from scipy.spatial import cKDTree
 
-from vfplan.bench.cases import Elbow, R, elbow_map
+from vfplan.bench.proxy import Elbow, R, elbow_map
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed
 from vfplan.bench.sample import TrueCurve, planned_surface
-from vfplan.planning import ExtractSettings, FixtureSettings, plan
+from vfplan.planning.plan import plan
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 STRIDE = 5
 """Every so many places of the true surface count, 0.1 mm apart."""

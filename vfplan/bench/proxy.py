@@ -16,28 +16,388 @@ clearance_min_m
 lag_rms_m, friction
     The part of proxy - HIP across the exact force, and its ratio to the exact depth: what a hand
     feels as friction though none is rendered.
+
+The scenes of stage proxy, each with a HIP path and its exact proxy, computed once.
+
+Scenes of a triangle mesh: a ball, whose surface bends, and a box, which has edges and corners.
+
+Their exact proxy is known in closed form. Rule "exact" is given the triangles; any other rule is
+given the corners of the mesh refined to the spacing.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from importlib.resources import files
+from itertools import product
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.bench.cases import Case, NoisySheet, R, cases, chosen_points, fitted, is_drawn, is_mesh
 from vfplan.bench.peers import NearestPointPenalty, Peer
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.planning.tolerance import choose
+from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose
 from vfplan.reference import PaperProxy
+from vfplan.scenes import SCENES
+from vfplan.scenes.base import Drawn, Scene
+from vfplan.scenes.outline import Rectangles
+from vfplan.scenes.scenes import Sheet, Sphere, Walls
+from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.read import FINE_M
+
+Triangles = NDArray[np.int32]
+FACE_CUTS = 25
+"""Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm."""
+
+
+class BallMesh(Sphere):
+    """A ball of 30 mm as triangles of about 2 mm."""
+
+    @cached_property
+    def mesh(self) -> tuple[Array, Triangles]:
+        """Corners (N, 3) [m], triangles (K, 3): an octahedron's faces, cut and pushed outwards."""
+        corners, triangles = cut_octahedron(FACE_CUTS)
+        return self.radius * corners / np.linalg.norm(corners, axis=1)[:, None], triangles
+
+    @cached_property
+    def points(self) -> Array:
+        """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
+        return refined_points(self.mesh, self.spacing)
+
+
+class BoxMesh(Walls):
+    """A box of 60 x 40 x 30 mm around the origin as twelve triangles."""
+
+    @property
+    def half(self) -> Array:
+        """Half its sides [m]."""
+        return np.array([0.03, 0.02, 0.015])
+
+    @property
+    def squares(self) -> tuple[Array, Array, Array]:
+        """The six faces: corners, and the two sides that start there."""
+        corners, first, second = [], [], []
+        for axis in range(3):
+            one, two = (axis + 1) % 3, (axis + 2) % 3
+            for sign in (-1.0, 1.0):
+                corner = -self.half
+                corner[axis] *= -sign
+                corners.append(corner)
+                first.append(2 * self.half[one] * np.eye(3)[one])
+                second.append(2 * self.half[two] * np.eye(3)[two])
+        return np.array(corners), np.array(first), np.array(second)
+
+    @cached_property
+    def mesh(self) -> tuple[Array, Triangles]:
+        """Corners (8, 3) [m] and triangles (12, 3)."""
+        signs = np.array(list(product((-1, 1), repeat=3)))
+        faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        triangles = []
+        for a, b, c, d in faces:
+            triangles += [(a, b, c), (a, c, d)]
+        return signs * self.half, np.array(triangles, np.int32)
+
+    @cached_property
+    def points(self) -> Array:
+        """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
+        return refined_points(self.mesh, self.spacing)
+
+    @cached_property
+    def pieces(self) -> tuple[Rectangles, ...]:
+        """The faces."""
+        return (Rectangles(*self.squares),)
+
+    @property
+    def routes(self) -> dict[str, Array]:
+        """Press on the top, slide over an edge and down a side."""
+        x, _, z = self.half
+        top = z + 0.003
+        side = x + 0.003
+        path = [
+            (0.0, 0.004, z + 0.015),
+            (0.0, 0.004, top),
+            (side, 0.005, top),
+            (side, 0.006, -0.005),
+            (x + 0.015, 0.006, -0.005),
+        ]
+        return {"over an edge": np.array(path)}
+
+
+def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
+    """Corners (N, 3) and triangles (K, 3) of an octahedron, each face cut into cuts² triangles."""
+    places: list[tuple[int, ...]] = []
+    triangles: list[tuple[int, int, int]] = []
+    for signs in product((-1, 1), repeat=3):
+        number = {}
+        for i in range(cuts + 1):
+            for j in range(cuts + 1 - i):
+                number[i, j] = len(places)
+                places.append((signs[0] * i, signs[1] * j, signs[2] * (cuts - i - j)))
+        for i, j in number:
+            if i + j < cuts:
+                triangles.append((number[i, j], number[i + 1, j], number[i, j + 1]))
+            if i + j < cuts - 1:
+                triangles.append((number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]))
+    corners, row = np.unique(np.array(places, float), axis=0, return_inverse=True)
+    return corners, row.ravel()[np.array(triangles)].astype(np.int32)
+
+
+def refined_points(mesh: tuple[Array, Triangles], spacing: float) -> Array:
+    """(N, 3) points on a mesh, none of its edges longer than `spacing` [m]."""
+    from vfplan.bundle.importing import refined
+
+    return refined(*mesh, spacing)[0]
+
+
+QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
+         ("omega", "beside"))  # fmt: skip
+"""Scenes of a quick run, each with the route through it."""
+
+FULL = (("point", "across"), ("segment", "above"), ("sheet", "front"), ("sheet", "back"),
+        ("sheet", "edge"), ("double-sheet", "above"), ("circle", "outside"), ("circle", "inside"),
+        ("sphere", "outside"), ("sphere", "inside"), ("wedge", "over"), ("corner", "floor"),
+        ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "beside"),
+        ("omega", "over"), ("omega", "inside"), ("teapot", "over"))  # fmt: skip
+"""Scenes of a full run, each with the route through it."""
+
+MESHES = (("ball-mesh", BallMesh, "outside"), ("box-mesh", BoxMesh, "over an edge"))
+"""Scenes of triangles, each with the route over it."""
+
+NOISE = 0.1
+"""Standard deviation of a noisy cloud's points along each axis, as a share of their spacing."""
+
+LARGE_SPACING_M = 0.1e-3
+"""Spacing of the cloud of a million points [m]: 1001 x 1001 on the sheet of Experiment 1."""
+
+QUICK_TICKS = 700
+"""Number of ticks of a path in a quick run, and on a million points."""
+
+MAX_SENSITIVITY = 1 / (1 - DEPTH) + 1e-9
+"""An engine can follow a proxy that moves by no more than this times what the HIP does."""
+
+
+class Case:
+    """A scene and a path through it.
+
+    Parameters
+    ----------
+    name
+        For the reader.
+    scene
+        Its geometry.
+    hips
+        (T, 3) [m].
+    origin
+        A case of the same geometry and path: clouds of other spacings share its truth.
+    spacings
+        The only ones that are tried [m]; `None`: those of the stage.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        scene: Scene,
+        hips: Array,
+        origin: Case | None = None,
+        spacings: tuple[float, ...] | None = None,
+    ) -> None:
+        self.name = name
+        self.scene = scene
+        self.hips = hips
+        self.spacings = spacings
+        self._origin = origin
+
+    @cached_property
+    def truth(self) -> Array:
+        """(T, 3) the exact proxy [m]."""
+        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
+
+    @cached_property
+    def followable(self) -> NDArray[np.bool_]:
+        """(T,) where the exact proxy moves by no more than twice what the HIP does.
+
+        `planning.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
+        surface. Deeper, the exact proxy outruns any engine: with the HIP at the centre of
+        the ball around a point it turns round in one tick.
+        """
+        if self._origin:
+            return self._origin.followable
+        return self.scene.sensitivity(self.hips, self.truth, R) <= MAX_SENSITIVITY
+
+    @cached_property
+    def clearance(self) -> Array:
+        """(T,) distance from the exact proxy to the geometry, minus R [m]."""
+        return self._origin.clearance if self._origin else self.scene.clearance(self.truth) - R
+
+    def with_scene(self, scene: Scene) -> Case:
+        """The same path and truth on another cloud of the same geometry."""
+        return Case(self.name, scene, self.hips, self._origin or self, self.spacings)
+
+    @property
+    def solid(self) -> Case | None:
+        """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
+        if self.scene.ignore_axis is None:
+            return None
+        return self.with_scene(replace(self.scene, extrude=6 * R))
+
+    def at(self, spacing: float) -> Case:
+        """The same with points `spacing` apart [m]."""
+        return self.with_scene(replace(self.scene, spacing=spacing))
+
+
+class NoisySheet(Sheet):
+    """The sheet of Experiment 1 as a tracked probe measures it: every point has an error."""
+
+    name: ClassVar[str] = "noisy-sheet"
+
+    @cached_property
+    def points(self) -> Array:
+        """(N, 3) [m]; the same errors every time."""
+        exact = super().points
+        return exact + NOISE * self.spacing * np.random.default_rng(7).normal(size=exact.shape)
+
+
+def cases(quick: bool) -> Iterator[Case]:
+    """All cases, the cheap ones first."""
+    drawn = FULL
+    ticks = None
+    mesh_spacings = None
+    noisy_spacings = None
+    noisy = NoisySheet()
+    if quick:
+        drawn = QUICK
+        ticks = QUICK_TICKS
+        mesh_spacings = (1e-3,)
+        noisy_spacings = (noisy.spacing,)
+    for name, route in drawn:
+        scene = SCENES[name]()
+        yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
+    for name, mesh_class, route in MESHES:
+        mesh = mesh_class()
+        path = mesh.path(route, SPEED_M_S)[:ticks]
+        yield Case(f"{name}, {route}", mesh, path, spacings=mesh_spacings)
+    path = noisy.path("front", SPEED_M_S)[:ticks]
+    yield Case("sheet, 10 % noise", noisy, path, spacings=noisy_spacings)
+    if not quick:
+        yield experiment_2()
+        large = Sheet(spacing=LARGE_SPACING_M)
+        path = large.path("front", SPEED_M_S)[:QUICK_TICKS]
+        yield Case("sheet, 1,002,001 points", large, path, spacings=(LARGE_SPACING_M,))
+
+
+class Elbow(Drawn):
+    """Experiment 2: the curve drawn on the shipped slice, where the robot truly has it."""
+
+    name: ClassVar[str] = "experiment-2"
+
+    @cached_property
+    def runs(self) -> Any:
+        """Half a millimetre a segment."""
+        from vfplan.scenes import outline
+
+        links = outline.polyline(*elbow_curve()[:, :2])
+        return (outline.Run(tuple(run.links[0] for run in links)),)
+
+    @property
+    def routes(self) -> dict[str, Array]:
+        """The shipped session."""
+        return {}
+
+
+def elbow_truth() -> dict[str, Any]:
+    """The true curve and map of the shipped slice."""
+    return json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+
+
+def elbow_map() -> Array:
+    """(3, 3) true map of the shipped slice's [u v 1] into the robot's frame [m]."""
+    return np.array(elbow_truth()["T_robot_image"])
+
+
+def elbow_curve() -> Array:
+    """(M, 3) the true curve of the shipped slice in the robot's frame [m]."""
+    px = np.array(elbow_truth()["curve_px"])
+    return np.column_stack([px, np.ones(len(px))]) @ elbow_map().T
+
+
+def experiment_2() -> Case:
+    """The shipped elbow, probed by the shipped session."""
+    rows = []
+    for line in (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]:
+        rows.append(line.split(",")[1:])
+    hips = np.array(rows, float)
+    # Scenes have their middle in z = 0.
+    hips[:, 2] -= elbow_curve()[:, 2].mean()
+    return Case("experiment-2, session", Elbow(), hips)
+
+
+def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
+    """Whether a plan of it has lines and arcs."""
+    return isinstance(scene, Drawn) and scene.ignore_axis is not None
+
+
+def is_mesh(scene: Scene) -> bool:
+    """Whether a plan of it has triangles."""
+    return isinstance(scene, (BallMesh, BoxMesh))
+
+
+def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
+    """Lines and arcs through a drawing's points, as a plan fits them."""
+    from vfplan.geometry.arcs import fit_arcs
+
+    vertices = []
+    bulges = []
+    strokes = []
+    closed = []
+    for number, run in enumerate(scene.runs):
+        arcs = fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m)
+        vertices.append(arcs.vertices)
+        bulges.append(arcs.bulges)
+        strokes += [number] * len(arcs.bulges)
+        closed.append(arcs.closed)
+    flat = np.vstack(vertices)
+    return Pieces(
+        np.column_stack([flat, np.zeros(len(flat))]),
+        np.concatenate(bulges),
+        np.array(strokes, np.int32),
+        np.array(closed),
+    )
+
+
+def chosen_points(scene: Scene, choice: Choice) -> Array:
+    """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
+    if not is_drawn(scene):
+        # Spacing on a curve in space, or the side of a square on a surface.
+        spacing = choice.spacing_m
+        if scene.name not in ("point", "segment"):
+            bend = 1 + R / getattr(scene, "radius", np.inf)
+            spacing = choice.spacing_m / np.sqrt(2 * bend)
+        return replace(scene, spacing=spacing).points
+    from vfplan.planning.tolerance import sample_curve
+
+    parts = []
+    for run in scene.runs:
+        fine = run.sample(min(1e-4, run.length / 50))
+        fine = np.column_stack([fine, np.zeros(len(fine))])
+        sampled = sample_curve(
+            fine, run.closed, radius_m=R, tolerance_m=choice.sampling_tolerance_m
+        )
+        parts.append(sampled.points)
+    points = np.vstack(parts)
+    # Corners that two runs share stand once.
+    nanometres = np.round(points / 1e-9).astype(np.int64)
+    return points[np.sort(np.unique(nanometres, axis=0, return_index=True)[1])]
+
 
 NUMPY_WORK = 4e7
 """Number of points times ticks up to which the NumPy reference runs in good time."""

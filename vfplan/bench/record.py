@@ -1,7 +1,15 @@
 """What the bench measures, side by side, and how it is written down: runs in, results out.
 
 A run is one method with one set of settings on one scene. It is repeated; its error is scored once
-(every method here is deterministic), its time by the median over all repeats."""
+(every method here is deterministic), its time by the median over all repeats.
+
+What a bench says in a sentence a stage: the chosen setting, its error, its time, and the peers'.
+
+The chosen setting is the one that `vfplan plan` takes without options, or that `--tolerance` leads
+to. Ratios to a peer are medians over the scenes that both ran on.
+
+The results of a bench as a table: a header and a key, and units that a person reads.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import duration, length, three_digits
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
-from vfplan.replaying.timing import timed as timed_run
+from vfplan.replaying.metrics import timed as timed_run
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
@@ -218,3 +227,194 @@ def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
     """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs]."""
     engine.reset(hips[0])
     return timed_run(engine, hips)
+
+
+PEERS = {
+    "extract": ("hue + thinning", "mask (the paper's)"),
+    "sample": ("the paper's density",),
+    "register": ("bare least squares",),
+    "proxy": ("paper", "nanoflann_peer", "nearest-point penalty"),
+    "plan": ("the paper's: every mask pixel",),
+}
+"""What a user could take instead, by stage: methods that are not this project's own."""
+
+
+def is_tick_stage(stage: str) -> bool:
+    """Whether the times of a stage are those of a tick of the controller, and not of a call."""
+    return stage in ("sample", "proxy")
+
+
+def error_text(result: Record, key: str = "error_rms") -> str:
+    """An error with its unit."""
+    return length(result[key]) if result["unit"] == "m" else f"{three_digits(result[key])} px"
+
+
+def time_text(us: float) -> str:
+    """A time given in microseconds, in the unit that suits it."""
+    return duration(1e-6 * us)
+
+
+def summaries(document: dict[str, Any]) -> dict[str, str]:
+    """A sentence for each stage of a bench's document that has a chosen setting."""
+    # Stage proxy comes last: it is what the controller does a thousand times a second.
+    stages = [stage for stage in document["stages"] if stage != "proxy"]
+    if "proxy" in document["stages"]:
+        stages.append("proxy")
+    sentences = {}
+    for stage in stages:
+        results = [r for r in document["results"] if r["stage"] == stage]
+        chosen = {result["scene"]: result for result in results if result.get("chosen")}
+        if chosen:
+            sentences[stage] = stage_sentence(stage, chosen, results)
+    return sentences
+
+
+def stage_sentence(stage: str, chosen: dict[str, Record], results: list[Record]) -> str:
+    """The chosen setting of each scene, its error and its time, against each peer."""
+    worst = max(chosen.values(), key=lambda r: r["error_rms"])
+    slowest = max(chosen.values(), key=lambda r: r["time_us_median"])
+    median_us = float(np.median([r["time_us_median"] for r in chosen.values()]))
+    part = "call"
+    tail = ""
+    if is_tick_stage(stage):
+        part = "tick"
+        tail_us = max(r["time_us_p999"] for r in chosen.values())
+        tail = f" (p99.9 {time_text(tail_us)})"
+    sentence = (
+        f"{stage}: the chosen setting errs by {error_text(worst)} RMS at most ({worst['scene']}) "
+        f"and takes {time_text(median_us)} a {part} at the median of {len(chosen)} scenes, "
+        f"{time_text(slowest['time_us_median'])} at most{tail}"
+    )
+    peers = list(PEERS[stage])
+    for result in results:
+        if result.get("peer") and result["method"] not in peers:
+            peers.append(result["method"])
+    comparisons = []
+    for peer in peers:
+        comparison = compare_with_peer(peer, chosen, results)
+        if comparison:
+            comparisons.append(comparison)
+    if comparisons:
+        sentence += f". Against it: {'; '.join(comparisons)}"
+    return sentence + "."
+
+
+def compare_with_peer(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
+    """How a peer's best setting compares, scene by scene; empty if it did not run."""
+    best: dict[str, Record] = {}
+    for result in results:
+        scene = result["scene"]
+        if result["method"] != method or scene not in chosen:
+            continue
+        if scene not in best or result["error_rms"] < best[scene]["error_rms"]:
+            best[scene] = result
+    if not best:
+        return ""
+    times = []
+    for scene, result in best.items():
+        times.append(result["time_us_median"] / chosen[scene]["time_us_median"])
+    worst = max(best.values(), key=lambda r: r["error_rms"])
+    ratio = float(np.median(times))
+    speed = f"{three_digits(ratio)} times slower"
+    if ratio < 1:
+        speed = f"{three_digits(1 / ratio)} times faster"
+    return f"{method} is {speed} and errs by {error_text(worst)} RMS at most"
+
+
+KEY = (
+    "* on the front: nothing on this scene is both faster and nearer to the truth",
+    "> the setting that is chosen: a plan's own, or what --tolerance leads to",
+)
+SHORT_KEY = "Of each method the setting with the least error is listed; -v lists all of them."
+
+
+def table_lines(
+    document: dict[str, Any], stages: list[str], *, every_setting: bool = False
+) -> list[str]:
+    """A table of each scene, cheapest first, under one header a stage, and the key.
+
+    Parameters
+    ----------
+    every_setting
+        List every setting of a method, and not only the one that errs least.
+    """
+    lines = []
+    for stage in stages:
+        results = [r for r in document["results"] if r["stage"] == stage]
+        part = "tick" if is_tick_stage(stage) else "call"
+        header = table_row(
+            "", f"median a {part}", "p99.9", "error RMS", "at most", "method", "settings"
+        )
+        lines.append(f"{stage}: " + header.strip())
+        scenes: dict[str, list[dict[str, Any]]] = {}
+        for result in results:
+            scenes.setdefault(result["scene"], []).append(result)
+        for scene, scene_results in scenes.items():
+            lines.append(f"  {scene}")
+            if not every_setting:
+                scene_results = best_of_each_method(scene_results)
+            for result in sorted(scene_results, key=lambda r: r["time_us_median"]):
+                lines.append(result_row(result))
+    for refusal in document.get("refused", ()):
+        if refusal["stage"] in stages:
+            settings = settings_text(refusal["settings"])
+            lines.append(
+                f"refused: {refusal['scene']}: {refusal['method']} {settings}: {refusal['message']}"
+            )
+    lines += ["", *KEY]
+    if not every_setting:
+        lines.append(SHORT_KEY)
+    return lines
+
+
+def best_of_each_method(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each method the setting that errs least, and every chosen setting."""
+    best: dict[str, dict[str, Any]] = {}
+    for result in results:
+        name = result["method"]
+        if name not in best or result["error_rms"] < best[name]["error_rms"]:
+            best[name] = result
+    return [r for r in results if r.get("chosen") or best[r["method"]] is r]
+
+
+def result_row(result: dict[str, Any]) -> str:
+    """A result as a row of the table."""
+    marks = ""
+    if result["pareto"]:
+        marks += "*"
+    else:
+        marks += " "
+    if result.get("chosen"):
+        marks += ">"
+    return table_row(
+        marks,
+        time_text(result["time_us_median"]),
+        time_text(result["time_us_p999"]),
+        error_text(result),
+        error_text(result, "error_max"),
+        result["method"],
+        settings_text(result["settings"]),
+    )
+
+
+def table_row(
+    marks: str, median: str, tail: str, rms: str, largest: str, method: str, settings: str
+) -> str:
+    """A row: four columns of numbers, then the method and its settings."""
+    numbers = f"{median:>14}{tail:>14}{rms:>14}{largest:>14}"
+    return f"  {marks:<2}{numbers}  {method:<30}{settings}".rstrip()
+
+
+def settings_text(settings: dict[str, Any]) -> str:
+    """Settings as a person reads them, with their units."""
+    parts = []
+    for name, value in settings.items():
+        if name.endswith("_per_m"):
+            parts.append(f"{name.removesuffix('_per_m')} {value / 1e3:.4g}/mm")
+        elif name.endswith("_m"):
+            parts.append(f"{name.removesuffix('_m')} {length(value)}")
+        elif isinstance(value, float):
+            parts.append(f"{name}={value:.4g}")
+        else:
+            parts.append(f"{name}={value}")
+    return ", ".join(parts)

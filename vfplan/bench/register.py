@@ -100,7 +100,7 @@ def score_maps(maps: list[Array], T: Array) -> Record:
 
 def fit_model(source: Array, target: Array, model: str) -> Array:
     """The map that `vfplan.fit_registration` gives."""
-    from vfplan.registration import fit_registration
+    from vfplan.registration.registration import fit_registration
 
     registration = fit_registration(source, target, model=model, pixel_spacing=PIXEL_M)
     return registration.T_target_source

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vfplan.bench.cases import R
+from vfplan.bench.proxy import R
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.tolerance import choose, sample_curve

@@ -24,11 +24,10 @@ from vfplan.bench.record import (
     judge_chosen,
     mark_pareto,
     measure_runs,
+    summaries,
 )
-from vfplan.bench.summary import summaries
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import MAX_TEXT_BYTES, read_whole
-from vfplan.io.json_types import to_json_types
+from vfplan.io.files import MAX_TEXT_BYTES, read_whole, to_json_types
 from vfplan.io.writing import write_whole
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose

@@ -10,34 +10,11 @@ writer nor the rules of `validate`.
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
     "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
     "read_sealed", "require_signature", "sample_band", "sign", "validate", "write_fixture",
 ]  # fmt: skip
-
-# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "importing": "import_cloud mesh_band sample_band refined",
-        "description": "describe diff",
-        "exporting": "export left_out",
-        "keys": "keygen read_keys",
-        "migration": "migrate",
-        "read": "read_bundle read_fixture read_sealed require_signature",
-        "signing": "sign",
-        "trust": "Trust",
-        "validation": "Issue mesh_doubts validate",
-        "write": "write_fixture completed to_payload",
-        "content": "to_content",
-        "leak": "certificate largest_cover open_edges",
-        "meshfile": "read_mesh",
-        "schema": "table",
-    },
-)
 
 
 def __dir__() -> list[str]:

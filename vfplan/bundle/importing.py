@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
+from vfplan.bundle.content import max_size
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
-from vfplan.bundle.schema import max_size
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.io.files import MAX_TEXT_BYTES, naming_place, read_bytes
-from vfplan.io.npy import npy_header
+from vfplan.io.files import MAX_TEXT_BYTES, naming_place, npy_header, read_bytes
 from vfplan.io.table import NumberTable, open_number_table
 
 METRES = {"m": 1.0}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.bundle.schema import Content
+from vfplan.bundle.content import Content
 
 BLOCK = 1 << 18
 """Number of triangles or points that are looked at together, to bound memory."""

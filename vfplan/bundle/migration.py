@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from vfplan import __version__
+from vfplan.bundle.content import VERSION, Content, rows_by_path
 from vfplan.bundle.read import read_bundle, within_file
-from vfplan.bundle.schema import VERSION, Content, rows_by_path
 from vfplan.bundle.seal import HDF5_MAGIC, MAGIC, TAIL_MAGIC
 from vfplan.bundle.write import completed, write_content
 from vfplan.errors import BundleError, CorruptError, InputError, SettingError, UnsafeError

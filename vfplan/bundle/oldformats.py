@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from vfplan.bundle.schema import FORMAT, OLDER, Content, Row, document, table
+from vfplan.bundle.content import FORMAT, OLDER, Content, Row, document, table
 from vfplan.bundle.seal import HDF5_MAGIC, LENGTHS, MAGIC
 from vfplan.errors import CorruptError, UnsafeError, VersionError
 from vfplan.io.hdf5 import h5py

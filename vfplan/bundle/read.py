@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vfplan._core import Sealed
-from vfplan.bundle.content import from_content
-from vfplan.bundle.keys import read_keys
-from vfplan.bundle.schema import Content, max_payload_bytes
+from vfplan.bundle.content import Content, from_content, max_payload_bytes
 from vfplan.bundle.seal import HDF5_MAGIC, LENGTHS, Seal
-from vfplan.bundle.trust import Trust, check_trust
+from vfplan.bundle.trust import Trust, check_trust, read_keys
 from vfplan.errors import BundleError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import opened_file

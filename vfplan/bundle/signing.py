@@ -12,15 +12,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from vfplan.bundle.content import from_content
-from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.read import opened_source, unsealed
-from vfplan.bundle.seal import (
-    Seal,
-    seal_length,
-    signed_message,
-    to_bytes,
-    with_end_of_file,
-)
+from vfplan.bundle.seal import Seal, seal_length, signed_message, to_bytes, with_end_of_file
+from vfplan.bundle.trust import key_id_of, read_private
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc

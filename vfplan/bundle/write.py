@@ -15,8 +15,7 @@ import numpy as np
 
 from vfplan._core import read_payload
 from vfplan.bundle import leak, seal
-from vfplan.bundle.content import to_content
-from vfplan.bundle.schema import FORMAT, VERSION, Content, Row, document, table
+from vfplan.bundle.content import FORMAT, VERSION, Content, Row, document, table, to_content
 from vfplan.errors import InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.hdf5 import h5py

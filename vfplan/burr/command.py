@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from vfplan.cli import options
-from vfplan.cli.options import option, options_in_order, output_option
+from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.cli.units import micrometres, millimetres
-from vfplan.cli.values import CSV, PNG, DecimalNumber
+from vfplan.display import micrometres, millimetres
 
 
 @command("burr")
@@ -37,10 +36,11 @@ def vfplan_burr(
     replays the session with these edits. It demonstrates editing under the hand, and does not
     simulate bone.
     """
-    from vfplan.bundle import read_sealed
+    from vfplan.bundle.read import read_sealed
     from vfplan.burr.burr import burr
-    from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
+    from vfplan.session.read import read_session
+    from vfplan.session.result import write_result
 
     planned, seal = read_sealed(fixture, trust=options.trust(arguments))
     hand = read_session(session, units=arguments["units"], frame=planned.frame)
@@ -52,7 +52,7 @@ def vfplan_burr(
         if events is not None:
             write_events(events, burred.events)
         if picture is not None:
-            from vfplan.burr.figures import burr_figure
+            from vfplan.burr.burr import burr_figure
             from vfplan.figures.style import save_png
 
             save_png(burr_figure(burred), picture)

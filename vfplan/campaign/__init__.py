@@ -12,22 +12,7 @@ run         blocks on this machine's cores or on a Dask cluster
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-
 __all__ = [
     "CampaignSettings", "Trials", "margin_for", "read_campaign", "require_same_plan",
     "run_campaign",
 ]  # fmt: skip
-
-# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "settings": "CampaignSettings",
-        "trial": "Trials",
-        "margin": "margin_for require_same_plan",
-        "store": "read_campaign",
-        "run": "run_campaign",
-        "statistics": "clopper_pearson margins quantile",
-    },
-)

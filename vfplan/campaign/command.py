@@ -9,10 +9,21 @@ from typing import Any
 
 import click
 
-from vfplan.cli.options import FIXTURE, OVERWRITE, option, options_in_order, settings_from_options
+from vfplan.cli.options import (
+    FILE,
+    FIXTURE,
+    MM_OR_ZERO,
+    OVERWRITE,
+    PNG,
+    DecimalNumber,
+    Numbers,
+    WholeNumber,
+    option,
+    options_in_order,
+    settings_from_options,
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress
-from vfplan.cli.values import FILE, MM_OR_ZERO, PNG, DecimalNumber, Numbers, WholeNumber
 from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
 
@@ -82,11 +93,12 @@ def vfplan_campaign(
                 code="depth-negative",
                 numbers={"depth_mm": depth_mm, "depth_min_mm": 0},
             )
-    from vfplan.bundle import read_fixture
-    from vfplan.campaign import CampaignSettings, read_campaign, run_campaign
+    from vfplan.bundle.read import read_fixture
     from vfplan.campaign.statistics import summary
-    from vfplan.replaying.approach import approach_sessions
-    from vfplan.session import read_session
+    from vfplan.campaign.store import read_campaign, run_campaign
+    from vfplan.campaign.trial import CampaignSettings
+    from vfplan.replaying.link import approach_sessions
+    from vfplan.session.read import read_session
 
     planned = read_fixture(fixture)
     hands = [read_session(path) for path in sessions]
@@ -106,7 +118,7 @@ def vfplan_campaign(
     data["trials_per_minute"] = 60 * new_trials / elapsed_s
     lines = campaign_lines(data)
     if picture_out is not None:
-        from vfplan.campaign.figures import draw_campaign
+        from vfplan.campaign.statistics import draw_campaign
 
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
@@ -137,7 +149,7 @@ def vfplan_campaign(
 
 def campaign_lines(data: dict[str, Any]) -> list[str]:
     """The probabilities and the margins, each with its interval."""
-    from vfplan.campaign.settings import BLOCK
+    from vfplan.campaign.trial import BLOCK
 
     line = f"{data['trials']} trials, {data['trials_made']} of them made now"
     if is_verbose():

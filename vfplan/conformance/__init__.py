@@ -5,13 +5,3 @@ each of its files (docs/howto/reader.md).
 """
 
 from __future__ import annotations
-
-from vfplan.lazy import on_demand
-
-# What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "kit": "write_kit",
-    },
-)

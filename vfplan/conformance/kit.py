@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vfplan.bundle import read_bundle, read_fixture, seal
+from vfplan.bundle import seal
+from vfplan.bundle.read import read_bundle, read_fixture
 from vfplan.bundle.write import to_payload
 from vfplan.conformance import vectors
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.io.json_types import to_json_types
+from vfplan.io.files import to_json_types
 
 FIXTURES = (
     "minimal",

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import seal
-from vfplan.bundle.content import to_content
-from vfplan.bundle.schema import Content
+from vfplan.bundle.content import Content, to_content
 from vfplan.bundle.write import completed
-from vfplan.conformance import fixtures, hdf5
-from vfplan.conformance.hdf5 import Item, MessageType, add, set_attribute
+from vfplan.conformance import fixtures
+from vfplan.conformance import fixtures as hdf5
+from vfplan.conformance.fixtures import Item, MessageType, add, set_attribute
 
 SEAL = seal.LENGTHS[0]
 """Length of a seal with short texts [bytes]."""

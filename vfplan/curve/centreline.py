@@ -16,13 +16,11 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
-from vfplan.curve.ends import End, find_ends
-from vfplan.curve.profiles import Profiles, add_brightness, read_profiles
+from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
-from vfplan.geometry.polyline import evenly, length_of, normals
-from vfplan.geometry.splines import Spline, smoothing_spline
+from vfplan.geometry.lines import Spline, evenly, length_of, normals, smoothing_spline
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""

@@ -2,19 +2,173 @@
 
 Chroma is a plane, so one other pen of known hue can be taken out as well. The picture is worked on
 in strips of rows, and only where it has any colour, so that large pictures need little memory.
+
+A pen's colour, and how a pixel is split into the pen's part and the rest.
+
+Over grey g, a pen of colour c and coverage a shows p = (1 - a) g (1, 1, 1) + a c. The part of p
+across the grey axis is a c' where c' is the pen's chroma, whatever g is: bones and air drop out.
+
+Where the caller wants the curve to be sought, and between which two places it runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.pen import Pen
-from vfplan.curve.region import Region
+from vfplan.errors import SettingError
+
+HUES = ("red", "orange", "yellow", "lime", "cyan", "blue", "magenta")
+"""Names of pens that a refusal looks for when the named pen drew nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pen:
+    """Two directions in the plane of chroma, the plane across grey.
+
+    Parameters
+    ----------
+    along
+        (3,) unit vector of the pen's own chroma.
+    across
+        (3,) unit vector at right angles to it, positive towards yellow for a red pen.
+    name
+        What the caller named it.
+    """
+
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    name: str
+
+    @classmethod
+    def of_colour(cls, colour: str) -> Pen:
+        """The pen of a CSS colour name or `#rrggbb`; raises `SettingError` for grey or nonsense."""
+        rgb = parse_colour(colour)
+        chroma = rgb - rgb.mean()
+        strength = float(np.linalg.norm(chroma))
+        if strength < tuned.CHROMA_FLOOR:
+            raise SettingError(
+                f"The colour {colour!r} has a chroma of {strength:.0f}, too little to tell it from "
+                f"a grey slice. Name one of {tuned.CHROMA_FLOOR:.0f} or more, such as red.",
+                code="colour-grey",
+                numbers={"chroma": strength, "chroma_min": tuned.CHROMA_FLOOR},
+            )
+        along = chroma / strength
+        return cls(along, np.cross(np.ones(3), along) / np.sqrt(3.0), colour)
+
+    def turned(self, angle_rad: float) -> Pen:
+        """The pen whose hue lies at an angle from this one."""
+        cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+        along = cos * self.along + sin * self.across
+        return Pen(along, cos * self.across - sin * self.along, self.name)
+
+    def degrees_from(self, other: Pen) -> float:
+        """The angle of this pen's hue from that of another [degrees]."""
+        return float(np.degrees(np.arctan2(self.along @ other.across, self.along @ other.along)))
+
+
+def parse_colour(colour: str) -> NDArray[np.float64]:
+    """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
+    if colour == "red":  # The default needs no import of matplotlib.
+        return np.array([255.0, 0.0, 0.0])
+    from matplotlib.colors import CSS4_COLORS, to_rgb
+
+    try:
+        return 255.0 * np.array(to_rgb(colour))
+    except ValueError:
+        question = ""
+        similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
+        if similar:
+            question = f"Did you mean {similar[0]!r}? "
+        raise SettingError(
+            f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
+            code="colour-unknown",
+        ) from None
+
+
+Box = tuple[int, int, int, int]
+"""(u, v, width, height) [px]."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """The part of a picture that is looked at.
+
+    Parameters
+    ----------
+    inside
+        The box to look in; `None` for the whole picture.
+    outside
+        Boxes that are not looked at.
+    """
+
+    inside: Box | None = None
+    outside: tuple[Box, ...] = ()
+
+    @classmethod
+    def of(cls, roi: Box | None, exclude: Sequence[Box], shape: tuple[int, ...]) -> Region:
+        """The region of the options `roi` and `exclude`; raises `SettingError`."""
+        for box in exclude:
+            _check_box(box, shape)
+        inside = None
+        if roi is not None:
+            _check_box(roi, shape)
+            inside = tuple(int(x) for x in roi)
+        return cls(inside, tuple(tuple(int(x) for x in box) for box in exclude))
+
+    def clear_outside(self, planes: NDArray, window: tuple[slice, slice]) -> None:
+        """Set (h, w, ...) values over a window of the picture to 0 where it is not looked at."""
+        rows, columns = window
+        for u, v, width, height in self.outside:
+            top, left = max(v - rows.start, 0), max(u - columns.start, 0)
+            bottom, right = max(v + height - rows.start, 0), max(u + width - columns.start, 0)
+            planes[top:bottom, left:right] = 0
+        if self.inside is not None:
+            u, v, width, height = self.inside
+            planes[: max(v - rows.start, 0)] = 0
+            planes[max(v + height - rows.start, 0) :] = 0
+            planes[:, : max(u - columns.start, 0)] = 0
+            planes[:, max(u + width - columns.start, 0) :] = 0
+
+    def border_distance(self, points: NDArray, size: NDArray) -> NDArray[np.float64]:
+        """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
+        distance = np.full(len(points), np.inf)
+        borders = list(self.outside)
+        if self.inside is not None:
+            borders.append(self.inside)
+        for u, v, width, height in borders:
+            low = np.array([u, v]) - 0.5
+            high = np.add(low, (width, height))
+            # The picture's own border is no border of the region.
+            low = np.where(low > 0, low, -np.inf)
+            high = np.where(high < size - 1, high, np.inf)
+            beyond = np.maximum(low - points, points - high).max(1)
+            distance = np.minimum(distance, np.abs(beyond))
+        return distance
+
+
+def _check_box(box: Box, shape: tuple[int, ...]) -> None:
+    if np.shape(box) != (4,) or np.asarray(box).dtype.kind not in "iu":
+        raise SettingError(
+            f"The region {box} is no box. Give u, v, width and height in whole pixels.",
+            code="region-not-a-box",
+        )
+    u, v, width, height = (int(x) for x in box)
+    rows, columns = shape[:2]
+    fits = u >= 0 and v >= 0 and width > 0 and height > 0
+    if not fits or u + width > columns or v + height > rows:
+        raise SettingError(
+            f"The region {u},{v},{width},{height} leaves the picture. Keep it within its "
+            f"{columns}x{rows} px.",
+            code="region-outside",
+            numbers={"region": [u, v, width, height], "width_px": columns, "height_px": rows},
+        )
+
 
 STRIP_ROWS = 128
 """Rows worked on at a time."""

@@ -1,8 +1,19 @@
-"""What the picture shows across a line, at each point of its path."""
+"""What the picture shows across a line, at each point of its path.
+
+Where the pen was put down and lifted, by one rule for blunt and tapered ends.
+
+Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
+many lengths and places are held against it, and each counts by how well it fits. A short fall is
+a blunt end: the centre of the pen's tip lies a part of the width before the middle of the fall. A
+long fall is a pen that was drawn out, and the fall's foot is its point. Where both fit, the end
+lies between them, and its deviation says so.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from math import erf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -195,3 +206,319 @@ def add_brightness(
     light_variance /= 2
     share = np.where(clear, colour_variance / (colour_variance + light_variance), 0.0)
     return offset + share * (by_light - offset)
+
+
+FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
+"""Pixels: lengths of the falls that are held against the ink."""
+HIGH = tuned.FALL_SHARE
+LOW = 1 - tuned.FALL_SHARE
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of an open line, in points of its path, which lie 1 px apart.
+
+    Parameters
+    ----------
+    place
+        The centre of the pen's tip, or the point of a pen that was drawn out.
+    whole
+        Up to where profiles across the line are whole.
+    sigma
+        Standard deviation of the place along the line [px].
+    fall
+        Pixels over which the ink of a drawn out pen falls from full to nothing; 0 of a blunt end.
+    continues
+        Whether faint ink goes on beyond the end, as under a veil.
+    """
+
+    place: float
+    whole: float
+    sigma: float
+    fall: float
+    continues: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a line shows along itself towards one end, which is the last of its N points.
+
+    Parameters
+    ----------
+    mass
+        (N,) ink across the line; 1 where it is as much as usual.
+    coverage
+        (N, K) across the line, at the places `x`.
+    x
+        (K,) [px].
+    visible
+        The last point at which the line was seen.
+    width
+        Of the pen [px]: the line's width without what blur adds to it.
+    edge
+        Pixels over which the line's edge falls from high to low.
+    noisy
+        Whether the picture's colour is noisy, as that of JPEG is.
+    """
+
+    mass: NDArray[np.float64]
+    coverage: NDArray[np.float64]
+    x: NDArray[np.float64]
+    visible: int
+    width: float
+    edge: float
+    noisy: bool
+
+
+@dataclass(frozen=True)
+class Tip:
+    """The shape of a line's tip.
+
+    Parameters
+    ----------
+    flat
+        How surely the tip was cut off square: 0 to 1.
+    reach
+        How far a round tip reaches, over how far a half disc as broad as the line reaches.
+    longest_point
+        Length of the longest point that the sides of the tip allow [px].
+    point_shows
+        How surely a point would show in so broad a line: 0 to 1.
+    """
+
+    flat: float
+    reach: float
+    longest_point: float
+    point_shows: float
+
+
+def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tuple[End, End]:
+    """The first and the last end of a line.
+
+    profiles: read across a path of M points that reaches beyond both ends
+    valid: (M,) bool, where the line was seen
+    noisy: whether the picture's colour is noisy, as that of JPEG is
+    """
+    visible = np.flatnonzero(valid)
+    last = len(valid) - 1
+    width, edge = _pen_width(profiles, valid)
+    forwards = Run(
+        mass=profiles.mass,
+        coverage=profiles.coverage,
+        x=profiles.x,
+        visible=int(visible[-1]),
+        width=width,
+        edge=edge,
+        noisy=noisy,
+    )
+    backwards = replace(
+        forwards,
+        mass=profiles.mass[::-1],
+        coverage=profiles.coverage[::-1],
+        visible=int(last - visible[0]),
+    )
+    first = _find_end(backwards)
+    first = replace(first, place=last - first.place, whole=last - first.whole)
+    return first, _find_end(forwards)
+
+
+def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
+    """The pen's width without blur, and over how much its edge falls from high to low [px].
+
+    The usual profile is that of an even pen, blurred by a Gaussian. A broad pen's profile is as
+    wide as the pen at half of its height. The less broad the pen is beside the blur, the more of
+    that width is blur, and the longer is the edge beside it.
+    """
+    usual = symmetric(np.median(profiles.coverage[valid], axis=0))[len(profiles.x) // 2 :]
+    usual = usual / max(float(usual.max()), 1e-6)
+    high = _crossing(usual, int(usual.argmax()), HIGH)
+    edge = (_crossing(usual, high, LOW) - high) * tuned.STEP_PX
+    width = 2 * _crossing(usual, high, tuned.HALF) * tuned.STEP_PX
+    edges, shares = _blurred_pens()
+    share = float(np.interp(edge / width, edges, shares))
+    return max(width * share, 1.0), edge  # No picture shows a line narrower than its pixels.
+
+
+@cache
+def _blurred_pens() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Profiles of pens of many widths, each blurred by a Gaussian of 1 px.
+
+    Two (N,) arrays, each over the profile's width at half of its height: how long its edge is from
+    high to low, which rises, and how wide the pen is.
+    """
+    # From 20 blurs on, a pen's own width shows. With 60 pens and 100 places in each profile the
+    # shares are right to 0.003, of the thinnest pens to 0.012.
+    pens = np.linspace(20, 0, 60, endpoint=False)
+    edges = np.zeros(len(pens))
+    shares = np.zeros(len(pens))
+    for k, pen in enumerate(pens):
+        x = np.linspace(0, pen / 2 + 5, 100)  # A Gaussian has ended 5 deviations away.
+        left = np.array([erf(place) for place in (x + pen / 2) / sqrt(2)])
+        right = np.array([erf(place) for place in (x - pen / 2) / sqrt(2)])
+        profile = (left - right) / (left - right)[0]
+        high, half, low = np.interp([-HIGH, -tuned.HALF, -LOW], -profile, x)
+        edges[k] = (low - high) / (2 * half)
+        shares[k] = pen / (2 * half)
+    return edges, shares
+
+
+def _find_end(run: Run) -> End:
+    """The end of a line, from the ink that it shows along itself."""
+    # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
+    # rested the ink is a disc, broader than the line.
+    ink = _smoothed(run.mass)
+    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
+    level = max(float(np.median(before)), 1e-6)
+    highest = before[-tuned.TANGENT_PX // 2 :].max()
+    rested = highest > tuned.WIDE * min(level, 1.0)
+    if rested:
+        level = highest
+    ink = ink / level
+    width = run.width * level
+    noise = tuned.INK_NOISE_NOISY if run.noisy else tuned.INK_NOISE
+    visible_ink = tuned.VISIBLE_SIGMAS * noise
+    high = _crossing(ink, _last_above(ink, HIGH, run.visible), HIGH)
+    half = _crossing(ink, high, tuned.HALF)
+    low = _crossing(ink, half, LOW)
+
+    # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
+    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
+    inner = run.mass[tuned.TAPER_REACH_PX : run.visible + 1]
+    rough = float(np.median(np.abs(inner - filters.gaussian(inner, tuned.TREND_PX / 2))))
+    blunt += tuned.BLUNT_ROUGH_PX * rough
+    tapered = _taper_share(FALLS_PX, blunt)
+    if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
+        # From high to half the ink falls a part of the way; the whole fall is as steep.
+        observed = _taper_share((half - high) / (HIGH - tuned.HALF), blunt)
+        tapered = np.minimum(tapered, observed)
+
+    # The shape of the tip decides, as far as it shows: the sides of a point end long before its
+    # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
+    flat, reach = 0.0, 1.0
+    if not rested:
+        tip = _tip_shape(run, width)
+        flat, reach = tip.flat, tip.reach
+        is_point = (width < FALLS_PX) & (tip.longest_point > FALLS_PX)
+        tapered = np.maximum(tapered, tip.point_shows * is_point)
+
+    # Each foot and each length of the fall counts by how well it fits the ink.
+    foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
+    likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
+    likely = likely / likely.sum()
+    back = tuned.ROUND_SHARE * width * reach
+    middle = np.clip(foot - FALLS_PX / 2, high, low)
+    blunt_place = middle - back * (1 - flat)
+    place = tapered * foot + (1 - tapered) * blunt_place
+    mean = float((likely * place).sum())
+    spread = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
+    variance = float((likely * spread).sum())
+    variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
+
+    is_drawn_out = (likely * tapered).sum() > tuned.HALF
+    whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
+    beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
+    ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
+    continues = False
+    if len(ahead) == tuned.SUDDEN_PX:  # More ink than that is no faint one; the account lists it.
+        continues = bool(visible_ink < np.median(ahead) <= tuned.VISIBLE)
+    return End(
+        place=mean,
+        whole=whole,
+        sigma=float(np.sqrt(variance)),
+        fall=float((likely * tapered * FALLS_PX).sum()),
+        continues=continues,
+    )
+
+
+def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:
+    """How far falls of the ink are a drawn out pen's: 0 to 1, where `blunt` is a blunt end's."""
+    return np.clip((fall / blunt - 1) / (tuned.TAPER_TIMES - 1), 0, 1)
+
+
+def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArray[np.float64]:
+    """(F, L) how likely a fall with each foot (F, 1) and length is, of ink with a noise.
+
+    All of them add up to 1. The height from which the ink falls is fitted, and so is an even slope
+    before, as of a pen that is pressed less and less.
+    """
+    first = max(int(low - FALLS_PX[-1]), 0)
+    at = np.arange(first, min(int(low) + tuned.SUDDEN_PX, len(ink)))
+    observed = ink[at]
+    ahead = foot[..., None] - at
+    fall = np.clip(ahead / FALLS_PX[:, None], 0, 1)
+    slope = np.maximum(ahead - FALLS_PX[:, None], 0)
+    # Least squares for the height and the slope.
+    ff, fs, ss = (fall**2).sum(2) + 1e-9, (fall * slope).sum(2), (slope**2).sum(2) + 1e-9
+    fy, sy = fall @ observed, slope @ observed
+    determinant = ff * ss - fs**2
+    height = (ss * fy - fs * sy) / determinant
+    steep = (ff * sy - fs * fy) / determinant
+    misfit = observed - height[..., None] * fall - steep[..., None] * slope
+    squares = (misfit**2).sum(2)
+    spread = tuned.INK_HANGS_PX * max(noise**2, squares.min() / len(at))
+    likely = np.exp((squares.min() - squares) / (2 * spread))
+    return likely / likely.sum()
+
+
+def _tip_shape(run: Run, width: float) -> Tip:
+    """The shape of a tip that is as wide as `width`, as far as a thin pen shows it.
+
+    A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
+    not, and a drawn out one ends far earlier. A tip whose disc is smaller than the line is broad,
+    as OpenCV draws it, falls back farther than a half disc. Both sides are averaged, so that a line
+    that does not leave its tip at a right angle looks the same.
+    """
+    side = tuned.TIP_SIDE
+    band = tuned.TIP_BAND * width
+    middle = _end_of_band(run, np.abs(run.x) <= band + tuned.STEP_PX / 2)
+    left = _end_of_band(run, np.abs(run.x + side * width) <= band)
+    right = _end_of_band(run, np.abs(run.x - side * width) <= band)
+    if middle is None or left is None or right is None:
+        return Tip(flat=0.0, reach=1.0, longest_point=0.0, point_shows=0.0)
+    falls_back = max((middle - (left + right) / 2) / width, 1e-6)
+    flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
+    # The radius of the disc through the middle of the tip and both sides; half of the line's ink
+    # is left where that disc is half as broad as the line.
+    radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
+    reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
+    from_width = tuned.FLAT_WIDTH_NOISY_PX if run.noisy else tuned.FLAT_WIDTH_PX
+    shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
+    return Tip(
+        flat=flat * shows,
+        reach=float(1 - (1 - reach) * shows),
+        # The sides of a point of length l end 2 TIP_SIDE l before its middle. Blur leaves at least
+        # half of that.
+        longest_point=falls_back * width / side,
+        point_shows=float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1)),
+    )
+
+
+def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
+    """Where half of the ink is left in a band along the line; `None` in an empty band."""
+    if not band.any():
+        return None
+    ink = _smoothed(run.coverage[:, band].mean(1))
+    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
+    ink = ink / max(float(np.median(before)), 1e-6)
+    return _crossing(ink, _last_above(ink, HIGH, run.visible), tuned.HALF)
+
+
+def _smoothed(ink: NDArray) -> NDArray[np.float64]:
+    """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
+    return filters.gaussian(ink, tuned.MASK_BLUR_PX)
+
+
+def _last_above(ink: NDArray, level: float, visible: int) -> int:
+    """The last point up to `visible` at which the ink has a level."""
+    above = np.flatnonzero(ink[: visible + 1] >= level)
+    return visible if len(above) == 0 else int(above[-1])
+
+
+def _crossing(ink: NDArray, start: float, level: float) -> float:
+    """Where the ink first falls below a level, from `start` on."""
+    first = int(start)
+    below = np.flatnonzero(ink[first:] < level)
+    if len(below) == 0:
+        return float(len(ink) - 1)
+    k = first + int(below[0])
+    return float(start) if k == first else k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)

@@ -10,15 +10,3 @@ moving      `MovingFrame`, the frame of a tracked fixture
 """
 
 from __future__ import annotations
-
-from vfplan.lazy import on_demand
-
-# What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "answers": "check_hip check_path",
-        "choosing": "MAX_TICK_TIME best_rule sampled worst_tick_time",
-        "parameters": "MAX_POINTS PAPER_BAND ProxyParameters check_points default_band",
-    },
-)

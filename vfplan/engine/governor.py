@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.answers import check_hip, check_path
 from vfplan.engine.parameters import (
     Vector,
     core_settings,
@@ -21,6 +20,7 @@ from vfplan.engine.parameters import (
     real_number,
     setting_array,
 )
+from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 

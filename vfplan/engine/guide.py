@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.answers import Status, check_hip, check_path
 from vfplan.engine.choosing import check_pieces
 from vfplan.engine.parameters import (
     Vector,
@@ -25,6 +24,7 @@ from vfplan.engine.parameters import (
     number,
     real_number,
 )
+from vfplan.engine.proxy import Status, check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 

@@ -13,15 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan import _core
-from vfplan.engine.answers import Status, Step, Trace, check_hip, check_path
 from vfplan.engine.guide import Guide, GuideTrace
-from vfplan.engine.parameters import (
-    MAX_COORDINATE,
-    Vector,
-    core_settings,
-    real_array,
-    real_number,
-)
+from vfplan.engine.parameters import MAX_COORDINATE, Vector, core_settings, real_array, real_number
+from vfplan.engine.proxy import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SceneError
 
 RIGID_TOLERANCE = 1e-6

@@ -18,7 +18,7 @@ from vfplan.palette import CONTACT, FORCE, HIP
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
     from vfplan.images.read import PlannedImage
-    from vfplan.registration import Registration
+    from vfplan.registration.registration import Registration
 
 Array = NDArray[np.float64]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-
 ROWS_AT_ONCE = 10_000
 """Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
 changes no result."""
@@ -20,13 +18,3 @@ ROUNDING = 1e-12
 UNIT_ROUNDED = 1e-3
 """How far the length of a direction or a quaternion in a file may be from 1. Scanners and trackers
 that write three decimals stay within."""
-
-# What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "arcs": "find_corners fit_arcs",
-        "polyline": "values_at",
-        "splines": "smoothing_spline solve_banded spline_through",
-    },
-)

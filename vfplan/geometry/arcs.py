@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
 from vfplan.geometry import ROUNDING
-from vfplan.geometry.splines import spline_through
+from vfplan.geometry.lines import spline_through
 
 PLACES_A_STEP = 8
 """Number of places on the spline, from one measured point to the next, where its error is taken."""

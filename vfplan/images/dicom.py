@@ -18,9 +18,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.dicom.dataset import group_value, memory_file, open_dataset, pixel_axes
 from vfplan.errors import ImageError
-from vfplan.images.headers import check_size, chosen_index
+from vfplan.images.dataset import group_value, memory_file, open_dataset, pixel_axes
+from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
 
 COLOUR_KINDS = ("RGB", "PALETTE COLOR")

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.dicom.dataset import is_dicom
 from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.images.headers import is_picture, read_header
-from vfplan.images.raster import decode_raster
+from vfplan.images.dataset import is_dicom
+from vfplan.images.raster import decode_raster, is_picture, read_header
 from vfplan.io.files import opened_file, read_whole
 
 MAX_BYTES = 2**31 - 1

@@ -2,10 +2,15 @@
 
 Also strict decimal numbers and lengths of time as text holds them, and the time that outputs are
 stamped with.
+
+Headers of `.npy` files, read with a limit on their length.
+
+Values as JSON holds them.
 """
 
 from __future__ import annotations
 
+import inspect
 import io
 import math
 import os
@@ -16,7 +21,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import IO, Any, BinaryIO, cast
+
+import numpy as np
 
 from vfplan.errors import InputError
 
@@ -304,3 +311,46 @@ def now_utc() -> str:
             code="epoch-invalid",
         )
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+NUMPY_READER = inspect.signature(np.lib.format.read_array_header_1_0)
+MAX_HEADER_BYTES: int = NUMPY_READER.parameters["max_header_size"].default
+"""NumPy's own limit."""
+
+
+def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, whether stored by columns, and type of the array in a `.npy` file.
+
+    The stream is left where the array's data begin. Raises `ValueError`, in one line, for a header
+    that is none or too long.
+    """
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        size_bytes = 2
+        read_header = np.lib.format.read_array_header_1_0
+    elif version == (2, 0):
+        size_bytes = 4
+        read_header = np.lib.format.read_array_header_2_0
+    else:
+        raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
+    size = stream.read(size_bytes)
+    length = int.from_bytes(size, "little")
+    if length > MAX_HEADER_BYTES:
+        raise ValueError(f"the header is longer than {MAX_HEADER_BYTES} bytes")
+    header = io.BytesIO(size + stream.read(length))
+    try:
+        return read_header(header)
+    except Exception as error:  # NumPy parses the header as Python source.
+        first_line = str(error)[:80].partition("\n")[0]
+        raise ValueError(f"the header is none: {first_line}") from None
+
+
+def to_json_types(value: Any) -> Any:
+    """The value in JSON's types: arrays as nested lists, NaN and infinities as `null`."""
+    if isinstance(value, dict):
+        return {str(k): to_json_types(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_json_types(v) for v in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here.
+        return to_json_types(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -31,8 +31,7 @@ import numpy as np
 
 from vfplan import errors
 from vfplan.errors import InputError, VfplanError
-from vfplan.io.files import OpenedFile, stream_over
-from vfplan.io.json_types import to_json_types
+from vfplan.io.files import OpenedFile, stream_over, to_json_types
 
 MEMORY_BYTES = 768 << 20
 """Bytes that a reader may take beyond what it shares with the helper. The libraries that are

@@ -206,10 +206,7 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
     try:
         if isinstance(value, bool):  # Python takes True for 1.
             raise ValueError
-        if isinstance(value, str):
-            number = parse_decimal(value)
-        else:
-            number = float(value)  # type: ignore[arg-type]
+        number = parse_decimal(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         number = None
     if number is None or not math.isfinite(number):

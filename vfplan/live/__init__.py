@@ -10,16 +10,3 @@ page     the page to watch
 """
 
 from __future__ import annotations
-
-from vfplan.lazy import on_demand
-
-# What the command line, tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "page": "live_page",
-        "server": "Server static_messages",
-        "sources": "PositionStream Ticks decode host_and_port stream_result stream_udp",
-        "web": "Web",
-    },
-)

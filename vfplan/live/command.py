@@ -10,11 +10,16 @@ from typing import Any
 
 import click
 
-from vfplan.cli.options import FIXTURE, option, options_in_order
+from vfplan.cli.options import (
+    FIXTURE,
+    DecimalNumber,
+    OutputFile,
+    WholeNumber,
+    option,
+    options_in_order,
+)
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, command_line
-from vfplan.cli.stopping import noted_signals
-from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
+from vfplan.cli.run import CommandResult, command, command_line, noted_signals
 
 
 @command("live")
@@ -41,9 +46,9 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
     """
     if openigtlink is None and web is None and mcap is None:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
-    from vfplan.bundle import read_fixture
+    from vfplan.bundle.read import read_fixture
     from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
-    from vfplan.session.mcapfile import McapWriter
+    from vfplan.session.bags import McapWriter
 
     scene = read_fixture(fixture)
     ticks = stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
@@ -60,8 +65,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
             servers.append(server)
             click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{server.port}", err=True)
         if web is not None:
-            from vfplan.live.page import live_page
-            from vfplan.live.web import Web
+            from vfplan.live.server import Web, live_page
 
             page = Web(*live_page(scene, fixture.name), web, feed)
             stack.callback(page.close)

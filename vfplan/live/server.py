@@ -3,26 +3,172 @@
 Each client has a thread of its own, so that a client that stalls only misses ticks and delays
 nobody. What does not move (the cloud or the curve, the contact sphere) goes out once to each
 client, and again when it asks.
+
+OpenIGTLink messages with headers of version 1, which every version of it reads.
+
+Lengths are in mm. Slicer's world is RAS. Positions in `patient_lps` therefore change the signs of x
+and y; the robot's frame has no sides of a patient and is sent as it is.
+
+Source: the OpenIGTLink protocol, versions 1 and 2 (J. Tokuda et al., Int. J. Med. Robot. 5, 2009,
+423-434), and the ECMA-182 CRC.
+
+A page to watch, and its ticks by WebSocket: on the loopback, for pages that came from here.
+
+The page of `vfplan live --web`: the report's scene, fed by a WebSocket.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
+import json
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
+from functools import cache
+from html import escape
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
-from vfplan.live import igtl
+from vfplan.io.processes import Loopback, reply
 from vfplan.live.sources import MAX_CLIENTS, WAIT_S, PositionStream
+from vfplan.report.page import document, part, scene_data, scripts, tick_row
 
 Array = NDArray[np.float64]
+HEADER = struct.Struct(">H12s20sQQQ")
+
+NEWTON = (0x0B << 54) | (1 << 50)
+"""The protocol's code of the unit N."""
+
+POLYNOMIAL = 0x42F0E1EBA9EA3693
+"""Generator of the ECMA-182 CRC."""
+
+
+class StatusCode(IntEnum):
+    """The protocol's codes that this server sends."""
+
+    OK = 1
+    # No place for another client.
+    BUSY = 6
+    # The configuration or the input is not as it should be.
+    WARNING = 13
+
+
+@cache
+def crc_table() -> list[int]:
+    """The CRC's remainder of each byte."""
+    table = []
+    for byte in range(256):
+        crc = byte << 56
+        for _ in range(8):
+            has_top_bit = crc >> 63
+            crc = (crc << 1) % 2**64
+            if has_top_bit:
+                crc ^= POLYNOMIAL
+        table.append(crc)
+    return table
+
+
+def crc64(data: bytes) -> int:
+    """The ECMA-182 CRC of 64 bits, from 0."""
+    table = crc_table()
+    crc = 0
+    for byte in data:
+        crc = ((crc << 8) % 2**64) ^ table[(crc >> 56) ^ byte]
+    return crc
+
+
+def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
+    """Header and body; `time_s` since 1970."""
+    stamp = (int(time_s) << 32) | int((time_s % 1.0) * 2**32)
+    head = HEADER.pack(1, kind.encode(), device.encode(), stamp, len(body), crc64(body))
+    return head + body
+
+
+def to_ras(frame: str) -> Array:
+    """(3,) factors of each coordinate from m in `frame` to mm in RAS."""
+    return np.array([-1e3, -1e3, 1e3]) if frame == "patient_lps" else np.array([1e3, 1e3, 1e3])
+
+
+def transform(device: str, time_s: float, place_mm: Array) -> bytes:
+    """TRANSFORM: a place (3,) [mm], without rotation."""
+    columns = np.vstack([np.eye(3), place_mm])
+    return message("TRANSFORM", device, time_s, columns.astype(">f4").tobytes())
+
+
+def sensor(device: str, time_s: float, values: Array, unit: int = NEWTON) -> bytes:
+    """SENSOR: an array of at most 255 numbers of one unit."""
+    body = struct.pack(">BBQ", len(values), 0, unit) + np.asarray(values, ">f8").tobytes()
+    return message("SENSOR", device, time_s, body)
+
+
+def status(device: str, time_s: float, code: int, name: str, text: str) -> bytes:
+    """STATUS: a code of the protocol, a name of at most 19 letters, and words."""
+    body = struct.pack(">Hq20s", code, 0, name.encode()[:19]) + text.encode() + b"\0"
+    return message("STATUS", device, time_s, body)
+
+
+def polydata(
+    device: str,
+    time_s: float,
+    points_mm: Array,
+    *,
+    lines: list[NDArray[np.integer]] | None = None,
+    triangles: NDArray[np.integer] | None = None,
+) -> bytes:
+    """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
+    vertices: list[NDArray[np.integer]] = []
+    if lines is None and triangles is None:
+        vertices = list(np.arange(len(points_mm))[:, None])
+    faces: list[NDArray[np.integer]] = list(triangles) if triangles is not None else []
+    # Of each kind of cell: how many there are, and each as its length and its points' indices.
+    counts = []
+    data = []
+    for cells in (vertices, lines or [], faces):
+        numbers: list[int] = []
+        for cell in cells:
+            numbers.append(len(cell))
+            numbers.extend(cell)
+        encoded = np.array(numbers, ">u4").tobytes()
+        counts.extend((len(cells), len(encoded)))
+        data.append(encoded)
+    head = struct.pack(">10I", len(points_mm), *counts, 0, 0, 0)
+    points = np.asarray(points_mm, ">f4").tobytes()
+    return message("POLYDATA", device, time_s, head + points + b"".join(data))
+
+
+def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
+    """Points (N, 3) [mm] and triangles (K, 3) of a sphere round 0."""
+    theta = np.pi * np.arange(1, rings) / rings
+    phi = np.pi * np.arange(2 * rings) / rings
+    side = np.sin(theta)[:, None] * np.ones_like(phi)
+    height = np.cos(theta)[:, None] * np.ones_like(phi)
+    circles = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
+    points = np.vstack([circles, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
+    # Each circle has n points; the two poles come after all circles.
+    n = 2 * rings
+    top = len(circles)
+    bottom = top + 1
+    k = np.arange(n)
+    following = (k + 1) % n
+    faces = [np.column_stack([np.full(n, top), k, following])]
+    for row in range(rings - 2):
+        upper = row * n
+        lower = upper + n
+        faces.append(np.column_stack([upper + k, lower + k, upper + following]))
+        faces.append(np.column_stack([upper + following, lower + k, lower + following]))
+    last = (rings - 2) * n
+    faces.append(np.column_stack([np.full(n, bottom), last + following, last + k]))
+    return points, np.vstack(faces)
+
 
 STALLED_S = 5.0
 """A client that takes nothing for so long is disconnected [s]."""
@@ -44,7 +190,7 @@ class Server:
     """
 
     def __init__(self, fixture: Fixture, port: int, feed: PositionStream) -> None:
-        self._scale = igtl.to_ras(fixture.frame)
+        self._scale = to_ras(fixture.frame)
         self._static = static_messages(fixture)
         self._feed = feed
         self._closing = threading.Event()
@@ -102,9 +248,7 @@ class Server:
             if self.clients >= MAX_CLIENTS:
                 self.refused += 1
                 text = f"{MAX_CLIENTS} clients are served, and no more"
-                refusal = igtl.status(
-                    "vfplan_status", time.time(), igtl.StatusCode.BUSY, "refused", text
-                )
+                refusal = status("vfplan_status", time.time(), StatusCode.BUSY, "refused", text)
                 with client, suppress(OSError):
                     client.sendall(refusal)
                 continue
@@ -151,13 +295,13 @@ class Server:
             raise ConnectionError
         unread += data
         wants_static = False
-        while len(unread) >= igtl.HEADER.size:
-            _, kind, _, _, size, _ = igtl.HEADER.unpack_from(unread)
+        while len(unread) >= HEADER.size:
+            _, kind, _, _, size, _ = HEADER.unpack_from(unread)
             if size > MAX_REQUEST_BYTES:
                 raise ConnectionError
-            if len(unread) < igtl.HEADER.size + size:
+            if len(unread) < HEADER.size + size:
                 break
-            unread = unread[igtl.HEADER.size + size :]
+            unread = unread[HEADER.size + size :]
             if kind.rstrip(b"\0") == b"GET_POLYDATA":
                 wants_static = True
         # Once, however often it was requested at a time.
@@ -168,7 +312,7 @@ class Server:
 
 def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
     """What does not move: each device with the function that makes its message."""
-    scale = igtl.to_ras(fixture.frame)
+    scale = to_ras(fixture.frame)
     lines = None
     if fixture.mesh is None and fixture.curve is not None:
         lines = []
@@ -178,24 +322,91 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
                 line = np.append(line, line[0])
             lines.append(line)
     cloud = functools.partial(
-        igtl.polydata, points_mm=fixture.points * scale, lines=lines, triangles=fixture.mesh
+        polydata, points_mm=fixture.points * scale, lines=lines, triangles=fixture.mesh
     )
     radius_m = fixture.contact_radius + fixture.point_radius
-    points, faces = igtl.ball(1e3 * radius_m)
-    sphere = functools.partial(igtl.polydata, points_mm=points, triangles=faces)
+    points, faces = ball(1e3 * radius_m)
+    sphere = functools.partial(polydata, points_mm=points, triangles=faces)
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
 
 
 def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
-    """What moves: HIP, proxy, force and status of a tick; `scale` (3,) as of `igtl.to_ras`."""
+    """What moves: HIP, proxy, force and status of a tick; `scale` (3,) as of `to_ras`."""
     now = time.time()
     flags = [name for bit, name in FLAGS if tick["status"] & bit]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
-    code = igtl.StatusCode.WARNING if flags or tick["state"] == 2 else igtl.StatusCode.OK
+    code = StatusCode.WARNING if flags or tick["state"] == 2 else StatusCode.OK
     return (
-        igtl.transform("vfplan_hip", now, tick["hip"] * scale)
-        + igtl.transform("vfplan_proxy", now, tick["proxy"] * scale)
-        + igtl.sensor("vfplan_force", now, tick["force"] * np.sign(scale))
-        + igtl.status("vfplan_status", now, code, state, text)
+        transform("vfplan_hip", now, tick["hip"] * scale)
+        + transform("vfplan_proxy", now, tick["proxy"] * scale)
+        + sensor("vfplan_force", now, tick["force"] * np.sign(scale))
+        + status("vfplan_status", now, code, state, text)
     )
+
+
+class Web:
+    """Serves until it is closed.
+
+    page: HTML text; it opens a WebSocket at /ticks
+    row: a tick as the page's script takes it
+    scene: names what the page shows; a page that shows another scene loads itself anew
+    port: 0: one that the system chooses; see `port`
+    feed: what is shown
+    Raises MissingExtra: without the package websockets
+    Raises OutputError: the port is taken
+    """
+
+    def __init__(
+        self,
+        page: str,
+        row: Callable[[NDArray[np.void]], list[float]],
+        scene: str,
+        port: int,
+        feed: PositionStream,
+    ) -> None:
+        self._page = page.encode()
+        self._row = row
+        self._scene = scene
+        self._feed = feed
+        # Clients that were refused because there were too many.
+        self.refused = 0
+        self._server = Loopback(port, self.answer, self.show)
+        self.port = self._server.port
+
+    def close(self) -> None:
+        """Disconnect every client, also one that takes nothing."""
+        self._server.close()
+
+    def answer(self, connection: Any, request: Any) -> Any:
+        """Answer a request: the page, or nothing for the WebSocket."""
+        if request.path == "/ticks":
+            return None
+        if request.path != "/":
+            return connection.respond(404, "there is one page, /")
+        return reply(connection, self._page, "text/html; charset=utf-8")
+
+    def show(self, connection: Any) -> None:
+        """Send ticks until the connection is closed, which sending or receiving raises."""
+        if len(self._server.connections) > MAX_CLIENTS:
+            self.refused += 1
+            connection.close(1013, f"{MAX_CLIENTS} clients are served, and no more")
+            return
+        count = -1
+        connection.send(json.dumps({"scene": self._scene}))
+        while True:
+            count, ticks = self._feed.after(count, WAIT_S)
+            if ticks:
+                connection.send(json.dumps({"ticks": [self._row(tick) for tick in ticks]}))
+            with suppress(TimeoutError):
+                connection.recv(timeout=0)
+
+
+def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[float]], str]:
+    """The HTML text, a function that makes a tick's row for it, and the name of its scene."""
+    data = scene_data(fixture)
+    scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
+    content = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
+    body = f"<header><h1>Live: {escape(name)}</h1></header>{content}"
+    text = body + scripts({**data, "scene": scene}, part("live.js", "vfplan.live"))
+    return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene

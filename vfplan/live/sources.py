@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.table import MAX_NUMBER
-from vfplan.session import read_result
-from vfplan.session.mcapfile import TICK
+from vfplan.session.bags import TICK
+from vfplan.session.result import read_result
 
 SIGNATURE = b"VFPT\x01\x00"
 """How a datagram begins: its magic, and version 1 in two bytes."""
@@ -54,7 +54,7 @@ class Datagram:
     sequence: int
     # Ticks that the controller's ring had to drop so far
     dropped: int
-    # (n,) of `vfplan.session.mcapfile.TICK`, 1 to 11; `index` counts every tick of the loop,
+    # (n,) of `vfplan.session.bags.TICK`, 1 to 11; `index` counts every tick of the loop,
     # dropped ones too
     ticks: NDArray[np.void]
 
@@ -98,7 +98,7 @@ def decode(data: bytes) -> Datagram:
 class Ticks:
     """Some ticks; none where a source has none for the moment."""
 
-    # (n,) of `vfplan.session.mcapfile.TICK`
+    # (n,) of `vfplan.session.bags.TICK`
     ticks: NDArray[np.void]
     # So far: ticks that the controller dropped, datagrams that did not arrive, and datagrams that
     # were none
@@ -194,7 +194,7 @@ class PositionStream:
         self._has_changed = threading.Condition()
 
     def put(self, ticks: NDArray[np.void]) -> None:
-        """Take (n,) of `vfplan.session.mcapfile.TICK`, n at least 1."""
+        """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
         periods = np.floor(ticks["t"] * self.rate_hz + 1e-6)
         firsts = ticks[np.diff(periods, prepend=self._period) != 0]
         with self._has_changed:

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vfplan.bundle.schema import max_number
+from vfplan.bundle.content import max_number
 from vfplan.errors import ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
-from vfplan.geometry.polyline import length_of
+from vfplan.geometry.lines import length_of
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
 
 if TYPE_CHECKING:
-    from vfplan.curve import Extraction
+    from vfplan.curve.extraction import Extraction
     from vfplan.images.read import PlannedImage
 
 # Settings that only a pen's drawing can follow.
@@ -79,9 +79,9 @@ def extract(
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
-    from vfplan.curve import extract_curve, load_libraries
+    from vfplan.curve.extraction import extract_curve, load_libraries
     from vfplan.images.read import MAX_MEGAPIXELS, read_image
-    from vfplan.vectors import SUFFIXES
+    from vfplan.vectors.read import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
@@ -158,9 +158,9 @@ def read_vectors(
     image: PlannedImage, path: str | Path, settings: ExtractSettings
 ) -> tuple[Extraction, str]:
     """A vector curve on its slice, and the SHA-256 of its file."""
-    from vfplan.curve import vector_stroke
-    from vfplan.vectors import onto_slice, read_vector_curve
-    from vfplan.vectors.presentation import check_drawn_on
+    from vfplan.curve.extraction import vector_stroke
+    from vfplan.vectors.curve import check_drawn_on
+    from vfplan.vectors.read import onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))

@@ -7,12 +7,15 @@
 
 `extract` gives the curve as a `Fixture` whose points are pixels of the slice. `register` turns that
 into a `Fixture` whose points lie in front of the robot.
+
+A safety margin against registration error: a fixture that is thicker by it.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,16 +27,62 @@ from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import ExtractResult, extract
-from vfplan.planning.guidance import add_guidance
-from vfplan.planning.margin import add_margin
-from vfplan.planning.match import MatchResult, match
-from vfplan.planning.rendering import RenderingResult, render
+from vfplan.planning.match import MatchResult, RefineResult, match, refine
+from vfplan.planning.rendering import RenderingResult, add_guidance, render
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.planning.touch import RefineResult, refine
 
 if TYPE_CHECKING:
+    from vfplan.fixture import Fixture
     from vfplan.images.read import PlannedImage
-    from vfplan.registration import Registration
+    from vfplan.planning.settings import FixtureSettings
+    from vfplan.registration.registration import Registration
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What was added to the point radius."""
+
+    # "tre95", or "given" for a number of metres.
+    kind: str
+    # The margin [m], the same all along the curve.
+    largest_m: float
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {
+            "kind": self.kind,
+            "side": "both",
+            "largest_m": self.largest_m,
+            "added_point_radius_m": self.largest_m,
+        }
+
+
+def add_margin(
+    curve: Fixture, registration: Registration, settings: FixtureSettings
+) -> tuple[FixtureSettings, Margin]:
+    """The settings with a point radius that is larger by the margin that they ask for.
+
+    "tre95" is the largest value, along the curve, of the bound that the registration's error stays
+    within over the whole curve with probability 0.95. A number is a margin [m].
+
+    Raises SettingError: an unknown margin
+    """
+    margin = settings.margin
+    if margin == "tre95":
+        kind, bound_m = "tre95", float(registration.tre95_curve_m(curve.points).max())
+    else:
+        is_number = isinstance(margin, Real) and not isinstance(margin, bool)
+        if not is_number or not 0 <= margin < np.inf:
+            raise SettingError(
+                f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
+                code="margin-unknown",
+            )
+        kind, bound_m = "given", float(margin)
+    # Up to the next nanometre: an id must not depend on a processor's last bit.
+    margin_m = float(np.ceil(bound_m * 1e9) / 1e9)
+    thicker = replace(settings, point_radius=settings.point_radius + margin_m)
+    return thicker, Margin(kind, margin_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +242,8 @@ def register(
         residuals exceed `settings.max_residual_m`, or the error may exceed `settings.max_tre_m`.
         Or a guide leads into what is forbidden.
     """
-    from vfplan.registration import (
-        describe_checks,
-        error_findings,
-        refuse_large_error,
-        registration_report,
-        target_error,
-    )
+    from vfplan.registration.checks import describe_checks, error_findings, refuse_large_error
+    from vfplan.registration.registration import registration_report, target_error
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from vfplan.bundle.schema import max_number
+from vfplan.bundle.content import max_number
 from vfplan.errors import SettingError
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.

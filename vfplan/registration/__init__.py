@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
 from vfplan.registration.checks import (
     describe_checks,
     error_findings,
@@ -11,8 +10,12 @@ from vfplan.registration.checks import (
     registration_findings,
     side_finding,
 )
-from vfplan.registration.error import target_error
-from vfplan.registration.registration import Registration, fit_registration, registration_report
+from vfplan.registration.registration import (
+    Registration,
+    fit_registration,
+    registration_report,
+    target_error,
+)
 from vfplan.registration.touch import refine_by_touch
 
 __all__ = [
@@ -28,15 +31,3 @@ __all__ = [
     "side_finding",
     "target_error",
 ]
-
-# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "mistaken_labels": "label_mistakes",
-        "nearest": "NearestOnMesh on_triangles",
-        "perspective": "perspective_test",
-        "scale": "scale_departures",
-        "models": "homogeneous marker_rows rotation",
-    },
-)

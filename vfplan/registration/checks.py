@@ -2,32 +2,368 @@
 
 `refuse_wrong_markers` is the gate: labels that are mistaken, residuals that no marker has, a scale
 that is another unit. `registration_findings` lists the rest. Nothing is repaired.
+
+The scale that markers give, held against the scale that is known.
+
+Whether the slice was photographed at an angle: an F test of a homography against an affine map.
+
+A camera that looks at a plane from the side sees a homography of it (R. Hartley and A. Zisserman,
+"Multiple view geometry in computer vision", 2004, ch. 8), with two parameters more than an affine
+map. No model here follows them, and no error bound counts them.
+
+Labels that were mistaken: the usual other orders, and how likely each of them is.
+
+Two orders of the labels are compared by the ratio of the sums of squares that they leave. For two
+orders that are equally good it is F-distributed with ν and ν degrees of freedom.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from itertools import combinations
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
 from typing import Any
 
 import numpy as np
 
-from vfplan.errors import CheckFailed
+from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.markers.correspondences import MAX_RADIUS_M
-from vfplan.registration.error import TargetError
-from vfplan.registration.fit import GOOD_SET_PROBABILITY, fit_similarity
-from vfplan.registration.mistaken_labels import SURE_PROBABILITY, label_mistakes
-from vfplan.registration.models import Array, rms_length
-from vfplan.registration.outliers import outlier_findings, single_outlier
-from vfplan.registration.perspective import perspective_test
-from vfplan.registration.registration import Registration, describe_side
-from vfplan.registration.scale import (
-    refuse_wrong_scale,
-    scale_departures,
-    scale_findings,
-    stretch_findings,
+from vfplan.registration.fit import (
+    GOOD_SET_PROBABILITY,
+    RARE_PROBABILITY,
+    f_exceeds,
+    fit_model,
+    fit_similarity,
+    studentised_f,
 )
+from vfplan.registration.models import (
+    Affine,
+    Array,
+    Orthogonal,
+    Problem,
+    homogeneous,
+    marker_rows,
+    rms_length,
+)
+from vfplan.registration.registration import (
+    Registration,
+    TargetError,
+    describe_side,
+    outlier_findings,
+    single_outlier,
+)
+
+# Largest scale over the known scale. More is another unit or another picture, not a printer's
+# stretch.
+MAX_RATIO = 2.0
+
+# A scale that departs by less than half a per cent moves a marker by less than half a millimetre.
+DEPARTURE = 0.005
+
+# A scale departs from the known one by chance if it does by less than four standard errors.
+STANDARD_ERRORS = 4.0
+
+# An affine map may show this much stretch: a camera that looks on at 25 degrees makes it.
+MAX_STRETCH = 1.1
+
+
+def scale_departures(registration: Registration) -> list[tuple[float, float]]:
+    """(scale over the known scale minus 1, its standard error), one each along u and v if affine.
+
+    Of a rigid registration: what its scale would be if it were free. Empty where no scale is known.
+    """
+    fit, problem = registration.fit, registration.fit.problem
+    k = problem.model.dimension
+    if k == 2 and registration.pixel_spacing is None:
+        return []
+    if registration.model == "rigid":
+        fit = fit_similarity(problem, fit.used)
+    axes = k if registration.model == "affine" else 1
+    radius = problem.normaliser.radius
+    covariance = fit.covariance.reshape(3, k + 1, 3, k + 1)
+    departures = []
+    for axis in range(axes):
+        column = fit.m[:, axis]
+        length = float(np.linalg.norm(column))
+        variance = column @ covariance[:, axis, :, axis] @ column / length**2
+        departures.append((length / radius - 1, float(np.sqrt(max(variance, 0.0))) / radius))
+    return departures
+
+
+def refuse_wrong_scale(registration: Registration) -> None:
+    """Refuse a scale that is more than twice the known one, or less than half (`MarkerError`)."""
+    for departure, standard_error in scale_departures(registration):
+        ratio = 1 + departure
+        is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
+        if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
+            raise MarkerError(
+                f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
+                f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
+                "the right --pixel-spacing",
+                code="scale-wrong",
+                numbers={"ratio": ratio},
+            )
+
+
+def scale_findings(registration: Registration) -> list[Finding]:
+    """A scale that departs from the known one by more than its error, or that nothing checks."""
+    departures = scale_departures(registration)
+    if not departures:
+        along_u, along_v = registration.T_target_source[:3, :2].T
+        pixel_mm = 1e3 * float(np.sqrt(np.linalg.norm(np.cross(along_u, along_v))))
+        text = (
+            "The pixel size is not known, so the scale was not checked: one pixel is "
+            f"{pixel_mm:.3g} mm by the markers. Give --pixel-spacing MM if you know it."
+        )
+        return [note("scale-unchecked", "register", text)]
+    departure, standard_error = max(departures, key=lambda pair: abs(pair[0]))
+    if abs(departure) <= max(DEPARTURE, STANDARD_ERRORS * standard_error):
+        return []
+    text = (
+        f"The markers give a scale that departs by {departure:+.2%} from the known one (standard "
+        f"error {standard_error:.2%}). Check the pixel spacing."
+    )
+    return [doubt("scale-departs", "register", text)]
+
+
+def stretch_findings(registration: Registration) -> list[Finding]:
+    """Pixels that are not square, or not of the given ratio, where the model or a user says so.
+
+    By the F test of an affine map against a similarity.
+    """
+    problem, used = registration.fit.problem, registration.used
+    affine = Affine(2)
+    if problem.model.dimension != 2 or 3 * used.sum() <= affine.parameters:
+        return []
+    free = fit_model(replace(problem, model=affine), used)
+    square = fit_similarity(problem, used) if registration.model == "affine" else registration.fit
+    long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
+    if registration.model == "affine" and long < MAX_STRETCH * short:
+        return []
+    free_squares = max(free.variance * free.dof, problem.rounding_floor_m**2)
+    square_squares = square.variance * square.dof
+    more = square.dof - free.dof
+    f = ((square_squares - free_squares) / more) / (free_squares / free.dof)
+    if f_exceeds(more, free.dof, max(f, 0.0)) > RARE_PROBABILITY:
+        return []
+    text = (
+        f"By the markers a pixel is {long / short:.3g} times as long as wide. Look for a column "
+        "in another unit, or for another --pixel-spacing or --model."
+    )
+    return [doubt("pixels-stretched", "register", text)]
+
+
+# Good markers show so much perspective once in 200 sets: it wants an answer.
+SURE_PERSPECTIVE = 1 / 200
+
+# Good markers show so much perspective once in ten sets: it is a note. With a smaller probability
+# more sets of a slice tilted by 1 or 2 degrees would pass, although their bound does not hold.
+POSSIBLE_PERSPECTIVE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class PerspectiveTest:
+    """Whether a homography explains planar markers better than an affine map does."""
+
+    # Probability that good markers show as much perspective.
+    p_value: float
+    # RMS localisation error of a marker under the homography [m].
+    fle_rms_m: float
+    # Largest distance between the homography and the affine map at a marker [m].
+    departure_m: float
+    # Whether the probability is small, and no single bad marker explains the residuals as well.
+    is_significant: bool
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether a person should think of it."""
+        return self.is_significant or self.p_value < POSSIBLE_PERSPECTIVE
+
+
+def perspective_test(registration: Registration) -> PerspectiveTest | None:
+    """F test of the two parameters that a homography has more than an affine map.
+
+    `None` for markers in space, for fewer than six, and for an exact fit. All markers count, also
+    those that a robust fit left out.
+    """
+    problem = registration.fit.problem
+    n = len(problem.s)
+    # Fewer than twice as many markers as an affine map needs leave hardly a residual to judge by.
+    if problem.model.dimension != 2 or n < 2 * Affine(2).minimal:
+        return None
+    affine = fit_model(replace(problem, model=Affine(2)))
+    affine_squares = affine.variance * affine.dof
+    if not affine_squares > n * problem.rounding_floor_m**2:
+        return None
+    h = fit_homography(problem, affine.m)
+    if not (1 + problem.s @ h[9:] > 0).all():
+        return None  # A marker would lie behind the camera.
+
+    mapped = _homography(h, problem.s)
+    dof = 3 * n - len(h)
+    squares = float((problem.weights * (problem.y - mapped) ** 2).sum())
+    squares = max(squares, problem.rounding_floor_m**2)
+    f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
+    p_value = float(f_exceeds(2, dof, f))
+
+    # The probability that any marker of a good set is as much of an outlier as the worst one here.
+    f_of_markers = np.nan_to_num(studentised_f(affine))
+    outlier_probability = n * float(f_exceeds(3, affine.dof - 3, f_of_markers.max()))
+    return PerspectiveTest(
+        p_value=p_value,
+        fle_rms_m=float(np.sqrt(3 * squares / dof)),
+        departure_m=float(np.linalg.norm(mapped - problem.x @ affine.m.T, axis=1).max()),
+        is_significant=p_value < min(SURE_PERSPECTIVE, outlier_probability),
+    )
+
+
+def fit_homography(problem: Problem, m: Array) -> Array:
+    """(11,) the homography of least weighted squares: row-major M, then q of 1 + q·s.
+
+    By Gauss-Newton from the affine map M (3, 3).
+    """
+    root = np.sqrt(problem.weights)
+    h = np.append(m, [0.0, 0.0])
+    for _ in range(30):
+        depth = (1 + problem.s @ h[9:])[:, None, None]
+        mapped = _homography(h, problem.s)
+        linear = marker_rows(problem.x).reshape(len(problem.s), 3, 9) / depth
+        bend = -mapped[:, :, None] * problem.s[:, None, :] / depth
+        rows = np.concatenate([linear, bend], axis=2) * root[:, :, None]
+        error = root * (problem.y - mapped)
+        step = np.linalg.lstsq(rows.reshape(-1, len(h)), error.ravel(), rcond=None)[0]
+        h = h + step
+        if np.abs(step[9:]).max() < 1e-12:
+            break
+    return h
+
+
+def _homography(h: Array, s: Array) -> Array:
+    """(N, 3) positions M x~ / (1 + q·s) of s (N, 2), for row-major M and then q in h (11,)."""
+    return homogeneous(s) @ h[:9].reshape(3, 3).T / (1 + s @ h[9:])[:, None]
+
+
+# Another order of the labels is sure, and refused, if it fits better by an F of this probability.
+# Of 10,000 sets of good markers none is refused by it (docs/make_registration_table.py).
+SURE_MISTAKE = 5e-6
+
+# Both of two exchanged markers are among the 12 of largest residual, for a mistake is large.
+MAX_SUSPECTS = 12
+
+# Of four markers all 24 orders of the labels are compared; five would have 120.
+MAX_FOR_EVERY_ORDER = 4
+
+
+@dataclass(frozen=True)
+class LabelMistake:
+    """Another order of the same labels."""
+
+    # (N,) source marker i belongs to the target marker `order[i]`.
+    order: tuple[int, ...]
+    # What it does to the given order, as a verb: "exchanged", "reversed", "shifted", ...
+    action: str
+    # RMS residual that it leaves [m].
+    fre_rms_m: float
+    # Probability that good markers fit another order so much better.
+    p_value: float
+
+    @property
+    def moved(self) -> list[int]:
+        """The markers whose labels it changes."""
+        return [i for i, j in enumerate(self.order) if i != j]
+
+    def sentence(self, labels: Sequence[str | int]) -> str:
+        """What seems to have happened, and how well the markers fit without it."""
+        moved = [str(labels[i]) for i in self.moved]
+        fit = f"{self.action}, all markers fit to {1e3 * self.fre_rms_m:.2f} mm"
+        if len(moved) == 2:
+            return f"{moved[0]} and {moved[1]} seem exchanged: {fit}"
+        names = ", ".join(moved[:4])
+        if len(moved) > 4:
+            names += ", ..."
+        return f"the labels {names} seem {fit}"
+
+
+def label_mistakes(registration: Registration) -> list[LabelMistake]:
+    """The usual mistakes with labels that fit about as well as the given ones, or better.
+
+    An order is one of them unless the given one fits better by an F that equally good orders reach
+    once in a hundred sets. The likeliest comes first.
+    """
+    everyone = registration.fit.problem
+    judge = everyone
+    if registration.pixel_spacing is not None and isinstance(everyone.model, Affine):
+        # Four or five markers fit an affine map in almost any order. The true map is close to a
+        # similarity where the pixel spacing is known.
+        judge = replace(everyone, model=Orthogonal(2, None, "similarity"))
+    n = len(everyone.s)
+    dof = 3 * n - judge.model.parameters
+
+    # Two markers may be exchanged if both are among those that fit worst.
+    fit = fit_model(judge)
+    squares = (judge.weights * fit.vectors**2).sum(axis=1)
+    suspects = np.sort(np.argsort(-squares, kind="stable")[:MAX_SUSPECTS])
+    orders = usual_orders(n, suspects.tolist())
+    if not orders:
+        return []
+
+    as_given = _sums_of_squares(judge, [tuple(range(n))])[0]
+    others = _sums_of_squares(judge, list(orders))
+    fre = np.sqrt(_sums_of_squares(everyone, list(orders), weighted=False) / n)
+    named = list(orders.items())
+    mistakes = []
+    # The given order does not fit clearly better than these ones.
+    for k in np.flatnonzero(f_exceeds(dof, dof, others / as_given) > GOOD_SET_PROBABILITY):
+        order, action = named[k]
+        p_value = float(f_exceeds(dof, dof, as_given / others[k]))
+        mistakes.append(LabelMistake(order, action, float(fre[k]), p_value))
+    mistakes.sort(key=lambda mistake: mistake.p_value)
+    return mistakes
+
+
+def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
+    """The orders that people mistake for the right one, with what was done to the labels.
+
+    n: number of markers
+    suspects: markers of which two may be exchanged
+    """
+    forward = np.arange(n)
+    orders: dict[tuple[int, ...], str] = {}
+    if n <= MAX_FOR_EVERY_ORDER:
+        for order in permutations(range(n)):
+            orders[order] = "reordered"
+    for rows in range(2, n // 2 + 1):
+        if n % rows == 0:
+            grid = forward.reshape(rows, -1)
+            orders[tuple(grid.T.ravel().tolist())] = "transposed"
+            orders[tuple(grid[::-1].ravel().tolist())] = "reversed by rows"
+            orders[tuple(grid[:, ::-1].ravel().tolist())] = "reversed by columns"
+    for shift in range(1, n):
+        orders[tuple(np.roll(forward[::-1], shift).tolist())] = "reversed and shifted"
+        orders[tuple(np.roll(forward, shift).tolist())] = "shifted"
+    orders[tuple(forward[::-1].tolist())] = "reversed"
+    for i, j in combinations(suspects, 2):
+        exchanged = list(range(n))
+        exchanged[i], exchanged[j] = j, i
+        orders[tuple(exchanged)] = "exchanged"
+    orders.pop(tuple(forward.tolist()), None)
+    return orders
+
+
+def _sums_of_squares(
+    problem: Problem, orders: Sequence[tuple[int, ...]], *, weighted: bool = True
+) -> Array:
+    """(P,) sum of squared residuals [m²] with the targets in each order."""
+    index = np.array(orders)
+    y, weights = problem.y[index], problem.weights[index]
+    s = np.broadcast_to(problem.s, (len(index), *problem.s.shape))
+    m = problem.model.solve(s, y, weights)
+    squares = (y - homogeneous(problem.s) @ np.swapaxes(m, -1, -2)) ** 2
+    if weighted:
+        squares = squares * weights
+    return np.maximum(squares.sum(axis=(1, 2)), problem.rounding_floor_m**2)
+
 
 # Length over width of a layout across which the error grows fast.
 LONG_LAYOUT = 10.0
@@ -70,7 +406,7 @@ def refuse_wrong_markers(
     # Another order of the labels fits clearly better. A robust fit that has left the mistaken
     # markers out does not rest on them.
     mistakes = label_mistakes(registration)
-    if mistakes and mistakes[0].p_value < SURE_PROBABILITY and not markers_as_given:
+    if mistakes and mistakes[0].p_value < SURE_MISTAKE and not markers_as_given:
         mistake = mistakes[0]
         if registration.used[mistake.moved].any():
             advice = "Correct the labels"

@@ -1,36 +1,322 @@
-"""Markers to a transform, with its error wherever it is used."""
+"""Markers to a transform, with its error wherever it is used.
+
+The registration's error at other points than the markers, and the bounds that it stays within.
+
+The fit's parameters have the covariance C of M (row-major, normalised coordinates). At a point with
+x~ = [s, 1] the transform errs by δ = (I₃ ⊗ x~ᵀ) vec(δM), a normal vector of covariance
+Σ = (I₃ ⊗ x~ᵀ) C (I₃ ⊗ x~). For the affine model with equal weights this is σ² h I₃ with the
+leverage h = x~ᵀ (XᵀX)⁻¹ x~. For the rigid model its trace is the formula of J. M. Fitzpatrick,
+J. B. West and C. R. Maurer, "Predicting error in rigid-body point-based registration", IEEE TMI 17
+(1998).
+
+The pointwise bound b(r) covers each point with probability 0.95, hence all of a curve less often.
+The bound of the curve is κ b(r). With A Aᵀ the parameters' covariance in units of σ² and ω uniform
+on the unit sphere of their p dimensions, the largest ratio along the curve is
+g(ω) = max_r |J_r A ω| / b(r). The error's size does not depend on its direction ω, and its square
+over p is F-distributed with p and ν degrees of freedom. So
+
+    P(the whole curve within κ b) = E_ω[ F_cdf(κ² / (p g(ω)²); p, ν) ],
+
+and κ solves P = 0.95. The expectation is over fixed directions, the points of a sequence that fills
+the sphere evenly (R. D. Richtmyer, LA-1342, 1951), so the same input gives the same bound.
+
+Outliers among the markers: judged by an F test, and left out by a robust fit.
+
+A marker is an outlier if it lies further from where the others put it than chance explains. A plain
+fit keeps it and names it. A robust fit rests on the markers alone that agree with each other.
+
+They are found without a random number. Least trimmed squares (P. J. Rousseeuw, "Least median of
+squares regression", J. Am. Stat. Assoc. 79, 1984) over the transforms through all minimal subsets
+finds the half of the markers that agrees best. A forward search (A. C. Atkinson and M. Riani,
+"Robust diagnostic regression analysis", 2000) then takes in one marker after another, for as long
+as the next one fits.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import combinations, islice
+from math import comb
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord
-from vfplan.registration.distributions import f_quantile
-from vfplan.registration.error import (
-    TargetError,
-    error_rows,
-    pointwise_bound,
-    target_error,
-    whole_curve_factor,
+from vfplan.geometry import ROWS_AT_ONCE
+from vfplan.registration.fit import (
+    Fit,
+    f_exceeds,
+    f_limit,
+    f_quantile,
+    fit_model,
+    leave_one_out,
+    studentised_f,
 )
-from vfplan.registration.fit import Fit, fit_model, leave_one_out, studentised_f
 from vfplan.registration.models import (
+    MAX_CONDITION,
     Array,
     Geometry,
     ModelName,
     Orthogonal,
+    Problem,
     geometry,
     homogeneous,
+    make_problem,
+    marker_rows,
+    rms_length,
 )
-from vfplan.registration.outliers import consistent_markers, is_outlier
-from vfplan.registration.problem import Problem, make_problem
+
+# Probability that an error stays within its bound, and that an interval holds the true value.
+PROBABILITY = 0.95
+
+# Number of directions of the expectation. With this many κ is within 0.2 % of its limit.
+DIRECTIONS = 8192
+
+# Number of points of the curve that κ is taken over. The error changes slowly along it, so more
+# points give the same.
+CURVE_POINTS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class TargetError:
+    """The predicted target registration error along a curve of M points."""
+
+    # (M,) predicted RMS error at each point [m].
+    rms_m: Array
+    # (M,) bound at each point, with probability 0.95 for that point [m].
+    bound95_m: Array
+    # (M,) bound for all points at once, with probability 0.95 [m].
+    curve95_m: Array
+    # Index of the point with the largest bound.
+    worst: int
+    # (M,) whether a point is predicted worse than every marker: it lies beyond them.
+    is_extrapolated: NDArray[np.bool_]
+
+
+def target_error(registration: Registration, points: ArrayLike) -> TargetError:
+    """The predicted error along a curve (M, 2|3) given in the source frame."""
+    rms_m = registration.tre_m(points)
+    curve95_m = registration.tre95_curve_m(points)
+    at_markers_m = registration.tre_m(registration.source[registration.used])
+    return TargetError(
+        rms_m=rms_m,
+        bound95_m=registration.tre95_m(points),
+        curve95_m=curve95_m,
+        worst=int(curve95_m.argmax()),
+        is_extrapolated=rms_m > at_markers_m.max() * (1 + 1e-9),
+    )
+
+
+def error_rows(s: Array, root: Array) -> Array:
+    """(M, 3, p) J_r A: how the error at normalised points s (M, k) follows from p unit normals."""
+    return marker_rows(homogeneous(s)).reshape(len(s), 3, -1) @ root
+
+
+def pointwise_bound(covariances: Array, dof: int) -> Array:
+    """(M,) radius [m] that an error stays within with 0.95, for covariances (M, 3, 3) [m²].
+
+    |δ|² is a sum of three squares weighted by Σ's eigenvalues λ. G. E. P. Box ("Some theorems on
+    quadratic forms", Ann. Math. Stat. 25, 1954) replaces it by Σλ times an F variable of
+    (Σλ)²/Σλ² and `dof` degrees of freedom. That is exact where the eigenvalues that are not 0 are
+    equal, as they are for the affine model.
+    """
+    eigenvalues = np.maximum(np.linalg.eigvalsh(covariances), 0.0)
+    total = eigenvalues.sum(axis=1)
+    squares = (eigenvalues**2).sum(axis=1)
+    freedom = np.full_like(total, 3.0)
+    np.divide(total**2, squares, out=freedom, where=squares > 0)
+    return np.sqrt(total * f_quantile(freedom, dof, PROBABILITY))
+
+
+def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
+    """κ of at least 1, by which the pointwise bound must grow to hold for all points at once.
+
+    rows: (M, 3, p) [m] of `error_rows`, times the standard deviation
+    pointwise_m: (M,) the points' own bounds [m]
+    dof: degrees of freedom of the standard deviation
+    """
+    if not pointwise_m.max() > 0:
+        return 1.0  # An exact fit has no error to bound.
+    p = rows.shape[2]
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), CURVE_POINTS)).round().astype(int)
+    directions = _directions(p)
+    # The g(ω)² of each direction ω.
+    largest = np.zeros(DIRECTIONS)
+    for row in rows[chosen] / pointwise_m[chosen, None, None]:
+        np.maximum(largest, ((row @ directions) ** 2).sum(axis=0), out=largest)
+
+    # Neighbours of the sorted values are nearly equal, so their mean stands for all of them.
+    largest = np.sort(largest).reshape(-1, 16).mean(axis=1)
+
+    def probability(kappa: float) -> float:
+        return 1 - float(f_exceeds(p, dof, kappa**2 / (p * largest)).mean())
+
+    low, high = 0.0, 1.0
+    while probability(high) < PROBABILITY:
+        low, high = high, 2 * high
+    while high - low > 1e-5 * high:
+        middle = (low + high) / 2
+        if probability(middle) < PROBABILITY:
+            low = middle
+        else:
+            high = middle
+    return max(1.0, high)
+
+
+@cache
+def _directions(p: int) -> Array:
+    """(p, DIRECTIONS) unit vectors, evenly over the sphere."""
+    # Multiples of the square roots of primes, one a parameter, are Richtmyer's sequence.
+    primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37])
+    steps = np.arange(1, DIRECTIONS + 1)[:, None]
+    uniform = np.mod(steps * np.sqrt(primes[:p]) + 0.5, 1.0)
+    quantile = NormalDist().inv_cdf
+    normal = np.reshape([quantile(share) for share in uniform.flat], uniform.shape)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.ascontiguousarray(normal.T)
+
+
+# All minimal subsets are tried, and this many take some seconds.
+MAX_SUBSETS = 500_000
+
+# The forward search stops before a good marker once in twenty sets. That leaves out a good marker
+# now and then, and seldom takes in a wrong one.
+STOP_PROBABILITY = 0.05
+
+
+def outlier_limits(fit: Fit) -> Array:
+    """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
+    marker_count = int(fit.used.sum())
+    limits = np.full(len(fit.used), np.inf)
+    for i, is_used in enumerate(fit.used):
+        dof = fit.dof - 3 * int(is_used)
+        if dof > 0:
+            limits[i] = f_limit(marker_count, dof)
+    return limits
+
+
+def is_outlier(fit: Fit) -> NDArray[np.bool_]:
+    """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
+    return (np.nan_to_num(studentised_f(fit)) > outlier_limits(fit)) | ~fit.used
+
+
+def single_outlier(registration: Registration) -> tuple[int, float] | None:
+    """The marker of largest F, and the RMS residual of the others without it [m].
+
+    `None` where no marker is an outlier, or the others do not agree either.
+    """
+    f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
+    worst = int(f.argmax())
+    others = registration.used & (np.arange(len(f)) != worst)
+    problem = registration.fit.problem
+    has_residual = 3 * others.sum() > problem.model.parameters
+    if not f[worst] > outlier_limits(registration.fit)[worst] or not has_residual:
+        return None
+    without = fit_model(problem, others)
+    others_m = rms_length(without.vectors[others])
+    if others_m > registration.fre_rms_m / 2:
+        return None
+    return worst, others_m
+
+
+def outlier_findings(registration: Registration) -> list[Finding]:
+    """Markers further from the others' prediction than chance explains, and those left out."""
+    findings = []
+    for i, label in enumerate(registration.labels):
+        if label not in registration.outliers:
+            continue
+        place = registration.place_px(i)
+        distance_m = float(registration.residuals_m[i])
+        if not registration.used[i]:
+            text = (
+                f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
+                "others put it. Touch it again to have it count."
+            )
+            findings.append(note("marker-left-out", "register", text, place_px=place))
+            continue
+        if np.isfinite(registration.loo_m[i]):
+            distance_m = float(registration.loo_m[i])
+        text = (
+            f"Marker {label} lies {1e3 * distance_m:.2f} mm from where the others put it. Touch it "
+            "again, or leave it out with --robust."
+        )
+        findings.append(doubt("marker-suspect", "register", text, place_px=place))
+    return findings
+
+
+def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
+    """(N,) the markers that a robust fit rests on.
+
+    Raises SettingError: more minimal subsets than can be searched
+    """
+    n, minimal = len(problem.s), problem.model.minimal
+    subset_count = comb(n, minimal)
+    if subset_count > MAX_SUBSETS:
+        raise SettingError(
+            f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
+            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out",
+            code="robust-too-many",
+            numbers={"subsets": subset_count},
+        )
+    # As few markers as still leave a residual, and at least half of them.
+    half = max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1)
+    half = min(n, half)
+
+    # The minimal subset whose transform leaves the least sum over the half that fits it best.
+    subsets = combinations(range(n), minimal)
+    smallest_sum, best_subset = np.inf, []
+    while block := list(islice(subsets, ROWS_AT_ONCE)):
+        index = np.array(block)
+        index = index[is_spread_out(problem, index)]
+        if not len(index):
+            continue
+        squares = _squares(problem, _through(problem, index))
+        sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
+        candidate = int(sums.argmin())
+        if sums[candidate] < smallest_sum:
+            smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
+    squares = _squares(problem, _through(problem, np.array([best_subset])))[0]
+    used = np.zeros(n, dtype=bool)
+    used[best_subset] = True
+    used[np.argsort(squares, kind="stable")[:half]] = True
+
+    # Take in the marker that fits best, until the best of the others does not fit.
+    while not used.all():
+        fit = fit_model(problem, used)
+        f = np.where(used, np.inf, studentised_f(fit))
+        next_marker = int(np.argmin(f))
+        if f[next_marker] > f_limit(n, fit.dof, STOP_PROBABILITY):
+            break
+        used[next_marker] = True
+    return used
+
+
+def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
+    s = problem.s[index]
+    centred = s - s.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
+
+
+def _through(problem: Problem, index: NDArray[np.intp]) -> Array:
+    """(P, 3, k+1) the transforms of subsets (P, m) of the markers, all weights equal."""
+    s, y = problem.s[index], problem.y[index]
+    return problem.model.solve(s, y, np.ones_like(y))
+
+
+def _squares(problem: Problem, m: Array) -> Array:
+    """(P, N) weighted squared residual of every marker under each M (P, 3, k+1)."""
+    error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
+    return (problem.weights * error**2).sum(axis=-1)
+
 
 # Directions in the robot's frame that have a word.
 SIDES = {"above": (0.0, 0.0, 1.0), "below": (0.0, 0.0, -1.0)}

@@ -19,24 +19,11 @@ approach    sessions that go along a drawn curve
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-from vfplan.replaying.approach import approach_sessions
-from vfplan.replaying.compare import Comparison
-from vfplan.replaying.engines import ENGINES, RULES
-from vfplan.replaying.link import Link, LossyLink
+from vfplan.replaying.guiding import ENGINES, RULES
+from vfplan.replaying.link import Comparison, Link, LossyLink, approach_sessions
 from vfplan.replaying.replay import Replay, replay, result_record
 
 __all__ = [
     "ENGINES", "RULES", "Comparison", "Link", "LossyLink", "Replay", "approach_sessions", "replay",
     "result_record",
 ]  # fmt: skip
-
-# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "thinning": "ThinnedTicks contact_marks thinned",
-        "clearance": "MeshClearance PointClearance",
-        "engines": "make_engine",
-    },
-)

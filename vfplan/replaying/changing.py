@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.answers import Status, Trace
 from vfplan.engine.choosing import best_rule, check_renderable
 from vfplan.engine.moving import MovingFrame, matrices
 from vfplan.engine.parameters import Vector
+from vfplan.engine.proxy import Status, Trace
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
-from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import dots
-from vfplan.session.blocks import WithPrevious
-from vfplan.session.events import Event, read_events
-from vfplan.session.poses import Poses, read_poses
+from vfplan.replaying.clearance import dots
+from vfplan.replaying.guiding import make_engine
+from vfplan.session.events import Event, Poses, read_events, read_poses
 from vfplan.session.result import concatenate_ticks
+from vfplan.session.session import WithPrevious
 
 NO_POSE_M = 1e3
 """Where the metrics have a fixture without a pose [m]: out of reach of any tool."""
@@ -243,7 +242,7 @@ def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | 
         return None
     fixture = event.fixture
     if not isinstance(fixture, Fixture):
-        from vfplan.bundle import read_fixture
+        from vfplan.bundle.read import read_fixture
 
         fixture = read_fixture(fixture, trust=trust)
     if fixture.guidance is not None:

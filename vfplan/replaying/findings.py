@@ -1,17 +1,26 @@
 """What a person should look at after a replay: code, severity and a sentence each.
 
-A replay's findings inform and decide nothing; limits do (`vfplan.replaying.limits`).
+A replay's findings inform and decide nothing; limits do (`vfplan.replaying.findings`).
+
+Limits that a replay is held against: a robot's own, and those that the caller gives.
+
+How a replay ended: "pass", "fail", or "not-tested" where the tool never touched the fixture.
 """
 
 from __future__ import annotations
 
+import difflib
 from typing import Any
 
+import numpy as np
+
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M
+from vfplan.replaying.clearance import Steps
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
-from vfplan.session.sampling import JUMP_M_S
+from vfplan.session.session import JUMP_M_S
 
 NEVER_NEAR_M = 0.5
 """A session that stays farther away than this [m] is likely in other units or another frame."""
@@ -237,3 +246,135 @@ def active_findings(report: dict[str, Any]) -> list[Finding]:
         "slowly."
     )
     return [finding("active", "warning", text)]
+
+
+# Name -> (the robot's limit, the number of the report that it bounds)
+LIMITS = {
+    "force": ("force_limit_n", "force_max_n"),
+    "force_step": ("force_step_limit_n", "force_step_max_n"),
+    "speed": ("speed_limit_m_s", "session.speed_max_m_s"),
+}
+Limits = tuple[tuple[str, str, float], ...]
+"""Of each limit the number's name in the report, "at_most" or "at_least", and the bound."""
+
+
+class RobotLimitCounts:
+    """Count the ticks in which a robot would have objected.
+
+    A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
+    the tip at a reach of 0.85 m) and stops at its reflex threshold.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._over: dict[str, int] = {}
+        self._first: dict[str, int] = {}
+
+    def update(self, steps: Steps) -> None:
+        """Take in the next ticks."""
+        self._count("force", steps.force_n, steps.first)
+        # The step from tick k to k + 1 is the robot's at k + 1.
+        self._count("force_step", steps.force_step_n, steps.first + 1)
+        self._count("speed", steps.speed, steps.first + 1)
+
+    def _count(self, name: str, values: Any, first_tick: int) -> None:
+        """Count the values above the robot's limit of this name; a robot may have none."""
+        limit = getattr(self._robot, LIMITS[name][0])
+        if limit is None:
+            return
+        over = np.flatnonzero(values > limit)
+        self._over[name] = self._over.get(name, 0) + len(over)
+        if len(over):
+            self._first.setdefault(name, first_tick + int(over[0]))
+
+    def report(self) -> dict[str, Any]:
+        """The `robot` part of a replay's report; a limit the robot does not have is absent."""
+        robot = self._robot
+        data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
+        for name, (key, _) in LIMITS.items():
+            if getattr(robot, key) is None:
+                continue
+            data[key] = getattr(robot, key)
+            data[f"{name}_over_ticks"] = self._over.get(name, 0)
+            if name in self._first:
+                data[f"{name}_over_first_tick"] = self._first[name]
+        return data
+
+
+def robot_limits(robot: Robot) -> Limits:
+    """The robot's limits as checks of a replay's report."""
+    limits = []
+    for key, number in LIMITS.values():
+        limit = getattr(robot, key)
+        if limit is not None:
+            limits.append((number, "at_most", limit))
+    return tuple(limits)
+
+
+def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]:
+    """Each limit against the report.
+
+    report: as a replay gives it; `a.b` names b within a
+    Raises SettingError: a name that is no number of the report
+    """
+    checks = []
+    for name, sense, limit in limits:
+        value: Any = report
+        for part in name.split("."):
+            if not isinstance(value, dict):
+                value = None
+                break
+            value = value.get(part)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
+            # The number that was probably meant comes first.
+            similar = difflib.get_close_matches(name, numbers, 1)
+            others = [number for number in numbers if number not in similar]
+            raise SettingError(
+                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
+                f"{', '.join(similar + others)}",
+                code="no-such-number",
+            )
+        holds = value <= limit if sense == "at_most" else value >= limit
+        checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
+    return checks
+
+
+def has_touched(report: dict[str, Any]) -> bool:
+    """Whether the fixture did anything: it pushed the tool, or a guide had hold of the tip.
+
+    report: as `Metrics.report` gives it
+    """
+    return report["contact_ticks"] > 0 or report.get("arc_m") is not None
+
+
+def gap_words(report: dict[str, Any]) -> str:
+    """What a "pass" leaves open, to stand after it; empty where the recording has no gap.
+
+    In a session that was resampled lines fill the gaps, so those of the recording count.
+    """
+    session = report["session"]
+    recorded = session.get("recorded", session)
+    if not recorded["gaps"]:
+        return ""
+    return f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
+
+
+def change_words(report: dict[str, Any]) -> str:
+    """That a "pass" is of another fixture than the recording's, to stand after it; else empty."""
+    codes = [finding["code"] for finding in report["findings"]]
+    if "session-changes" not in codes:
+        return ""
+    return ", but the fixture moved or changed during the recording, and here it did not"
+
+
+def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
+    """How a replay ended: "pass", "fail" or "not-tested".
+
+    A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
+    the tool stayed away, and a replay without limits, test nothing. A verdict speaks of the ticks
+    that were recorded; `gap_words` says what it leaves open.
+    """
+    if any(not check["pass"] for check in checks):
+        return "fail"
+    return "not-tested" if not checks or not has_touched(report) else "pass"

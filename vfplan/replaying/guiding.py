@@ -1,4 +1,9 @@
-"""A guide in a replay: alone, or beside the forbidden region of the other strokes; forces add."""
+"""A guide in a replay: alone, or beside the forbidden region of the other strokes; forces add.
+
+A governor behind the engine of a replay: what the hand then feels, and what was held back.
+
+The engine a replay runs: the controller's own core, or the paper's rule in NumPy.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.answers import Trace
+from vfplan.engine.choosing import check_renderable, sampled
+from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
+from vfplan.engine.proxy import Trace
+from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying.quantities import dots, row_norms
-from vfplan.replaying.timing import timed
-from vfplan.session.blocks import WithPrevious
+from vfplan.replaying.clearance import dots, row_norms
+from vfplan.replaying.metrics import timed
+from vfplan.robot import Robot
+from vfplan.session.session import WithPrevious
 
 BINS = 512
 """Bins of the profile along all strokes together. A picture of it is about as wide in pixels."""
@@ -169,3 +178,126 @@ def trace_of_guide(guide: GuideTrace) -> Trace:
     )
     state = np.where(size > 0, 1, np.where(guide.held, 0, -1)).astype(np.int8)
     return Trace(guide.proxy, normal, guide.force, state, guide.status)
+
+
+class GovernedForces:
+    """Pass an engine's forces through the governor of a robot's limits, block by block.
+
+    Raises SettingError: limits that are missing, or not passive with this stiffness
+    """
+
+    def __init__(self, robot: Robot, stiffness: Vector) -> None:
+        self._robot = robot
+        self._governor = Governor.of(robot, float(stiffness.max()))
+        self._with_previous = WithPrevious()
+        self._ticks = 0
+        # Largest force, and change of force in a tick, that the engine wanted [N].
+        self._engine_force_max = 0.0
+        self._engine_step_max = 0.0
+        # Ticks whose force was held back, the most that was held back [N], and its tick.
+        self._held_ticks = 0
+        self._held_back_max = 0.0
+        self._held_back_max_tick = 0
+        self._overdrawn_ticks = 0
+        # Energy that the hand got through what was held back [J].
+        self._work = 0.0
+
+    def run(self, hip: Vector, trace: Trace) -> Trace:
+        """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
+        if not len(hip):
+            return trace
+        governed = self._governor.trace(trace.force)
+        force_max = float(row_norms(trace.force).max())
+        self._engine_force_max = max(self._engine_force_max, force_max)
+        k = int(governed.held_back.argmax())
+        if governed.held_back[k] > self._held_back_max:
+            self._held_back_max = float(governed.held_back[k])
+            self._held_back_max_tick = self._ticks + k
+        self._ticks += len(hip)
+        self._held_ticks += int(np.count_nonzero(governed.held_back))
+        overdrawn = governed.status & GovernorStatus.OVERDRAWN
+        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
+
+        hips, wanted, commanded = self._with_previous(hip, trace.force, governed.force)
+        if len(hips) > 1:
+            step_max = float(row_norms(np.diff(wanted, axis=0)).max())
+            self._engine_step_max = max(self._engine_step_max, step_max)
+            self._work += float(dots((commanded - wanted)[:-1], np.diff(hips, axis=0)).sum())
+        return replace(trace, force=governed.force)
+
+    def report(self) -> dict[str, Any]:
+        """The `governor` part of a replay's report."""
+        governor = self._governor
+        robot = self._robot
+        report = {
+            "force_step_n": robot.force_step_limit_n,
+            "force_max_n": robot.force_limit_n,
+            "mass_kg": robot.mass_kg,
+            "least_passive_step_n": governor.least_passive_step_n,
+            "engine_force_max_n": self._engine_force_max,
+            "engine_force_step_max_n": self._engine_step_max,
+            "held_ticks": self._held_ticks,
+            "held_back_max_n": self._held_back_max,
+            "energy_given_j": governor.energy_given_j,
+            "energy_stored_j": governor.energy_stored_j,
+            "overdrawn_ticks": self._overdrawn_ticks,
+            "work_j": self._work,
+        }
+        if self._held_ticks:
+            report["held_back_max_tick"] = self._held_back_max_tick
+        return report
+
+
+RULES = ("robust", "paper", "exact", "both")
+ENGINES = ("native", "reference")
+
+
+def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
+    """An engine that renders `fixture` by `rule` ("robust", "paper" or "exact").
+
+    Raises SceneError: a fixture that is not registered, or has a rendering that no engine takes
+    Raises SettingError: an unknown rule or engine, or the reference engine with a rule it does not
+        have
+    """
+    if engine not in ENGINES:
+        raise SettingError(
+            f"engine is {engine!r}. Give {' or '.join(ENGINES)}", code="unknown-engine"
+        )
+    if fixture.guidance is None:
+        return _region_engine(fixture, rule, engine)
+
+    # A guide, with the region of the forbidden strokes where there are any.
+
+    if fixture.region is not None:
+        region = _region_engine(fixture.region, rule, engine)
+        return Guided(fixture, region.parameters, region)
+    if (rule, engine) != ("robust", "native"):
+        raise SettingError(
+            f"every stroke guides, so there is no region for rule {rule!r} ({engine}). Leave "
+            "the rule out",
+            code="rule-without-region",
+        )
+    return Guided(fixture, check_renderable(fixture), None)
+
+
+def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
+    if engine == "native":
+        from vfplan.engine.proxy import ProxyEngine
+
+        return ProxyEngine.of(fixture, rule, offline=True)
+    check_renderable(fixture)
+    if rule != "paper":
+        raise SettingError(
+            f"the reference engine has rule 'paper' only, not {rule!r}. Choose that, or "
+            "engine 'native'",
+            code="rule-not-paper",
+        )
+    from vfplan.reference import PaperProxy
+
+    return PaperProxy(
+        sampled(fixture).points,
+        contact_radius=fixture.contact_radius,
+        point_radius=fixture.point_radius,
+        stiffness=fixture.stiffness,
+        ignore_axis=fixture.ignore_axis,
+    )

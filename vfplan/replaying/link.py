@@ -1,4 +1,9 @@
-"""A lossy link between hand and controller: late, uneven, coarse, and with packets lost."""
+"""A lossy link between hand and controller: late, uneven, coarse, and with packets lost.
+
+Sessions that follow a drawn curve, for the question whether an arm can do so at all.
+
+Two runs of the same ticks: where they part, and by how much.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import SettingError
+from vfplan.errors import InputError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.replaying.clearance import row_norms
+from vfplan.session.result import TickBlock
+from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
 
@@ -152,4 +161,165 @@ class LossyLink:
         if lost_limit is not None:
             data["lost_limit"] = lost_limit
             data["robot_stops"] = self._longest > lost_limit
+        return data
+
+
+SPEED_M_S = 0.05
+"""Speed of the hand [m/s]. A hand that follows a drawn line with care is about as fast."""
+
+PRESS_DEPTH_M = 5e-3
+"""How far beyond contact the hand wants to be [m], but never beyond the drawn line."""
+
+START_DISTANCE = 1.5
+"""Where a session begins and ends, in units of the distance at which the proxy stops. Above 1, so
+that the hand starts without contact."""
+
+
+def approach_sessions(
+    fixture: Fixture, rate_hz: float = 1000.0, *, to_ends: bool = True
+) -> list[Session]:
+    """Hands that press on the drawn curve: along each stroke, on each of its sides.
+
+    Left and right of a curve that is endless along an axis; above and below one in space, in the
+    robot's frame. Each begins and ends clear of the curve.
+
+    to_ends: whether open strokes are followed to their ends. A hand that presses there slips round
+        them; without it, it stays as far from them as the proxy stops and the hand presses.
+    Raises InputError: a fixture that was not drawn as a curve, or an open stroke with nothing
+        between its ends
+    """
+    if fixture.curve is None or fixture.rendering is None:
+        raise InputError(
+            "the fixture has no drawn curve to follow. Give a session", code="no-curve"
+        )
+    stop = fixture.contact_radius + fixture.point_radius
+    sessions = []
+    for number, stroke in enumerate(fixture.strokes):
+        points = stroke.points
+        normals = side_normals(points, fixture.ignore_axis)
+        if not to_ends and not stroke.closed:
+            arc = arc_length(points)
+            clear = stop + PRESS_DEPTH_M
+            inner = (arc >= clear) & (arc[-1] - arc >= clear)
+            if inner.sum() < 2:
+                raise InputError(
+                    f"a drawn stroke is {1e3 * arc[-1]:.3g} mm long, and a hand that presses "
+                    f"on it slips round an end within {1e3 * clear:.3g} mm of it. Give a "
+                    "session",
+                    code="stroke-too-short",
+                    numbers={"length_m": float(arc[-1]), "clear_m": clear},
+                )
+            points = points[inner]
+            normals = normals[inner]
+        for name, side in (("left", normals), ("right", -normals)):
+            # Clear of the stroke, along it, and clear again, at an even speed.
+            pressed = points + max(0.0, stop - PRESS_DEPTH_M) * side
+            ends = points[[0, -1]] + START_DISTANCE * stop * side[[0, -1]]
+            path = np.concatenate((ends[:1], pressed, ends[1:]))
+            arc = arc_length(path)
+            ticks = max(2, int(arc[-1] * rate_hz / SPEED_M_S) + 1)
+            wanted = np.linspace(0.0, arc[-1], ticks)
+            hip = np.empty((ticks, 3))
+            for axis in range(3):
+                hip[:, axis] = np.interp(wanted, arc, path[:, axis])
+            time = np.arange(ticks) / rate_hz
+            title = f"stroke {number}, {name} side"
+            sessions.append(Session(time, hip, frame=fixture.frame, name=title))
+    return sessions
+
+
+def arc_length(points: Array) -> Array:
+    """(n,) length along a polyline from its first point to each of its points (n, 3)."""
+    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+
+
+def side_normals(points: Array, axis: Array | None) -> Array:
+    """(n, 3) unit vectors from the points of a stroke to one of its sides."""
+    if axis is None or len(points) < 2:
+        return np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    normals = np.cross(axis, np.gradient(points, axis=0))
+    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+
+
+PART_M = 5e-5
+"""Proxies farther apart than this [m] have parted; below it rules differ by their bands alone."""
+LISTED = 50
+"""How many stretches apart are listed one by one."""
+
+
+class Comparison:
+    """Compare two runs, block by block."""
+
+    def __init__(self) -> None:
+        self._ticks = 0
+        self._first_difference: int | None = None
+        self._parted_ticks = 0
+        self._proxy_max_m = 0.0
+        self._proxy_max_tick = 0
+        self._force_max_n = 0.0
+        self._force_max_tick = 0
+        self._force_squares = 0.0
+        self._spans: list[dict[str, Any]] = []
+
+    def update(self, a: TickBlock, b: TickBlock) -> None:
+        """Take in the same ticks of both runs."""
+        first = self._ticks
+        self._ticks += len(a)
+
+        differs = ((a.proxy != b.proxy) | (a.force != b.force)).any(axis=1)
+        if self._first_difference is None and differs.any():
+            self._first_difference = first + int(differs.argmax())
+
+        proxy_gap = row_norms(a.proxy - b.proxy)
+        tick = int(proxy_gap.argmax())
+        if proxy_gap[tick] > self._proxy_max_m:
+            self._proxy_max_m = float(proxy_gap[tick])
+            self._proxy_max_tick = first + tick
+
+        force_gap = row_norms(a.force - b.force)
+        tick = int(force_gap.argmax())
+        if force_gap[tick] > self._force_max_n:
+            self._force_max_n = float(force_gap[tick])
+            self._force_max_tick = first + tick
+        self._force_squares += float((force_gap**2).sum())
+
+        # Stretches in which the proxies are apart; one may go on from the last block.
+        has_parted = proxy_gap > PART_M
+        self._parted_ticks += int(np.count_nonzero(has_parted))
+        edges = np.flatnonzero(np.diff(has_parted.astype(np.int8), prepend=0, append=0))
+        for start, end in edges.reshape(-1, 2).tolist():
+            span = {
+                "start_tick": first + start,
+                "end_tick": first + end - 1,
+                "start_s": float(a.time[start]),
+                "end_s": float(a.time[end - 1]),
+                "proxy_max_m": float(proxy_gap[start:end].max()),
+            }
+            if self._spans and self._spans[-1]["end_tick"] + 1 == first + start:
+                before = self._spans.pop()
+                span["start_tick"] = before["start_tick"]
+                span["start_s"] = before["start_s"]
+                span["proxy_max_m"] = max(span["proxy_max_m"], before["proxy_max_m"])
+            self._spans.append(span)
+
+    def report(self) -> dict[str, Any]:
+        """Where they part; the spans listed are the first 50."""
+        data: dict[str, Any] = {
+            "threshold_m": PART_M,
+            "ticks": self._parted_ticks,
+            "proxy_max_m": self._proxy_max_m,
+            "force_max_n": self._force_max_n,
+            "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),
+            "spans": self._spans[:LISTED],
+            "span_count": len(self._spans),
+        }
+        if self._proxy_max_m > 0:
+            data["proxy_max_tick"] = self._proxy_max_tick
+        if self._force_max_n > 0:
+            data["force_max_tick"] = self._force_max_tick
+        if self._first_difference is not None:
+            data["first_difference_tick"] = self._first_difference
+        if self._spans:
+            data["first_tick"] = self._spans[0]["start_tick"]
+            data["first_s"] = self._spans[0]["start_s"]
         return data

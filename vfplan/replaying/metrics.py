@@ -1,22 +1,231 @@
-"""The numbers a replay reports, gathered block by block in memory that does not grow."""
+"""The numbers a replay reports, gathered block by block in memory that does not grow.
+
+Contact episodes: when and where on the curve the fixture pushed, how hard, and what it cost.
+
+Time per tick, in memory that does not grow.
+"""
 
 from __future__ import annotations
 
+import heapq
+import time
 from collections import defaultdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.answers import Status
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
-from vfplan.replaying.clearance import clearance_of
-from vfplan.replaying.episodes import CurveRuler, Episodes
-from vfplan.replaying.limits import RobotLimitCounts
-from vfplan.replaying.quantities import Steps, row_norms
+from vfplan.io.files import to_json_types
+from vfplan.replaying.clearance import (
+    PAIRS_AT_ONCE,
+    PEAKS,
+    SUMS,
+    Steps,
+    clearance_of,
+    flattened,
+    row_norms,
+)
+from vfplan.replaying.findings import RobotLimitCounts
 from vfplan.robot import Robot
 from vfplan.session.result import STATES
+
+Array = NDArray[np.float64]
+
+JOIN_S = 0.01
+"""Runs of contact closer than this [s] are one episode. A touch that flickers is one touch, and no
+hand lets go and touches again as fast."""
+
+MAX_EPISODES = 1000
+"""The deepest episodes that are reported one by one. Of the others the report has their number and
+their largest values, so that a report stays readable and bounded."""
+
+# What is known of an episode and not reported as it is.
+UNREPORTED = ("press_path", "drag_work", "touch", "leave")
+
+
+class Episodes:
+    """Collect episodes from `Steps`, block after block.
+
+    An episode, or as much of it as has been read, is a dict as it is reported, and holds also the
+    proxy's places where it began and ended. Sums run over its ticks.
+
+    slack_m: how far the proxy may move out under the peak force of a passive episode
+    """
+
+    def __init__(self, slack_m: float) -> None:
+        self._slack_m = slack_m
+        # Of the step that led to the next tick: the speed, and the energy by holding (0 within a
+        # contact).
+        self._speed: float | None = None
+        self._hold_j = 0.0
+        # The latest episode, which the next ticks may continue.
+        self._latest: dict[str, Any] | None = None
+        # A heap of (depth, minus the number, episode): the least deep, latest, first.
+        self._deepest: list[tuple[float, int, dict[str, Any]]] = []
+        self._unlisted: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
+        self.count = 0
+
+    def update(self, steps: Steps) -> None:
+        """Add the next ticks."""
+        in_contact = steps.held.astype(np.int8)
+        edges = np.diff(in_contact, prepend=0, append=0)
+        starts = np.flatnonzero(edges == 1).tolist()
+        ends = np.flatnonzero(edges == -1).tolist()
+        for start, end in zip(starts, ends, strict=True):
+            run = self._measure(steps, start, end)
+            if self._latest is not None and run["start_s"] - self._latest["end_s"] <= JOIN_S:
+                self._extend_latest(run)
+            else:
+                self._finish_latest()
+                self._latest = run
+        self._speed = float(steps.speed[-1])
+        self._hold_j = 0.0
+        if not steps.held[-1]:
+            self._hold_j = float(steps.hold_j[-1])
+
+    def report(self, ruler: CurveRuler | None) -> dict[str, Any]:
+        """`episodes`, in the order of time, and `episodes_left_out` where there were more."""
+        self._finish_latest()
+        listed = []
+        for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
+            described: dict[str, Any] = {"index": -minus_number}
+            for name, value in episode.items():
+                if name not in UNREPORTED and value is not None:
+                    described[name] = value
+            described["passive"] = self._is_passive(episode)
+            if episode["press_path"] > 0:
+                described["friction"] = episode["drag_work"] / episode["press_path"]
+            if ruler is not None:
+                described["start_along"] = ruler.locate(episode["touch"])
+                described["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
+                described["end_along"] = ruler.locate(episode["leave"])
+            listed.append(to_json_types(described))
+        report: dict[str, Any] = {"episodes": listed}
+        if self._unlisted["count"]:
+            report["episodes_left_out"] = dict(self._unlisted)
+        return report
+
+    def _is_passive(self, episode: dict[str, Any]) -> bool:
+        """Whether its energy is what holding each force for a tick explains."""
+        slack = self._slack_m * episode["force_max_n"]
+        return bool(episode["energy_j"] <= episode["energy_hold_j"] + slack)
+
+    def _extend_latest(self, run: dict[str, Any]) -> None:
+        """Join a run of contact to the latest episode."""
+        assert self._latest is not None
+        episode = dict(self._latest)
+        peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
+        if run["penetration_max_m"] > episode["penetration_max_m"]:
+            episode["deepest"] = run["deepest"]
+        for name in ("end_s", "end_tick", "leave"):
+            episode[name] = run[name]
+        for name in ("ticks", *SUMS):
+            episode[name] = episode[name] + run[name]
+        for name in PEAKS:
+            episode[name] = max(episode[name], run[name])
+        episode["energy_peak_j"] = peak
+        self._latest = episode
+
+    def _finish_latest(self) -> None:
+        """Put the latest episode to the others; nothing is joined to it any more."""
+        if self._latest is None:
+            return
+        entry = self._latest["penetration_max_m"], -self.count, self._latest
+        self._latest = None
+        self.count += 1
+        if len(self._deepest) < MAX_EPISODES:
+            heapq.heappush(self._deepest, entry)
+            return
+        depth, _, unlisted = heapq.heappushpop(self._deepest, entry)
+        self._unlisted["count"] += 1
+        self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
+        if not self._is_passive(unlisted):
+            self._unlisted["active"] += 1
+
+    def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
+        """A run of contact from row `start` to before row `end`."""
+        rows = slice(start, end)
+        ticks = steps.ticks
+        deepest = start + int(np.argmax(ticks.penetration[rows]))
+        # The step into contact loads the spring, though its force was still 0.
+        speed_at_touch = self._speed
+        hold_before = self._hold_j
+        if start:
+            speed_at_touch = steps.speed[start - 1]
+            hold_before = steps.hold_j[start - 1]
+        run: dict[str, Any] = {
+            "start_s": float(ticks.time[start]),
+            "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
+            "start_tick": steps.first + start,
+            "end_tick": steps.first + end - 1,
+            "ticks": end - start,
+        }
+        for name, values in steps.peaks.items():
+            run[name] = float(values[rows].max())
+        for name, values in steps.sums.items():
+            run[name] = values[rows].sum(axis=0)
+        run["energy_hold_j"] += hold_before
+        # The sum over all ticks is one of the partial sums, but for its rounding.
+        highest = float(np.cumsum(steps.work_j[rows]).max())
+        run["energy_peak_j"] = max(0.0, highest, run["energy_j"])
+        run["speed_at_touch_m_s"] = speed_at_touch
+        # Copies, because a view would keep its whole block in memory.
+        run["deepest"] = {
+            "t_s": ticks.time[deepest],
+            "tick": steps.first + deepest,
+            "hip_m": ticks.hip[deepest].copy(),
+            "proxy_m": ticks.proxy[deepest].copy(),
+        }
+        run["touch"] = ticks.proxy[start].copy()
+        run["leave"] = ticks.proxy[end - 1].copy()
+        return run
+
+
+def episode_count(report: dict[str, Any]) -> int:
+    """How many episodes a replay had, also those that its report does not list."""
+    return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]
+
+
+class CurveRuler:
+    """Arc length along a fixture's strokes.
+
+    fixture: one with a `curve`
+    """
+
+    def __init__(self, fixture: Fixture) -> None:
+        assert fixture.curve is not None, "a cloud without a curve has no arc length"
+        self.points = flattened(fixture.points, fixture.ignore_axis)
+        self._axis = fixture.ignore_axis
+        self.stroke = fixture.curve.stroke
+        step = np.linalg.norm(np.diff(fixture.points, axis=0), axis=1)
+        step[np.diff(self.stroke) != 0] = 0.0
+        along_all = np.concatenate(([0.0], np.cumsum(step)))
+        first_of_stroke = np.searchsorted(self.stroke, self.stroke)
+        self.arclength = along_all - along_all[first_of_stroke]
+
+    @staticmethod
+    def of(fixture: Fixture) -> CurveRuler | None:
+        """The ruler of a fixture, or `None` when it was not drawn as a curve."""
+        return None if fixture.curve is None else CurveRuler(fixture)
+
+    def locate(self, place: Array) -> dict[str, Any]:
+        """The stroke, the arc length [m] and the index of the planned point nearest to a place."""
+        k = int(self.nearest(place[None])[0])
+        return {"stroke": int(self.stroke[k]), "s_m": float(self.arclength[k]), "point": k}
+
+    def nearest(self, places: Array) -> NDArray[np.intp]:
+        """(n,) index of the planned point nearest to each of (n, 3) places, by brute force."""
+        flat = flattened(places, self._axis)
+        indices = np.empty(len(flat), dtype=np.intp)
+        count = max(1, PAIRS_AT_ONCE // len(self.points))
+        for start in range(0, len(flat), count):
+            rows = slice(start, start + count)
+            squares = ((flat[rows, None] - self.points) ** 2).sum(2)
+            indices[rows] = squares.argmin(1)
+        return indices
 
 
 class Metrics:
@@ -131,3 +340,62 @@ class Metrics:
         if self._robot is not None:
             data["robot"] = self._robot.report()
         return data
+
+
+BINS_PER_OCTAVE = 64
+"""Each bin of the histogram is 1.1 % wide; a clock is no more exact."""
+
+SHORTEST_S = 1e-9
+"""Beginning of the first bin [s]."""
+
+BINS = 40 * BINS_PER_OCTAVE
+"""The histogram ends at 1000 s."""
+
+
+class StepTimes:
+    """A histogram of the engine's time per tick, each bin 1.1 % wide.
+
+    The native engine times each tick itself; any other is stepped and timed from Python.
+    """
+
+    def __init__(self) -> None:
+        self._bins = np.zeros(BINS, dtype=np.int64)
+        self._max_s = 0.0
+        self.ticks = 0
+
+    def run(self, engine: Any, hip: NDArray[np.float64]) -> Trace:
+        """`engine.run(hip)`, timed."""
+        self.ticks += len(hip)
+        trace, micros = timed(engine, hip)
+        seconds = 1e-6 * micros
+        bins = np.log2(np.maximum(seconds, SHORTEST_S) / SHORTEST_S) * BINS_PER_OCTAVE
+        bins = np.minimum(bins.astype(np.int64), BINS - 1)
+        self._bins += np.bincount(bins, minlength=BINS)
+        self._max_s = max(self._max_s, float(seconds.max(initial=0.0)))
+        return trace
+
+    def report(self) -> dict[str, float]:
+        """Median, 99th and 99.9th percentile, and maximum [µs]."""
+        total = np.cumsum(self._bins)
+        top = self._max_s * 1e6
+        report = {}
+        for name, q in {"median": 0.5, "p99": 0.99, "p999": 0.999}.items():
+            k = int(np.searchsorted(total, q * total[-1]))
+            report[name] = min(top, float(SHORTEST_S * 2 ** ((k + 0.5) / BINS_PER_OCTAVE) * 1e6))
+        return {**report, "max": top}
+
+
+def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
+    """`engine.run(hip)`, and the time of each tick (n,) [µs].
+
+    The native engine times itself around each step; any other is stepped from Python.
+    """
+    if hasattr(engine, "run_timed"):
+        return engine.run_timed(hip)
+    steps = []
+    times = np.empty(len(hip))
+    for i, place in enumerate(hip):
+        began = time.perf_counter_ns()
+        steps.append(engine.step(place))
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+    return Trace.of(steps), times

@@ -23,19 +23,22 @@ from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.changing import ChangingFixture
-from vfplan.replaying.compare import Comparison
-from vfplan.replaying.engines import RULES
-from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.findings import replay_findings
-from vfplan.replaying.limits import Limits, check_limits, robot_limits
-from vfplan.replaying.link import Link
+from vfplan.replaying.findings import (
+    Limits,
+    check_limits,
+    replay_findings,
+    robot_limits,
+    verdict_of,
+)
+from vfplan.replaying.guiding import RULES
+from vfplan.replaying.link import Comparison, Link
+from vfplan.replaying.metrics import episode_count
 from vfplan.replaying.run import EngineRun
-from vfplan.replaying.verdict import verdict_of
 from vfplan.robot import Robot
-from vfplan.session import SessionSource, TickBlock, open_session
-from vfplan.session.events import CHANGE_COLUMNS, Event, as_the_loop_saw
-from vfplan.session.poses import Poses
-from vfplan.session.sampling import SamplingReport
+from vfplan.session.events import CHANGE_COLUMNS, Event, Poses, as_the_loop_saw
+from vfplan.session.read import open_session
+from vfplan.session.result import TickBlock
+from vfplan.session.session import SamplingReport, SessionSource
 
 Sink = Callable[[str, TickBlock], None]
 
@@ -166,7 +169,7 @@ def replay(
     path = None
     common: dict[str, Any] = {}
     if not isinstance(fixture, Fixture):
-        from vfplan.bundle import read_sealed
+        from vfplan.bundle.read import read_sealed
 
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from vfplan.display import MAX_LISTED
 from vfplan.fixture import Fixture
-from vfplan.replaying.episodes import episode_count
+from vfplan.replaying.metrics import episode_count
 
 
 class Quantity(NamedTuple):

@@ -23,22 +23,4 @@ acceptance   answers, a name and the digest, stored in a bundle
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-
 __all__ = ["Session"]
-
-# `__all__`, and what tests, samples and pages use without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "session": "Session",
-        "acceptance": "accept",
-        "digest": "digest_of",
-        "draft": "Draft",
-        "ink": "SliceInk",
-        "routes": "routes_through",
-        "server": "ReviewServer",
-        "sheet": "draw_sheet write_sheet",
-        "sheet_input": "AccountEntry SheetInput SheetMarker check_slice of_fixture of_plan",
-    },
-)

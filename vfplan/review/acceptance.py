@@ -1,15 +1,83 @@
-"""A person's word on a plan, stored in its bundle: answers to findings, a name, and the digest."""
+"""A person's word on a plan, stored in its bundle: answers to findings, a name, and the digest.
+
+A person's approval, stored in the bundle: the answers, the name, the time and the digest.
+
+The digest of what a review sheet shows: 64 hexadecimal digits.
+
+It covers every value of the bundle, so the SHA-256 of the slice too, and the findings. It does not
+cover when and by which program the bundle was made, nor who answered a finding. So the same plan
+has the same digest tomorrow and after its acceptance, and no other plan has it.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import doubt
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
-from vfplan.review.digest import digest_of
+
+# What changes although the plan does not.
+LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc", "reviewed"}
+
+# So that no other program's digest of the same values is taken for one of a review.
+DOMAIN = "vfplan review sheet 1"
+
+
+def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
+    """The digest of a fixture with its findings.
+
+    Parameters
+    ----------
+    fixture
+        The bundle's content.
+    slice_shown
+        Whether the sheet shows the slice that the curve was drawn on. A sheet without it has
+        another digest: who saw that sheet has not seen the ends of the line.
+    """
+    seen = hashlib.sha256()
+    _add(seen, DOMAIN)
+    _add(seen, fixture)
+    is_drawn = fixture.provenance.inputs.get("image") is not None
+    _add(seen, "slice not shown" if is_drawn and not slice_shown else "all shown")
+    return seen.hexdigest()
+
+
+def _add(seen: Any, value: Any) -> None:
+    """Feed a value to the hash, each with its kind and its length, so that no two run together."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, dict):
+        kept = {str(k): v for k, v in value.items() if k not in LEFT_OUT and v is not None}
+        seen.update(b"{%d" % len(kept))
+        for name in sorted(kept):
+            _add(seen, name)
+            _add(seen, kept[name])
+    elif isinstance(value, str):
+        text = value.encode()
+        seen.update(b"s%d:" % len(text) + text)
+    elif isinstance(value, (list, tuple)):
+        seen.update(b"[%d" % len(value))
+        for item in value:
+            _add(seen, item)
+    elif isinstance(value, np.ndarray):
+        _add(seen, "x".join(map(str, value.shape)))
+        _add_array(seen, value)
+    else:
+        _add_array(seen, np.asarray(value))
+
+
+def _add_array(seen: Any, array: np.ndarray) -> None:
+    """Numbers by their values alone: a 1 read from a file may have another type than it had."""
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"no digest is defined for a value of type {array.dtype}")
+    seen.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
 
 
 def accept(
@@ -101,3 +169,23 @@ def is_digest_of(fixture: Fixture, digest: str) -> bool:
     """Whether a digest is that of the fixture's sheet, with its slice or without."""
     with_slice = digest_of(fixture)
     return digest.lower() in (with_slice, digest_of(fixture, slice_shown=False))
+
+
+def approved(
+    fixture: Fixture,
+    findings: tuple[Finding, ...],
+    by: str,
+    steps_sha256: str,
+    *,
+    slice_shown: bool,
+) -> Fixture:
+    """The fixture with its findings answered, approved by a person now.
+
+    The digest is that of the review sheet of the same bundle, so a sheet that is printed later
+    shows whether it is the plan that was approved.
+    """
+    settings = {**fixture.provenance.settings, "review_steps_sha256": steps_sha256}
+    provenance = replace(fixture.provenance, settings=settings)
+    fixture = replace(fixture, provenance=provenance, findings=findings, reviewed=None)
+    digest = digest_of(fixture, slice_shown=slice_shown)
+    return replace(fixture, reviewed=Review(by, now_utc(), digest))

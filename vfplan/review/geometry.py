@@ -2,29 +2,252 @@
 
 `Geometry` is immutable. It says what `vfplan extract` would say of the slice, and holds what a
 person made of it since.
+
+The account of a slice: ink in the pen's colour that is not the curve's, and where it is bridged.
+
+`vfplan extract` lists the same when it has measured a curve. A curve that a person mended has
+another account, so the review makes it anew, by the same rule and with the same numbers.
+
+The routes that a curve may take over a piece of ink: from each free end to each other one.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.centreline import drawn_length, runs
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
-from vfplan.fixture import Stroke
-from vfplan.planning import ExtractSettings, extract
-from vfplan.review.account import Entry, list_account
+from vfplan.fixture import Fixture, Stroke
+from vfplan.planning.extraction import extract
+from vfplan.planning.settings import ExtractSettings
 from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
-from vfplan.review.paths import nearest_point
-from vfplan.review.routes import MAX_ROUTES, route_along, routes_through
-from vfplan.review.strokes import JOIN_PX, MendedStroke
+from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
+
+Array = NDArray[np.float64]
+
+Box = tuple[int, int, int, int]
+
+MAX_ENTRIES = 200
+"""Entries that are listed at most; more is a photograph, not a drawing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A piece of ink that is not the curve, or a stretch of the curve that shows no ink.
+
+    Parameters
+    ----------
+    number
+        From 1, the largest first.
+    middle
+        (u, v) [px]: the middle of the ink's box, or of the stretch.
+    pixels
+        How many pixels of ink, or points of the stretch.
+    share
+        The same, over all pixels of ink.
+    box
+        (u, v, width, height) [px] of the ink.
+    mask
+        (height, width) bool, the ink in its box; `None` for a stretch.
+    """
+
+    number: int
+    middle: tuple[float, float]
+    pixels: int
+    share: float
+    box: Box
+    mask: NDArray[np.bool_] | None
+
+    @property
+    def is_ink(self) -> bool:
+        """Whether it is ink, and no stretch of the curve."""
+        return self.mask is not None
+
+    @property
+    def outline(self) -> list[list[list[float]]]:
+        """The ink's outlines, half a pixel outside of it: a list of (K, 2) places."""
+        if self.mask is None:
+            return []
+        padded = cv2.copyMakeBorder(self.mask.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+        contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        corner = np.array(self.box[:2]) - 1.0
+        return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
+
+
+def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entry, ...]:
+    """All ink of a (H, W) mask beyond the lines' edges, and each bridged stretch, by size.
+
+    The lines have the width of their pen.
+    """
+    from scipy.spatial import cKDTree
+
+    nonzero = cv2.findNonZero(mask.view(np.uint8))
+    if nonzero is None:
+        return ()
+    pixels = nonzero.reshape(-1, 2).astype(np.int64)
+    edge_distance = np.full(len(pixels), np.inf)
+    for line in lines:
+        to_line, _ = cKDTree(line.points).query(pixels)
+        edge_distance = np.minimum(edge_distance, to_line - line.width / 2)
+    # Connected pieces, but for specks.
+    left = pixels[edge_distance > tuned.EDGE_BLUR_PX]
+    pieces = []
+    if len(left):
+        corner = left.min(axis=0)
+        width, height = (left.max(axis=0) - corner + 1).tolist()
+        picture = np.zeros((height, width), np.uint8)
+        picture[left[:, 1] - corner[1], left[:, 0] - corner[0]] = 1
+        _, labels = cv2.connectedComponents(picture, connectivity=8)
+        label = labels[left[:, 1] - corner[1], left[:, 0] - corner[0]]
+        sizes = np.bincount(label)[1:]
+        pieces = np.split(np.argsort(label, kind="stable"), np.cumsum(sizes)[:-1])
+    entries = []
+    for members in pieces:
+        if len(members) < tuned.SPECK_PX:
+            continue
+        piece = left[members]
+        low, high = piece.min(axis=0), piece.max(axis=0)
+        box = (*low.tolist(), *(high - low + 1).tolist())
+        piece_mask = np.zeros((box[3], box[2]), bool)
+        piece_mask[piece[:, 1] - low[1], piece[:, 0] - low[0]] = True
+        middle = tuple(((low + high) / 2).tolist())
+        entries.append((len(piece), middle, box, piece_mask))
+    for line in lines:
+        for run in runs(line.bridged, line.closed):
+            u, v = line.points[run[len(run) // 2]].tolist()
+            entries.append((len(run), (u, v), (round(u), round(v), 1, 1), None))
+    entries.sort(key=lambda entry: (-entry[0], *entry[1]))
+    account = []
+    for number, (count, middle, box, piece_mask) in enumerate(entries[:MAX_ENTRIES], 1):
+        account.append(Entry(number, middle, count, count / len(pixels), box, piece_mask))
+    return tuple(account)
+
+
+def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
+    """The settings with which a bundle's curve was extracted, as far as it records them."""
+    known = fixture.provenance.settings
+    recorded: dict[str, Any] = {}
+    for name in ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm"):
+        if name in known:
+            recorded[name] = known[name]
+    for name in ("start", "end"):
+        if name in known:
+            recorded[name] = tuple(float(number) for number in str(known[name]).split(","))
+    roi = None
+    for box in boxes_of(known.get("roi")):
+        roi = box
+    return replace(settings, **recorded, roi=roi, exclude=boxes_of(known.get("exclude")) or None)
+
+
+def boxes_of(text: Any) -> tuple[Box, ...]:
+    """The boxes of a bundle's setting, such as "1,2,30,40;5,6,7,8"."""
+    boxes = []
+    for part in str(text or "").split(";"):
+        numbers = part.split(",")
+        if len(numbers) == 4 and all(number.strip().isdigit() for number in numbers):
+            u, v, width, height = (int(number) for number in numbers)
+            boxes.append((u, v, width, height))
+    return tuple(boxes)
+
+
+MAX_ROUTES = 9
+"""Routes that are offered at most: one digit chooses among them."""
+
+MAX_FREE_ENDS = 12
+"""Free ends of a forked line beyond which it is writing, through which no route is offered."""
+
+
+def route_along(pixels: NDArray, closed: bool) -> Stroke:
+    """A route that a curve may take over the ink, along skeleton pixels (u, v) in order."""
+    return Stroke(pixels, closed, known_length=drawn_length(pixels, closed))
+
+
+def routes_through(
+    mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)
+) -> tuple[list[Stroke], list[tuple[float, float]]]:
+    """The routes through one connected piece of ink, the longest first, and where it forks.
+
+    A line has one route, from end to end, or around. A forked line has one for each pair of its
+    free ends. `corner` is where (0, 0) of the mask lies on the slice.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+    from skimage.morphology import skeletonize
+
+    # The skeleton's pixels are the nodes of a graph, with an edge between neighbours.
+    bone = skeletonize(np.pad(mask, 1), method="lee") > 0
+    rows, columns = np.nonzero(bone)
+    if len(rows) < 2:
+        return [], []
+    number = np.full(bone.shape, -1)
+    number[rows, columns] = np.arange(len(rows))
+    pairs = []
+    lengths = []
+    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        neighbour = number[rows + dv, columns + du]
+        keep = neighbour >= 0
+        if dv and du:
+            # The corner of a staircase is no fork.
+            keep &= (number[rows + dv, columns] < 0) & (number[rows, columns + du] < 0)
+        pairs.append(np.column_stack([np.flatnonzero(keep), neighbour[keep]]))
+        lengths.append(np.full(keep.sum(), np.hypot(dv, du)))
+    edges = np.concatenate(pairs)
+    count = len(rows)
+    degree = np.bincount(edges.ravel(), minlength=count)
+    graph = coo_matrix((np.concatenate(lengths), edges.T), shape=(count, count)).tocsr()
+    pixels = np.column_stack([columns, rows]) - 1.0 + np.array(corner, float)
+    forks = [tuple(place) for place in pixels[degree > 2].tolist()]
+    ends = np.flatnonzero(degree == 1)
+    if len(ends) == 0:
+        return _around(graph, pixels, edges), forks
+    if len(ends) > MAX_FREE_ENDS:
+        return [], forks
+
+    # The shortest path from each end to each other one.
+    distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
+    routes = []
+    for i, start in enumerate(ends):
+        for stop in ends[i + 1 :]:
+            if np.isfinite(distance[i, stop]):
+                routes.append(route_along(pixels[_walked_back(before[i], start, stop)], False))
+    routes.sort(key=lambda route: -route.length)
+    return routes[:MAX_ROUTES], forks
+
+
+def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Stroke]:
+    """The one route around a ring: cut beside a pixel, and walked the other way round."""
+    from scipy.sparse.csgraph import dijkstra
+
+    cut = graph.tolil()
+    start, stop = edges[0]
+    cut[start, stop] = 0
+    cut[stop, start] = 0
+    cut = cut.tocsr()
+    cut.eliminate_zeros()
+    distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
+    if not np.isfinite(distance[stop]):
+        return []
+    return [route_along(pixels[_walked_back(before, start, stop)], True)]
+
+
+def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
+    """The pixels from `start` to `stop`, by each pixel's predecessor."""
+    path = [stop]
+    while path[-1] != start:
+        path.append(before[path[-1]])
+    return path[::-1]
+
 
 MOVED_PX = 1.0
 """Distance [px] from the points of its old line from which a point counts as changed: half of it

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError, VfplanError
 from vfplan.images.read import PlannedImage
-from vfplan.markers import Correspondences, read_markers
-from vfplan.planning import FixtureSettings
-from vfplan.registration import Registration, fit_registration
+from vfplan.markers.correspondences import Correspondences, read_markers
+from vfplan.planning.settings import FixtureSettings
+from vfplan.registration.registration import Registration, fit_registration
 
 MIN_MARKERS = 3
 """Markers that determine a transform from a plane into space."""

@@ -20,7 +20,7 @@ import numpy as np
 from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.planning import register
+from vfplan.planning.plan import register
 from vfplan.review.geometry import Geometry, describe_candidate
 from vfplan.review.markers import Fit
 from vfplan.review.source import Source, open_source
@@ -353,7 +353,7 @@ class Session:
         SettingError
             The name is empty.
         """
-        from vfplan.review.approval import approved
+        from vfplan.review.acceptance import approved
 
         if not str(by).strip():
             raise SettingError(

@@ -13,16 +13,14 @@ from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
-from vfplan.markers import read_markers
-from vfplan.planning import ExtractSettings, FixtureSettings
+from vfplan.markers.correspondences import read_markers
 from vfplan.planning.extraction import PEN_SETTINGS
 from vfplan.planning.plan import refuse_wrong_order
-from vfplan.review.account import extraction_of
-from vfplan.review.facts import labels_left_out
-from vfplan.review.geometry import Geometry, geometry_of_slice
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.sheet_input import strokes_on_slice
+from vfplan.review.sheet_input import labels_left_out, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 
 Box = tuple[int, int, int, int]
@@ -317,7 +315,7 @@ def _of_bundle(
     extraction: ExtractSettings,
     planning: FixtureSettings,
 ) -> Source:
-    from vfplan.bundle import read_sealed
+    from vfplan.bundle.read import read_sealed
 
     fixture, seal = read_sealed(path)
     refuse_extraction_of_extracted(fixture, extraction)
@@ -415,7 +413,7 @@ def _slice_of(
 
 def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSettings) -> Fit:
     """The markers of a bundle's registration on the slice."""
-    from vfplan.markers import Correspondences
+    from vfplan.markers.correspondences import Correspondences
 
     record = fixture.registration
     pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)

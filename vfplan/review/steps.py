@@ -15,13 +15,12 @@ import numpy as np
 
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.io.files import now_utc
-from vfplan.planning import register
+from vfplan.planning.plan import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import REACH_PX, SliceInk, drawn_by_hand
 from vfplan.review.markers import Marker, fit_of, pairs_of_table
-from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
-from vfplan.review.strokes import JOIN_PX, MendedStroke
+from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, spline_through
 
 Step = dict[str, Any]
 MAX_CLICKS = 500

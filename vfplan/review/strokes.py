@@ -2,6 +2,8 @@
 
 A measured curve has a point a pixel; nobody wants to drag those. About thirty knots lie on it. A
 knot that is moved takes the points between its neighbours along. Every edit returns a new stroke.
+
+A spline through clicks, and the point of a line that is nearest to a click.
 """
 
 from __future__ import annotations
@@ -13,9 +15,42 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
-from vfplan.geometry.polyline import arc_lengths
+from vfplan.geometry.lines import arc_lengths, evenly, ring_of
 from vfplan.review.ink import HAND_SIGMA_PX, REACH_PX, SliceInk, drawn_by_hand
-from vfplan.review.paths import nearest_point, spline_through
+
+Array = NDArray[np.float64]
+
+
+def spline_through(points: NDArray, closed: bool) -> Array:
+    """The cubic spline through points, at about one point a pixel.
+
+    Its parameter is the length of the polygon through the points; two points give a straight line.
+    """
+    from scipy.interpolate import CubicSpline
+
+    points = np.asarray(points, float)
+    if len(points) == 2:
+        return evenly(points, False)
+    ring = ring_of(points, closed)
+    arc = arc_lengths(points, closed)
+    if closed:
+        spline = CubicSpline(arc, ring, bc_type="periodic")
+    elif len(points) == 3:
+        spline = CubicSpline(arc, ring, bc_type="natural")
+    else:
+        spline = CubicSpline(arc, ring, bc_type="not-a-knot")
+    dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
+    if closed:
+        dense = dense[:-1]
+    return evenly(dense, closed)
+
+
+def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
+    """Which point is nearest to a place, and how far off it is [px]."""
+    distance = np.hypot(*(points - np.asarray(place, float)).T)
+    nearest = int(distance.argmin())
+    return nearest, float(distance[nearest])
+
 
 KNOTS = 30
 """Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws."""

@@ -11,10 +11,23 @@ is the error a user sees.
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
 from vfplan.scenes.base import Drawn, Scene, travel
-from vfplan.scenes.planar import Bend, Channel, Circle, Corner, Cylinder, Omega, Teapot, Wedge
-from vfplan.scenes.solid import DoubleSheet, Point, Segment, Sheet, Sphere, ThreeWalls
+from vfplan.scenes.scenes import (
+    Bend,
+    Channel,
+    Circle,
+    Corner,
+    Cylinder,
+    DoubleSheet,
+    Omega,
+    Point,
+    Segment,
+    Sheet,
+    Sphere,
+    Teapot,
+    ThreeWalls,
+    Wedge,
+)
 
 SCENES: dict[str, type[Scene]] = {
     scene.name: scene
@@ -29,12 +42,3 @@ __all__ = [
     "SCENES", "Bend", "Channel", "Circle", "Corner", "Cylinder", "DoubleSheet", "Drawn", "Omega",
     "Point", "Scene", "Segment", "Sheet", "Sphere", "Teapot", "ThreeWalls", "Wedge", "travel",
 ]  # fmt: skip
-
-# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "primitives": "Look Pieces Segments from_nearest nearest_on_segments",
-        "base": "corners_mm",
-    },
-)

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan import fixture
-from vfplan.engine.answers import check_path
 from vfplan.engine.parameters import Vector, check_stiffness
+from vfplan.engine.proxy import check_path
 from vfplan.errors import SettingError
 from vfplan.scenes import god_object, outline
-from vfplan.scenes.primitives import Pieces
+from vfplan.scenes.outline import Pieces
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Vector
 from vfplan.errors import SceneError
-from vfplan.scenes.primitives import Look, Pieces, stack
+from vfplan.scenes.outline import Look, Pieces, stack
 
 STRIDE = 0.1
 """Longest step along a contact, in R."""

@@ -6,19 +6,19 @@ than a few of them; `ResultWriter` writes a result as it comes.
 
 from __future__ import annotations
 
-from vfplan.lazy import on_demand
-from vfplan.session.events import Event, read_events, write_events
-from vfplan.session.poses import Poses, read_poses
+from vfplan.session.bags import RosOptions
+from vfplan.session.events import Event, Poses, read_events, read_poses, write_events
 from vfplan.session.read import open_session, read_session
 from vfplan.session.result import (
     RESULT_FORMAT,
     RESULT_VERSION,
+    CsvWriter,
+    ResultWriter,
     TickBlock,
     read_result,
     require_fixture,
+    write_result,
 )
-from vfplan.session.resultwriter import CsvWriter, ResultWriter, write_result
-from vfplan.session.ros import RosOptions
 from vfplan.session.session import BLOCK, Session, SessionSource, SessionStream, resampled
 
 __all__ = [
@@ -27,11 +27,3 @@ __all__ = [
     "read_events", "read_poses", "read_result", "read_session", "require_fixture", "resampled",
     "write_events", "write_result",
 ]  # fmt: skip
-
-# Besides `__all__`: what tests, samples and pages use, without a promise (docs/api-policy.md).
-__getattr__ = on_demand(
-    __name__,
-    {
-        "mcapfile": "TICK McapWriter read_ticks",
-    },
-)

@@ -1,19 +1,31 @@
-"""Open a session file by what it is: CSV, HDF5, `.npz`, MCAP of `vfplan live` or a ROS bag."""
+"""Open a session file by what it is: CSV, HDF5, `.npz`, MCAP of `vfplan live` or a ROS bag.
+
+Sessions as `time` (T,) and `hip` (T, 3): in HDF5, and in NumPy's `.npz`.
+
+The generator functions run in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5,
+or unpack without end.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+import zipfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any, BinaryIO
 
-from vfplan.errors import SessionError, SettingError
-from vfplan.io.files import OpenedFile
+import numpy as np
+
+from vfplan.errors import InputError, SessionError, SettingError
+from vfplan.io.files import OpenedFile, npy_header
+from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.io.table import open_number_table
+from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.events import CHANGE_COLUMNS
-from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
-from vfplan.session.session import Samples, Session, SessionStream, unit_factor
+from vfplan.session.session import BLOCK, Array, Samples, Session, SessionStream, unit_factor
 
 HIP_COLUMNS = ("t", "x", "y", "z")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -74,7 +86,7 @@ def open_session(
 
     # An MCAP file may be ours or a ROS bag; the other bags are told by their suffix.
     is_our_mcap = path.suffix == ".mcap" and run_once(
-        "vfplan.session.mcapfile:has_our_topic", name, **source
+        "vfplan.session.bags:has_our_topic", name, **source
     )
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, factor, units, frame, ros)
@@ -91,12 +103,12 @@ def open_session(
     if is_our_mcap:
         notes["format"] = "mcap"
         read = functools.partial(
-            run_in_sandbox, "vfplan.session.mcapfile:read_hips", name, factor, **source
+            run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
         )
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
         kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
-        length, statements = run_once(f"vfplan.session.arrays:{kind}_header", name, **source)
+        length, statements = run_once(f"vfplan.session.read:{kind}_header", name, **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
         expected = {"units": units, "frame": frame, "time unit": "s"}
         for statement, value, place in statements:
@@ -108,7 +120,7 @@ def open_session(
                     code="units-or-frame-differ",
                 )
         read = functools.partial(
-            run_in_sandbox, f"vfplan.session.arrays:read_{kind}", name, factor, **source
+            run_in_sandbox, f"vfplan.session.read:read_{kind}", name, factor, **source
         )
     else:
         notes["format"] = "csv"
@@ -140,7 +152,7 @@ def _open_bag(
     if ros is None:
         ros = RosOptions()
     chosen, notes = run_once(
-        "vfplan.session.ros:bag_header",
+        "vfplan.session.bags:bag_header",
         str(path.resolve()),
         *dataclasses.astuple(ros),
         where=name,
@@ -157,7 +169,7 @@ def _open_bag(
 
     read = functools.partial(
         run_in_sandbox,
-        "vfplan.session.ros:read_bag",
+        "vfplan.session.bags:read_bag",
         str(path.resolve()),
         factor,
         *chosen,
@@ -174,3 +186,191 @@ def _read_unchanged(
     """Read to the end, and then refuse a file that no longer has the digest that was taken."""
     yield from read()
     require_unchanged()
+
+
+NAMES = ("time", "hip")
+FIXTURE_FORMAT = "vfplan-fixture"
+"""The attribute `format` of a fixture bundle."""
+
+
+def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
+    """The length T, and what the file's attributes state.
+
+    Yields T, and a list of (what, value, place). "units" and "frame" are attributes of the root or
+        of `hip`, "time unit" is one of `time`. Attributes `unit` and `units` mean the same.
+    Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
+    """
+    with opened_hdf5(stream, name) as file:
+        if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
+            raise SessionError(
+                "is a fixture, not a recording of positions. Give the fixture first, and the "
+                "recording after it",
+                where=name,
+                code="fixture-as-session",
+            )
+        time = plain_dataset(file, "time", name)
+        hip = plain_dataset(file, "hip", name)
+        length = _check_shapes(time, hip, name)
+        statements = []
+        for place in (file, hip, time):
+            for attribute in ("units", "unit", "frame"):
+                if attribute not in place.attrs or (place is time and attribute == "frame"):
+                    continue
+                meaning = "units"
+                if attribute == "frame":
+                    meaning = "frame"
+                elif place is time:
+                    meaning = "time unit"
+                text = plain_attribute(place.attrs[attribute])
+                statements.append((meaning, str(text), f"attribute {attribute} of {place.name}"))
+    yield [length, statements]
+
+
+def read_hdf5(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+    """Yield (time [s], hip [m]) a block at a time."""
+    with opened_hdf5(stream, name) as file:
+        time = plain_dataset(file, "time", name)
+        hip = plain_dataset(file, "hip", name)
+        for start in range(0, len(time), BLOCK):
+            rows = slice(start, start + BLOCK)
+            yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
+
+
+def npz_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
+    """As `hdf5_header`; an archive has no attributes."""
+    with _npz_members(stream, name) as (time, hip):
+        yield [_check_shapes(time, hip, name), []]
+
+
+def read_npz(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+    """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
+    with _npz_members(stream, name) as (time, hip):
+        length = time.shape[0]
+        for start in range(0, length, BLOCK):
+            count = min(BLOCK, length - start)
+            block_hip = hip.read_numbers(3 * count).reshape(-1, 3)
+            yield time.read_numbers(count), block_hip * factor
+
+
+@contextmanager
+def opened_hdf5(
+    stream: BinaryIO, name: str, kind: type[InputError] = SessionError
+) -> Iterator[h5py.File]:
+    """An open HDF5 file; errors of libhdf5 inside become errors of the `kind` given."""
+    try:
+        with h5py.File(stream, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise kind(
+            f"cannot be read as HDF5: {error}. Write the file again", where=name, code="hdf5-broken"
+        ) from None
+
+
+def plain_dataset(
+    file: h5py.Group,
+    name: str,
+    where: str,
+    names: Iterable[str] = NAMES,
+    kind: type[InputError] = SessionError,
+) -> h5py.Dataset:
+    """The dataset of that name; `names` are all that are wanted, for the message.
+
+    Raises an error of the `kind` given: there is none, or its data are in another file
+    """
+    wanted = f"Give {', '.join(names)}"
+    # A link to another file is never followed: a session is one file.
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+        present = ", ".join(sorted(file)) or "nothing"
+        raise kind(
+            f"has no dataset {name!r} (it holds {present[:80]}). {wanted}",
+            where=where,
+            code="dataset-missing",
+        )
+    dataset = file[name]
+    is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
+    if not is_plain or dataset.external or dataset.is_virtual:
+        raise kind(f"{name!r} is not a plain dataset. {wanted}", where=where, code="dataset-odd")
+    return dataset
+
+
+def plain_attribute(value: Any) -> Any:
+    """An attribute's value in Python's types. h5py gives text of fixed length as bytes."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _check_shapes(time: Any, hip: Any, where: str) -> int:
+    """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
+    if len(time.shape) != 1 or tuple(hip.shape) != (*time.shape, 3):
+        raise SessionError(
+            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)",
+            where=where,
+            code="shape-wrong",
+        )
+    for name, array in (("time", time), ("hip", hip)):
+        if array.dtype.kind not in "fiu":
+            raise SessionError(
+                f"{name} has type {array.dtype}. Give real numbers",
+                where=where,
+                code="type-wrong",
+            )
+    return int(time.shape[0])
+
+
+class _NpzMember:
+    """One array of an archive, read from its beginning on."""
+
+    def __init__(self, stream: IO[bytes], name: str, where: str) -> None:
+        try:
+            self.shape, by_columns, self.dtype = npy_header(stream)
+        except ValueError as error:
+            raise SessionError(
+                f"cannot be read as .npz: {name}: {error}. Save the arrays again",
+                where=where,
+                code="npz-broken",
+            ) from None
+        if by_columns and len(self.shape) > 1:
+            raise SessionError(
+                f"{name} is stored by columns. Save it in C order", where=where, code="order-wrong"
+            )
+        self._stream = stream
+        self._where = where
+
+    def read_numbers(self, count: int) -> Array:
+        """The next `count` numbers."""
+        size = count * self.dtype.itemsize
+        data = self._stream.read(size)
+        if len(data) != size:
+            raise SessionError(
+                "ends before its last sample. Copy the file again",
+                where=self._where,
+                code="file-cut",
+            )
+        return np.frombuffer(data, self.dtype).astype(np.float64)
+
+
+@contextmanager
+def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _NpzMember]]:
+    try:
+        with zipfile.ZipFile(stream) as archive:
+            present = sorted(name.removesuffix(".npy") for name in archive.namelist())
+            for name in NAMES:
+                if name not in present:
+                    raise SessionError(
+                        f"has no array {name!r} (it holds "
+                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip",
+                        where=where,
+                        code="dataset-missing",
+                    )
+            time = _NpzMember(archive.open("time.npy"), "time", where)
+            yield time, _NpzMember(archive.open("hip.npy"), "hip", where)
+    except (SessionError, MemoryError, GeneratorExit):
+        raise
+    except Exception as error:
+        # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
+        raise SessionError(
+            f"cannot be read as .npz: {error}. Save the arrays again",
+            where=where,
+            code="npz-broken",
+        ) from None

@@ -1,12 +1,19 @@
-"""Replay results: a row a tick, read back from a file, and whether one belongs to a bundle."""
+"""Replay results: a row a tick, read back from a file, and whether one belongs to a bundle.
+
+Replay results written as they come, a row a tick: HDF5, and CSV for spreadsheets.
+"""
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, TypeVar
+from typing import Any, BinaryIO, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +22,8 @@ from vfplan.errors import InputError, VersionError
 from vfplan.io.files import OpenedFile
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
-from vfplan.session.arrays import opened_hdf5, plain_attribute, plain_dataset
+from vfplan.io.writing import require_same, whole_file
+from vfplan.session.read import opened_hdf5, plain_attribute, plain_dataset
 from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 
 # A dataclass of arrays, a row a tick.
@@ -260,3 +268,261 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
             where=where,
             code="fixture-differs",
         )
+
+
+CSV_HEADER = (
+    "t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
+    "state,penetration,overlap"
+)
+
+
+class WholeFileWriter:
+    """A context manager whose file appears, read back, when the `with` statement ends well.
+
+    Otherwise there is no file. Subclasses fill it. Raises `OutputError` when the file exists
+    already, or cannot be written.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        with ExitStack() as stack:
+            file = stack.enter_context(whole_file(Path(path), overwrite=False))
+            self.begin(file)
+            stack.push(self._finish)
+            self._stack = stack.pop_all()
+
+    def begin(self, file: BinaryIO) -> None:
+        """Write the beginning of the file."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close what else is open; called also after an error."""
+
+    def verify(self) -> None:
+        """Read the file back; raises `OSError` where it is not what was written."""
+        raise NotImplementedError
+
+    def _finish(self, failure: type | None, *_: object) -> None:
+        self.close()
+        if failure is None:
+            self.verify()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: Any) -> bool | None:
+        return self._stack.__exit__(*failure)
+
+
+class ResultWriter(WholeFileWriter):
+    """Write a result file block by block; use as a context manager.
+
+    The file appears under its name when the `with` statement ends well: on the disk, and read back
+    to what was written. Otherwise there is none.
+
+    Parameters
+    ----------
+    path
+        A file that does not exist yet.
+    attrs
+        Root attributes beyond `format` and `version`; a dict or list is kept as JSON text.
+    groups
+        Where results go: "" for the root, or names of groups (a second rule, for instance).
+
+    Raises
+    ------
+    OutputError
+        The file exists, or cannot be made or written.
+    """
+
+    def __init__(
+        self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
+    ) -> None:
+        self._groups = groups
+        super().__init__(path)
+        self.set(attrs)
+
+    def begin(self, file: BinaryIO) -> None:
+        """Make the datasets, without rows."""
+        self._bytes = FailureTolerantFile(file)
+        self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
+        self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
+        # CRC-32 of the rows written so far, by group and dataset.
+        self._checksums: dict[tuple[str, str], int] = {}
+        for group in self._groups:
+            place = self._file.require_group(group) if group else self._file
+            for name, (columns, dtype, unit) in TABLE.items():
+                self._checksums[group, name] = 0
+                dataset = place.create_dataset(
+                    name,
+                    (0, *columns),
+                    dtype,
+                    maxshape=(None, *columns),
+                    chunks=(BLOCK, *columns),
+                    fletcher32=True,
+                )
+                dataset.attrs["unit"] = unit
+
+    def set(self, attrs: dict[str, Any]) -> None:
+        """Set root attributes; those that are `None` are omitted."""
+        for name, value in attrs.items():
+            if isinstance(value, (dict, list, tuple)):
+                self._file.attrs[name] = json.dumps(value)
+            elif value is not None:
+                self._file.attrs[name] = value
+
+    def append(self, block: TickBlock, group: str = "") -> None:
+        """Add a block of ticks."""
+        for name in TABLE:
+            dataset = self._file[f"/{group}/{name}"]
+            rows = getattr(block, name)
+            size = len(dataset)
+            dataset.resize(size + len(block), axis=0)
+            dataset[size:] = rows
+            checksum = self._checksums[group, name]
+            self._checksums[group, name] = _extend_checksum(checksum, rows, name)
+        self._bytes.check()
+
+    def close(self) -> None:
+        """Let libhdf5 write what it still holds."""
+        self._file.close()
+
+    def verify(self) -> None:
+        """Compare the checksums of all datasets, read back."""
+        self._bytes.check()
+        self._bytes.seek(0)
+        with h5py.File(self._bytes, "r") as file:
+            for (group, name), written in self._checksums.items():
+                dataset = file[f"/{group}/{name}"]
+                checksum = 0
+                for start in range(0, len(dataset), BLOCK):
+                    checksum = _extend_checksum(checksum, dataset[start : start + BLOCK], name)
+                require_same(checksum, written)
+
+
+def _extend_checksum(checksum: int, rows: NDArray, name: str) -> int:
+    return zlib.crc32(np.ascontiguousarray(rows, TABLE[name][1]), checksum)
+
+
+def write_result(replayed: Result, path: str | Path) -> None:
+    """Write a whole result at once: its ticks, and what `ResultWriter` takes as attributes."""
+    with ResultWriter(path, replayed.record) as writer:
+        writer.append(replayed.ticks)
+
+
+class CsvWriter(WholeFileWriter):
+    """Write ticks as CSV, one line a tick; numbers read back to the same bits.
+
+    The file appears, whole, when the `with` statement ends well; raises `OutputError` when there
+    is one already, or it cannot be written.
+    """
+
+    def begin(self, file: BinaryIO) -> None:
+        """Write the header."""
+        self._file = file
+        self._checksum = 0
+        self._write(CSV_HEADER + "\n")
+
+    def append(self, block: TickBlock) -> None:
+        """Add a block of ticks."""
+        columns: list[list[Any]] = []
+        for name in TABLE:
+            columns.extend(np.atleast_2d(getattr(block, name).T).tolist())
+        lines = [",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True)]
+        self._write("".join(lines))
+
+    def verify(self) -> None:
+        """Compare the file's checksum, read back."""
+        self._file.seek(0)
+        checksum = 0
+        while True:
+            data = self._file.read(io.DEFAULT_BUFFER_SIZE)
+            if not data:
+                break
+            checksum = zlib.crc32(data, checksum)
+        require_same(checksum, self._checksum)
+
+    def _write(self, text: str) -> None:
+        data = text.encode("ascii")
+        self._checksum = zlib.crc32(data, self._checksum)
+        self._file.write(data)
+
+
+class FailureTolerantFile:
+    """A file for libhdf5, which crashes when a write fails while it closes a file.
+
+    From the first failed write on, what is written stays in memory, so that libhdf5 can come to
+    its end. `check` raises the failure afterwards.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._descriptor = file.fileno()
+        self._position = 0
+        self._size = 0
+        self._failure: OSError | None = None
+        # (offset, bytes) of what could not be written.
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def check(self) -> None:
+        """Raise the `OSError` of the first write that failed."""
+        if self._failure is not None:
+            raise self._failure
+
+    def write(self, data: memoryview) -> int:
+        """Write at the position, as for any file."""
+        rest = memoryview(data).cast("B")
+        offset = self._position
+        try:
+            while len(rest) and self._failure is None:
+                count = os.pwrite(self._descriptor, rest, offset)
+                rest = rest[count:]
+                offset += count
+        except OSError as error:
+            self._failure = error
+        if len(rest):
+            self._unwritten.append((offset, bytes(rest)))
+        self._position += len(data)
+        self._size = max(self._size, self._position)
+        return len(data)
+
+    def readinto(self, buffer: memoryview) -> int:
+        """Read at the position, as for any file, also what could not be written."""
+        view = memoryview(buffer).cast("B")
+        start = self._position
+        os.preadv(self._descriptor, [view], start)
+        for offset, data in self._unwritten:
+            low = max(offset, start)
+            high = min(offset + len(data), start + len(view))
+            if low < high:
+                view[low - start : high - start] = data[low - offset : high - offset]
+        self._position += len(view)
+        return len(view)
+
+    def read(self, size: int) -> bytes:
+        """Read at the position, as for any file."""
+        data = bytearray(size)
+        self.readinto(memoryview(data))
+        return bytes(data)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move the position, from the beginning or from the end."""
+        if whence == os.SEEK_END:
+            offset += self._size
+        self._position = offset
+        return self._position
+
+    def tell(self) -> int:
+        """The position."""
+        return self._position
+
+    def truncate(self, size: int) -> int:
+        """Cut the file, or make it longer."""
+        try:
+            os.ftruncate(self._descriptor, size)
+        except OSError as error:
+            if self._failure is None:
+                self._failure = error
+        self._size = size
+        return size
+
+    def flush(self) -> None:
+        """Nothing waits to be written."""

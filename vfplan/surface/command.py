@@ -10,15 +10,17 @@ import click
 from vfplan.cli.next_commands import register_command
 from vfplan.cli.options import (
     COLOUR,
+    MM,
+    MM_OR_ZERO,
+    PNG,
     STIFFNESS,
     option,
     options_in_order,
     output_option,
     settings_from_options,
-)  # fmt: skip
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.values import MM, MM_OR_ZERO, PNG
 
 
 @command("surface")
@@ -49,8 +51,8 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
     .mrk.json of closed curves, or a folder of DICOM slices with a closed curve drawn on each.
     """
-    from vfplan.bundle import write_fixture
-    from vfplan.surface import SurfaceSettings, surface
+    from vfplan.bundle.write import write_fixture
+    from vfplan.surface.build import SurfaceSettings, surface
 
     settings = settings_from_options(SurfaceSettings, options)
     with announce_if_slow("meshing"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError, MarkerError
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
-from vfplan.surface.contours import Contours, Structure
+from vfplan.surface.outline import Contours, Structure
 
 Array = NDArray[np.float64]
 
@@ -67,10 +67,11 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     Raises `InputError` for a file that is no DICOM slice or has no place in the patient, and for a
     drawing that is not closed.
     """
-    from vfplan.curve import load_libraries
-    from vfplan.images.headers import MAX_TIFF_PARTS
+    from vfplan.curve.extraction import load_libraries
+    from vfplan.images.raster import MAX_TIFF_PARTS
     from vfplan.images.read import read_image
-    from vfplan.planning import ExtractSettings, extract
+    from vfplan.planning.extraction import extract
+    from vfplan.planning.settings import ExtractSettings
 
     load_libraries()
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.dicom.dataset import group_value, open_dataset, pixel_axes, refuse_costly
 from vfplan.errors import InputError
+from vfplan.images.dataset import group_value, open_dataset, pixel_axes, refuse_costly
 from vfplan.io.files import MAX_TEXT_BYTES, read_bytes
-from vfplan.surface.contours import Contours, Structure, choose_structure
-from vfplan.surface.labelmaps import (
+from vfplan.surface.outline import Contours, Structure, choose_structure
+from vfplan.surface.slicing import SAME_M
+from vfplan.surface.volumes import (
     MAX_VOXEL_M,
     MIN_VOXEL_M,
     rings_of_mask,
     rings_of_share,
     stairs_remark,
 )
-from vfplan.surface.slicing import SAME_M
 
 Array = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"

@@ -12,8 +12,8 @@ from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
-    from vfplan.surface import Surface
-    from vfplan.surface.stack import Stack
+    from vfplan.surface.build import Surface
+    from vfplan.surface.outline import Stack
 
 Array = NDArray[np.float64]
 TURNED = np.radians(25)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.surface.outline import Outline
-from vfplan.surface.stack import Stack
+from vfplan.surface.outline import Outline, Stack
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

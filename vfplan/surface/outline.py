@@ -2,23 +2,31 @@
 
 A ring inside another is a hole, as DICOM's exclusive or has it (PS3.3 C.8.8.6.3), and so is what a
 keyhole's channel leads to. Rings that cross are refused: which side is inside they do not say.
+
+What every reader gives: closed rings in the patient, each flat, and which slices hold none.
+
+Outlines on slices -> one function in space: cubic between the slices' signed distances.
+
+Between two slices runs the cubic with both values and, as slopes, those of the parabolas through
+each and its neighbours; beyond the first and the last slice the outline stays as it is there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, requires_extra
+from vfplan.errors import CurveError, InputError, requires_extra
 from vfplan.vectors.curve import FINE_M
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
     from shapely import Polygon
+
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -274,3 +282,171 @@ def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:
             numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
         )
     return False
+
+
+@dataclass(frozen=True)
+class Structure:
+    """One of the structures that a source holds."""
+
+    number: int
+    """As the source numbers it."""
+    name: str = ""
+    """As the source names it; empty where it does not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contours:
+    """One structure as a stack of outlines."""
+
+    rings: tuple[Array, ...]
+    """Each (M, 3), patient LPS [m], its last corner joined to its first."""
+    structures: tuple[Structure, ...]
+    """All structures of the source."""
+    chosen: int
+    """The number of this one."""
+    inputs: dict[str, str]
+    """Role -> SHA-256 of the source's bytes."""
+    normal: Array | None = None
+    """(3,) unit normal of the slices where the source states it; `None`: what the rings give."""
+    empty: Array = field(default_factory=lambda: np.empty((0, 3)))
+    """(E, 3) a point of each slice that is known to show nothing of the structure."""
+    remarks: tuple[str, ...] = ()
+    """What a person should know."""
+
+
+def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> Structure:
+    """The structure of this name or number; without one the only structure.
+
+    Raises `InputError` where there is none, or several and `wanted` is `None` or fits not one.
+    """
+    if not structures:
+        raise InputError(
+            "holds no structure. Give a file in which one is outlined.", code="structure-none"
+        )
+    names = []
+    for structure in structures:
+        if structure.name:
+            names.append(f"{structure.number} {structure.name!r}")
+        else:
+            names.append(str(structure.number))
+    listed = ", ".join(names)
+    if wanted is None:
+        if len(structures) > 1:
+            raise InputError(
+                f"holds {len(structures)} structures: {listed}. Choose one with --structure.",
+                code="structure-several",
+                numbers={"structures": len(structures)},
+            )
+        return structures[0]
+
+    # A name counts before a number.
+    matches = [structure for structure in structures if structure.name == wanted]
+    if not matches:
+        for structure in structures:
+            if str(structure.number) == wanted:
+                matches.append(structure)
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise InputError(
+            f"holds several structures of that name. Choose one by its number: {listed}.",
+            code="structure-several",
+            numbers={"structures": len(matches)},
+        )
+    raise InputError(
+        f"holds no structure of that name or number. Choose one of {listed}.",
+        code="structure-unknown",
+        numbers={"structures": len(structures)},
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Two or more outlines in the order of their places; x and y in their planes, z across [m]."""
+
+    outlines: tuple[Outline, ...]
+
+    @property
+    def z(self) -> Array:
+        """(S,) places of the slices [m]."""
+        return np.array([outline.z for outline in self.outlines])
+
+    def weights(self, z: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Which four slices (M, 4) make up the value at z (M,), with weights and their slopes."""
+        places = self.z
+        count = len(places)
+        inside = np.clip(z, places[0], places[-1])
+        first = np.clip(np.searchsorted(places, inside, "right") - 1, 0, count - 2)
+        gap = places[first + 1] - places[first]
+        t = (inside - places[first]) / gap
+        four = first[:, None] + np.arange(-1, 3)
+        slopes = slope_weights(places)
+
+        def combine(basis: tuple[Array, Array, Array, Array]) -> Array:
+            """Weights of the four slices, from those of both values and both slopes."""
+            value_first, slope_first, value_last, slope_last = basis
+            weights = np.zeros((len(z), 4))
+            weights[:, 1] = value_first
+            weights[:, 2] = value_last
+            for column in range(4):
+                for share, at in ((slope_first, first), (slope_last, first + 1)):
+                    step = four[:, column] - at
+                    is_close = np.abs(step) <= 2
+                    weights[is_close, column] += (share * gap)[is_close] * slopes[
+                        at[is_close], step[is_close] + 2
+                    ]
+            return weights
+
+        # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
+        cubics = (
+            (1 + 2 * t) * (1 - t) ** 2,
+            t * (1 - t) ** 2,
+            t**2 * (3 - 2 * t),
+            t**2 * (t - 1),
+        )
+        derivatives = (6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t)
+        weights = combine(cubics)
+        weight_slopes = combine(derivatives) / gap[:, None]
+        weight_slopes[(z < places[0]) | (z > places[-1])] = 0.0
+        return np.clip(four, 0, count - 1), weights, weight_slopes
+
+    def signed(self, points: Array) -> tuple[Array, Array]:
+        """The function (M,) [m] at points (M, 3), below 0 inside, and its gradient (M, 3)."""
+        which, weights, weight_slopes = self.weights(points[:, 2])
+        value = np.zeros(len(points))
+        gradient = np.zeros((len(points), 3))
+        rows, columns = np.nonzero((weights != 0) | (weight_slopes != 0))
+        slices = which[rows, columns]
+        order = np.argsort(slices, kind="stable")
+        first = np.searchsorted(slices[order], np.arange(len(self.outlines) + 1))
+        for k in np.flatnonzero(np.diff(first)):
+            of_slice = order[first[k] : first[k + 1]]
+            row = rows[of_slice]
+            column = columns[of_slice]
+            distance, direction = self.outlines[k].signed(points[row, :2])
+            # A slice stands once in a row: beyond the ends all weights are 0.
+            value[row] += weights[row, column] * distance
+            gradient[row, :2] += weights[row, column, None] * direction
+            gradient[row, 2] += weight_slopes[row, column] * distance
+        return value, gradient
+
+
+def slope_weights(z: Array) -> Array:
+    """(S, 5) weights of the values two slices before to two after in the slope at each [1/m].
+
+    Of the parabola through a slice and its neighbours; at the ends of the one through the last
+    three slices; of two slices the straight line.
+    """
+    count = len(z)
+    weights = np.zeros((count, 5))
+    if count == 2:
+        slope = 1.0 / (z[1] - z[0])
+        weights[0, 2:4] = -slope, slope
+        weights[1, 1:3] = -slope, slope
+        return weights
+    for at in range(count):
+        three = np.clip(at - 1, 0, count - 3) + np.arange(3)
+        for one in three:
+            others = z[three[three != one]]
+            weights[at, one - at + 2] = (2 * z[at] - others.sum()) / np.prod(z[one] - others)
+    return weights

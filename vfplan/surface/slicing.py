@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
-from vfplan.surface.contours import Contours
-from vfplan.surface.outline import Outline, outline_of
-from vfplan.surface.stack import Stack
+from vfplan.surface.outline import Contours, Outline, Stack, outline_of
 
 Array = NDArray[np.float64]
 FLAT_M = 5e-5

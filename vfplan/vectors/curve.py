@@ -1,17 +1,31 @@
-"""A curve of straight lines or a spline, as a drawing program left it."""
+"""A curve of straight lines or a spline, as a drawing program left it.
+
+A line of a DICOM presentation state, and the image that it was drawn on.
+
+The lines of a DICOM presentation state, as points on the image that it was drawn on.
+
+Graphics (GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a
+pixel is subtracted here.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import MAX_POINTS
-from vfplan.errors import CurveError
+from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
-from vfplan.geometry import ROUNDING, ROWS_AT_ONCE
-from vfplan.geometry.polyline import arc_lengths, ring_of
+from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
+from vfplan.geometry.lines import arc_lengths, ring_of
+from vfplan.images.dataset import memory_file, open_dataset
+from vfplan.images.read import PlannedImage
+from vfplan.io.sandbox import raise_limits, run_in_sandbox
 from vfplan.io.table import MAX_NUMBER
 
 FINE_M = 2.5e-4
@@ -182,3 +196,200 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
 
 def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.float64]:
     return np.column_stack([np.interp(at, knots, column) for column in points.T])
+
+
+IS_SMOOTH = {"POLYLINE": False, "INTERPOLATED": True}
+"""The types of graphic that are lines, and whether each is curved between its points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Annotation:
+    """One graphic that was drawn on an image.
+
+    name: what it is, for messages
+    drawn_on: the images' SOP instance UIDs, each with its frames, from 1; empty where all are meant
+    points: a line's (M, 2) points (u, v) [px]; `None` for a graphic that is no line
+    smooth: whether a line is curved between its points
+    """
+
+    name: str
+    drawn_on: dict[str, list[int]]
+    points: NDArray[np.float64] | None = None
+    smooth: bool = False
+
+
+def read_annotations(data: bytes, where: str) -> list[Annotation]:
+    """The lines of a DICOM presentation state, then its graphics that are no lines.
+
+    Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
+    """
+    annotations = []
+    with memory_file(data) as file:
+        answers = run_in_sandbox(
+            "vfplan.vectors.curve:read_graphics",
+            where,
+            file=file,
+            where=where,
+            kind=CurveError,
+        )
+        for head in answers:
+            points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
+            annotations.append(Annotation(points=points, **head))
+    return annotations
+
+
+def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+    """What `read_annotations` returns, in the child process: a head each, then a line's points."""
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
+    lines = []
+    others = []
+    with open_dataset(file, where, ImageError) as dataset:
+        # Where an annotation names no images, those of the whole presentation state are meant.
+        images_of_series: dict[str, list[int]] = {}
+        for series in dataset.get("ReferencedSeriesSequence") or ():
+            images_of_series |= referenced_images(series)
+        for item in dataset.get("GraphicAnnotationSequence") or ():
+            drawn_on = referenced_images(item) or images_of_series
+            layer = str(item.get("GraphicLayer", ""))[:32]
+            for graphic in item.get("GraphicObjectSequence") or ():
+                kind = str(graphic.get("GraphicType", ""))[:16]
+                units = str(graphic.get("GraphicAnnotationUnits", ""))[:16]
+                count = graphic.get("NumberOfGraphicPoints", 0)
+                name = f"{kind} of {count} points, layer {layer!r}"
+                if kind not in IS_SMOOTH or units != "PIXEL":
+                    others.append(f"{name}, in {units} units")
+                    continue
+                coordinates = np.array(graphic.GraphicData, np.float64)
+                if len(coordinates) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
+                    raise CurveError(
+                        f"{name} has {len(coordinates)} coordinates, and two a point are wanted. "
+                        "Export the presentation state again.",
+                        where=where,
+                        code="vector-unreadable",
+                    )
+                head = {
+                    "is_line": True,
+                    "name": name,
+                    "drawn_on": drawn_on,
+                    "smooth": IS_SMOOTH[kind],
+                }
+                lines.append((head, coordinates.reshape(-1, 2)))
+        modality = str(dataset.get("Modality", ""))[:16]
+    if not lines:
+        content = "; ".join(others[:6]) or f"no drawing ({modality})"
+        raise CurveError(
+            f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units.",
+            where=where,
+        )
+    for head, points in lines:
+        yield head
+        yield (points,)
+    for name in others:
+        yield {"is_line": False, "name": name, "drawn_on": {}}
+
+
+def referenced_images(item: Any) -> dict[str, list[int]]:
+    """The images that an item refers to, each with its frames; without frames all are meant."""
+    images = {}
+    for image in item.get("ReferencedImageSequence") or ():
+        frames = image.get("ReferencedFrameNumber") or []
+        if not hasattr(frames, "__iter__"):
+            frames = [frames]
+        images[str(image.ReferencedSOPInstanceUID)] = [int(frame) for frame in frames]
+    return images
+
+
+def read_presentation(
+    data: bytes, number: int | None, where: str
+) -> tuple[Annotation, tuple[str, ...]]:
+    """The one line of a DICOM presentation state, or number `number` from 1, and warnings.
+
+    Raises `CurveError` where there is no such line, or several and none was chosen.
+    """
+    annotations = read_annotations(data, where)
+    lines = []
+    names = []
+    not_read = ""
+    for annotation in annotations:
+        if annotation.points is not None:
+            lines.append(annotation)
+            names.append(f"{len(lines)}: {annotation.name}")
+    for annotation in annotations[len(lines) :][:8]:
+        not_read += f"; not read: {annotation.name}"
+    listed = "; ".join(names[:8]) + not_read
+    numbers = {"curves": len(lines), "number": number}
+    count = "1 curve" if len(lines) == 1 else f"{len(lines)} curves"
+    if number is None and len(annotations) > 1:
+        raise CurveError(
+            f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
+            where=where,
+            code="vector-several",
+            numbers=numbers,
+        )
+    if number is not None and number > len(lines):
+        raise CurveError(
+            f"holds no curve number {number}. Choose one of these: {listed}",
+            where=where,
+            code="vector-number",
+            numbers=numbers,
+        )
+    if len(annotations) == 1:
+        return lines[0], ()
+    chosen = (number or 1) - 1
+    warning = (
+        f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with --stroke N "
+        "where it is the wrong one"
+    )
+    return lines[chosen], (warning,)
+
+
+def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
+    """A line of a DICOM presentation state."""
+    drawn, warnings = read_presentation(data, number, where)
+    points, closed = without_repeated_end(drawn.points)
+    points = distinct_points(points, closed, where)
+    curve = VectorDrawing(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
+    if not curve.smooth:
+        return curve
+    warning = (
+        f"{where}: DICOM leaves open how points are joined. A spline was laid through them, "
+        f"up to {curve.distance_from_straight():.2g} px from straight lines. Compare it with the "
+        "drawing"
+    )
+    return replace(curve, warnings=(*warnings, warning))
+
+
+def check_drawn_on(
+    drawn_on: dict[str, list[int]], image: PlannedImage, frame: int | None, where: str
+) -> tuple[str, ...]:
+    """A warning where it cannot be told whether a curve was drawn on an image.
+
+    Raises `CurveError` where it was drawn on others.
+    """
+    if not drawn_on:
+        return ()
+    if not image.instance:
+        warning = (
+            f"{where}: names the DICOM image that it is drawn on, and this image has no such name. "
+            "Check that it is the same"
+        )
+        return (warning,)
+    if image.instance not in drawn_on:
+        raise CurveError(
+            f"is drawn on {len(drawn_on)} other image(s), the first "
+            f"{next(iter(drawn_on))[:64]}, and this one is {image.instance[:64]}. Give the "
+            "image that it is drawn on",
+            where=where,
+            code="drawn-on-another-image",
+            numbers={"images": len(drawn_on)},
+        )
+    frames = drawn_on[image.instance]
+    if frames and (frame or 1) not in frames:
+        raise CurveError(
+            f"is drawn on frame {frames[0]}, not {frame or 1}. Give --frame {frames[0]}",
+            where=where,
+            code="drawn-on-another-frame",
+            numbers={"frame": frame or 1, "drawn_on_frame": frames[0]},
+        )
+    return ()

@@ -1,6 +1,10 @@
 """A curve drawn as vectors: by Slicer, ImageJ, on a DICOM image beside its pixels, or in a CSV.
 
 Nothing is measured here: the points are taken as given, and no standard deviation is known.
+
+Curves that were drawn in 3D Slicer: a `.mrk.json`, or a table of control points.
+
+A curve as a table: a CSV with the columns u_px,v_px, or with ImageJ's X,Y.
 """
 
 from __future__ import annotations
@@ -12,17 +16,42 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.dicom.dataset import is_dicom
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
+from vfplan.images.dataset import is_dicom
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
+from vfplan.io.table import split_rows
+from vfplan.markers.slicer import fcsv_points, lps_points, markups_of
 from vfplan.vectors import imagej
 from vfplan.vectors.curve import (
     FINE_M,
     VectorDrawing,
     distinct_points,
     meeting_warnings,
+    without_repeated_end,
 )
-from vfplan.vectors.table import read_table
+
+__all__ = ["FINE_M", "SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]
+
+
+def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorDrawing:
+    """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
+    rows = [row for _, row in split_rows(text, where, MarkerError)]
+    header = [name.strip() for name in rows[0]] if rows else []
+    if imagej.is_xy_table(header):
+        points = imagej.read_xy_table(rows, origin, where)
+    elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.
+        imagej.refuse_origin(origin, "u_px,v_px")
+        points = imagej.parse_pixels(rows[1:], where)
+    else:
+        raise CurveError(
+            f"is no image, and as a curve its header is {','.join(header)[:60]!r}. Give "
+            "u_px,v_px or ImageJ's X,Y",
+            where=where,
+            code="table-header",
+        )
+    points, closed = without_repeated_end(points)
+    return VectorDrawing(distinct_points(points, closed, where), closed, False, "")
+
 
 OUT_OF_PLANE_M = 1e-3
 """Largest distance from a slice's plane [m] of a curve that was drawn on it."""
@@ -82,7 +111,7 @@ def read_vector_curve(
 
     try:
         if dicom:
-            from vfplan.vectors.presentation import read_presentation_curve
+            from vfplan.vectors.curve import read_presentation_curve
 
             imagej.refuse_origin(origin, "DICOM")
             curve = read_presentation_curve(data, number, where)
@@ -136,16 +165,54 @@ def read_by_suffix(
     except UnicodeDecodeError:
         raise CurveError(f"is not text. {WANTED}", where=where, code="vector-not-text") from None
     if suffix == ".json":
-        from vfplan.vectors.slicer import read_markups
-
         imagej.refuse_origin(origin, "Slicer's curves")
         return read_markups(text, where)
     if suffix == ".fcsv":
-        from vfplan.vectors.slicer import read_control_points
-
         imagej.refuse_origin(origin, "Slicer's curves")
         return read_control_points(text, where)
     return read_table(text, origin, where)
 
 
-__all__ = ["FINE_M", "SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]
+SPLINE_WARNING_M = 1e-4
+"""Largest distance [m] of a spline from straight lines without a warning, where a file names
+neither."""
+SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
+"""Slicer's names of curves, and whether they are closed."""
+
+
+def read_markups(text: str, where: str) -> VectorDrawing:
+    """The one curve of a Slicer `.mrk.json`."""
+    markups = markups_of(text, where)
+    curves = []
+    types = []
+    for markup in markups:
+        types.append(repr(markup.get("type")))
+        if markup.get("type") in SLICER_CURVES:
+            curves.append(markup)
+    if len(curves) != 1:
+        listed = ", ".join(types) or "nothing"
+        raise CurveError(
+            f"holds {listed}. Give one Curve or ClosedCurve",
+            where=where,
+            code="vector-several",
+            numbers={"curves": len(curves)},
+        )
+    closed = SLICER_CURVES[curves[0]["type"]]
+    return VectorDrawing(
+        distinct_points(lps_points(curves[0], where), closed, where), closed, True, ""
+    )
+
+
+def read_control_points(text: str, where: str) -> VectorDrawing:
+    """A Slicer `.fcsv`, which says no more of its points than their order."""
+    control_points = np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3)
+    points, closed = without_repeated_end(control_points)
+    curve = VectorDrawing(distinct_points(points, closed, where), closed, True, "")
+    distance = curve.distance_from_straight()
+    if distance <= SPLINE_WARNING_M:
+        return curve
+    warning = (
+        f"{where}: does not say how its points are joined. A spline was laid through them, up to "
+        f"{distance * 1e3:.1f} mm from straight lines. Save a .mrk.json Curve to say what is meant"
+    )
+    return replace(curve, warnings=(warning,))

@@ -1,4 +1,7 @@
-"""`vfplan import`: a bundle from any point cloud or mesh."""
+"""`vfplan import`: a bundle from any point cloud or mesh.
+
+`vfplan export`: a bundle's points, or its lines and arcs, for other tools.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,21 @@ from typing import Any
 
 import click
 from vfplan.cli.next_commands import review_command
-from vfplan.cli.options import option, options_in_order, output_option
+from vfplan.cli.options import (
+    FILE,
+    FIXTURE,
+    MM,
+    Number,
+    Numbers,
+    OutputFile,
+    option,
+    options_in_order,
+    output_option,
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
-from vfplan.cli.units import millimetres
-from vfplan.cli.values import FILE, MM, Number, Numbers
+
+from vfplan.display import count, millimetres
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -41,7 +54,9 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 )  # fmt: skip
 def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points or the mesh in CLOUD."""
-    from vfplan.bundle import import_cloud, read_bundle, write_fixture
+    from vfplan.bundle.importing import import_cloud
+    from vfplan.bundle.read import read_bundle
+    from vfplan.bundle.write import write_fixture
     from vfplan.engine.choosing import best_rule, mesh_findings
     from vfplan.errors import InputError, SceneError
 
@@ -124,3 +139,35 @@ def import_warnings(fixture: Any, opening_m: float) -> list[str]:
             f"{1e3 * width_m:g} mm wide, goes between"
         )
     return warnings
+
+
+@command("export")
+@FIXTURE
+@output_option(
+    "Write this file. Its suffix says the format: .ply, .csv, .mrk.json or .dxf.",
+    kind=OutputFile(".ply", ".csv", ".mrk.json", ".dxf"),
+)
+def vfplan_export(fixture, output) -> CommandResult:
+    """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
+    lines and arcs as .dxf [mm].
+    """
+    from vfplan.bundle.exporting import export, left_out
+    from vfplan.bundle.read import read_fixture
+
+    exported = read_fixture(fixture)
+    with outputs(output) as (path,):
+        export(exported, path)
+    data = {"output": str(output), "points": len(exported.points), "frame": exported.frame}
+    what = count(len(exported.points), "point")
+    if output.name.lower().endswith(".dxf"):
+        what = f"{exported.pieces.count} lines and arcs"
+    text = f"wrote {what} of frame {exported.frame} to {output}"
+    verdict = f"exported {what}"
+    missing = left_out(exported, output)
+    if missing:
+        data["left_out"] = missing
+        verdict += f", without {', '.join(missing)}, which this format does not hold"
+    return CommandResult(
+        data, text, verdict=verdict,
+        next_step=f"open {output} in your tool; vfplan import reads .ply and .csv back",
+    )  # fmt: skip

@@ -1,1 +1,0 @@
-"""What a DICOM file says: opened in one place for slices, drawings on slices, and surfaces."""
