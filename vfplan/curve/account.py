@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
-from vfplan.curve.centreline import MeasuredStroke, runs
+from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import lasting_change, one_sided, relative_width, sudden_changes
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
-from vfplan.geometry.lines import normals
+from vfplan.geometry.lines import normals, runs
 
 NAMED = 3
 """Pieces of ink of one sort that have a finding of their own; the account lists all."""

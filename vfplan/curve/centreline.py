@@ -6,7 +6,6 @@ there. A smoothing spline through all of them follows the hand and not the noise
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
-from vfplan.geometry.lines import Spline, evenly, length_of, normals, smoothing_spline
+from vfplan.geometry.lines import Spline, evenly, length_of, normals, runs, smoothing_spline
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
@@ -145,17 +144,6 @@ def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     places = np.rint(np.vstack([path - away, path + away])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
     return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
-
-
-def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
-    """Indices of each run of flags; on a ring a run may lead through the seam."""
-    if not flags.any():
-        return
-    shift = int(np.argmin(flags)) if closed else 0
-    rolled = np.roll(flags, -shift)
-    edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
-    for start, stop in edges:
-        yield (np.arange(start, stop) + shift) % len(flags)
 
 
 def _too_little_error(line: Candidate, measured_px: int) -> CurveError:

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate, find_candidates, find_groups, find_pieces, gap_px
-from vfplan.curve.centreline import MeasuredStroke, runs
+from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.coverage import HUES, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError
 from vfplan.geometry import filters
+from vfplan.geometry.lines import runs
 
 DESCRIBED = 8
 """Lines that an error message describes."""

@@ -1,12 +1,11 @@
-"""Lengths, normals and even steps along a line of points.
+"""Lines of points: lengths, normals, even steps, runs, and cubic splines.
 
-Cubic splines through points, and smoothed between them.
-
-They stand here because importing scipy.interpolate takes a third of the time of planning a fixture.
+The splines stand here because importing scipy.interpolate takes a third of the time of planning a fixture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,3 +184,19 @@ def solve_banded(band: Array, right: Array) -> Array:
     for k in range(blocks - 2, -1, -1):
         solution[k] -= carried[k] @ solution[k + 1]
     return solution.reshape(blocks * BLOCK, -1)[:count]
+
+
+def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+    """Indices of each run of flags; on a ring a run may lead through the seam."""
+    if not flags.any():
+        return
+    shift = int(np.argmin(flags)) if closed else 0
+    rolled = np.roll(flags, -shift)
+    edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
+    for start, stop in edges:
+        yield (np.arange(start, stop) + shift) % len(flags)
+
+
+def plane_normal(axes: Array) -> Array:
+    """(3,) perpendicular to the first two columns of `axes` (3, k), as long as their area."""
+    return np.cross(axes[:, 0], axes[:, 1])

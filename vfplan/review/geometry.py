@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.centreline import drawn_length, runs
+from vfplan.curve.centreline import drawn_length
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
+from vfplan.geometry.lines import runs
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk

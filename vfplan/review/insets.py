@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.centreline import runs
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import arc_lengths
+from vfplan.geometry.lines import arc_lengths, runs
 from vfplan.images.read import as_uint8
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, CONTENT_WIDTH, MARGIN, STRONG, Box, Paper

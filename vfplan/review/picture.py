@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.centreline import runs
 from vfplan.display import nice_length
 from vfplan.fixture import Stroke
+from vfplan.geometry.lines import runs
 from vfplan.review import paper
 from vfplan.review.insets import INSET_PX, draw_distance, ends_of
 from vfplan.review.paper import (
