@@ -1,6 +1,6 @@
 """Lines of points: lengths, normals, even steps, runs, and cubic splines.
 
-The splines stand here because importing scipy.interpolate takes a third of the time of planning a fixture.
+The splines are our own, because importing scipy.interpolate takes a third of the time of a plan.
 """
 
 from __future__ import annotations
