@@ -40,5 +40,7 @@ def test_the_code_stays_below_its_ceiling(folders):
 
 def test_a_line_of_code_is_no_comment_and_no_docstring(tmp_path):
     path = tmp_path / "three.py"
-    path.write_text('"""Told."""\n\n# Why.\ndef f():\n    """Told\n    twice."""\n    return (1,\n2)\n')
+    path.write_text(
+        '"""Told."""\n\n# Why.\ndef f():\n    """Told\n    twice."""\n    return (1,\n2)\n'
+    )
     assert code_lines(path, ast.parse(path.read_text())) == 3

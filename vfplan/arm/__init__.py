@@ -3,7 +3,3 @@
 A leaf room: no other package imports it. Its command is `vfplan rehearse`. It needs the extra
 `[arm]` (MuJoCo), and no screen and no network.
 """
-
-from __future__ import annotations
-
-__all__ = ["ARMS", "Arm", "Rehearsal", "rehearse"]

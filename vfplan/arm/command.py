@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 @options_in_order(
     options.FIXTURE,
     options.SESSION,
-    output_option(
-        "Write the result of each tick of the simulated tip to this HDF5 file.", required=False
-    ),
+    output_option("Write the result of each tick of the simulated tip to this HDF5 file.",
+                  required=False),
     option("--arm", default="panda", metavar="panda|fr3|FILE.xml",
            help="Use this shipped arm, or an MJCF file of hinges with a site `tip`."),
     options.robot_option("Take the limits of this robot.  [default: the shipped arm's]"),
@@ -84,23 +83,18 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
         if index is not None:
             from vfplan.arm.figures import page
 
-            facts = {
-                "command": command_line(),
-                "fixture": fixture.name,
-                "fixture's SHA-256": seal.describe()["sha256"],
-            }
+            facts = {"command": command_line(), "fixture": fixture.name,
+                     "fixture's SHA-256": seal.describe()["sha256"]}  # fmt: skip
             write_whole(index, [page(rehearsal, facts).encode("utf-8")], overwrite=True)
 
     # What to do now.
     warnings += options.not_compared_warnings(seal.describe(), arguments)
     metrics = rehearsal.metrics
-    lines = [rehearsed_text(metrics)]
-    for path in (output, picture_out, index_path):
-        if path is not None:
-            lines.append(f"wrote {path}")
+    written = [f"wrote {path}" for path in (output, picture_out, index_path) if path is not None]
+    text = "\n".join([rehearsed_text(metrics), *written])
     if rehearsal.passed:
         return CommandResult(
-            metrics, "\n".join(lines), warnings=warnings,
+            metrics, text, warnings=warnings,
             verdict=f"pass: {arm.name} reaches every place, and nothing stops it",
             next_step="rehearse with --arm and --base as the robot really stands, then sign",
         )  # fmt: skip
@@ -110,8 +104,8 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
         verdict = f"fail: {arm.name} does not reach every place"
         next_step = "move the arm with --base, or bring the fixture closer"
     return CommandResult(
-        metrics, "\n".join(lines), warnings=warnings, failed=objections(metrics)[0],
-        verdict=verdict, next_step=next_step,
+        metrics, text, warnings=warnings, failed=objections(metrics)[0], verdict=verdict,
+        next_step=next_step,
     )  # fmt: skip
 
 
@@ -129,11 +123,10 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
     rate = 1 / float(np.median(np.diff(whole.time)))
     if abs(rate / rate_hz - 1) < SAME_RATE:
         return whole, []
-    warning = (
+    warnings = [
         f"{path}: was sampled at {rate:.6g} Hz and is resampled to the arm's {rate_hz:g} Hz by "
         "straight lines. Record at the arm's rate where that matters"
-    )
-    warnings = [warning]
+    ]
     recording = SamplingReport()
     recording.update(whole.time, whole.hip)
     recorded = recording.report()
@@ -151,16 +144,13 @@ def rehearsed_text(metrics: dict[str, Any]) -> str:
     reached = "every place" if metrics["reachable"] else "NOT every place"
     lines = [
         f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
-        f"{reached} reached"
-    ]
-    lines.append(
+        f"{reached} reached",
         f"force        max {metrics['force_max_n']:.3f} N, step max "
         f"{metrics['force_step_max_n']:.3f} N; penetration max "
-        f"{millimetres(metrics['penetration_max_m'])}"
-    )
-    if is_verbose():
-        lines += statistics_lines(metrics)
-    return "\n".join([*lines, *objections(metrics)])
+        f"{millimetres(metrics['penetration_max_m'])}",
+    ]
+    statistics = statistics_lines(metrics) if is_verbose() else []
+    return "\n".join([*lines, *statistics, *objections(metrics)])
 
 
 def statistics_lines(metrics: dict[str, Any]) -> list[str]:
@@ -177,16 +167,17 @@ def statistics_lines(metrics: dict[str, Any]) -> list[str]:
             f"joints       {metrics['joint_margin_min_rad']:.3f} rad to the end of joint "
             f"{metrics['joint_margin_min_joint']}'s range"
         )
-    line = f"postures     condition at most {condition:.2f}; mass at the tip from "
-    line += f"{metrics['mass_min_kg']:.2f} kg"
+    stable = ""
     if "k_max_n_per_m" in metrics:
-        line += (
+        stable = (
             f", stable there up to {metrics['k_max_n_per_m']:.0f} N/m "
             f"({metrics['k_n_per_m']:.0f} N/m rendered)"
         )
-    lines.append(line)
-    if "governor" in metrics:
-        governor = metrics["governor"]
+    lines.append(
+        f"postures     condition at most {condition:.2f}; mass at the tip from "
+        f"{metrics['mass_min_kg']:.2f} kg{stable}"
+    )
+    if governor := metrics.get("governor"):
         lines.append(
             f"governor     up to {governor['held_back_max_n']:.3f} N held back in "
             f"{governor['held_ticks']} ticks, work {millijoules(governor['work_j'])}"
@@ -196,14 +187,13 @@ def statistics_lines(metrics: dict[str, Any]) -> list[str]:
 
 def objections(metrics: dict[str, Any]) -> list[str]:
     """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
-    lines = []
-    for place in metrics.get("unreached", [])[:MAX_LISTED]:
-        lines.append(f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short")
+    lines = [
+        f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"
+        for place in metrics.get("unreached", [])[:MAX_LISTED]
+    ]
     for stop in metrics["reflexes"]:
-        line = f"would stop: {stop['kind']}"
-        if "joint" in stop:
-            line += f" of joint {stop['joint']}"
-        line += f" at tick {stop['tick']}"
+        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
+        line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
         if "s_m" in stop:
             line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
         if "value" in stop:

@@ -1,7 +1,4 @@
-"""The page about a rehearsal: verdict, numbers, the arm over the fixture, its forces over time.
-
-A rehearsal in pictures: force against depth, the arm over the fixture, and forces over time.
-"""
+"""A rehearsal in pictures, and the page about it: verdict, numbers, the arm, forces over time."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm.rehearsal import Rehearsal
-from vfplan.display import MAX_DRAWN, MM
+from vfplan.display import MAX_DRAWN, MM, millimetres
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.clearance import CONTACT_M, row_norms
@@ -47,8 +44,8 @@ def depth(rehearsal: Rehearsal) -> Figure:
     expected = stiffness * deepest_mm / MM
     axes.plot([-deepest_mm, 0, deepest_mm], [expected, 0, expected], color=FORCE, lw=0.8, ls="--",
               label=f"K = {stiffness:.0f} N/m")  # fmt: skip
-    axes.set_xlabel("depth [mm], one face to the right, the other to the left")
-    axes.set_ylabel("commanded force [N]")
+    axes.set(xlabel="depth [mm], one face to the right, the other to the left",
+             ylabel="commanded force [N]")  # fmt: skip
     axes.legend()
     return figure
 
@@ -58,16 +55,11 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     figure, axes = subplots(6.6, 5.6, subplot_kw={"projection": "3d"})
     arm = rehearsal.arm
     motion = rehearsal.motion
-    outlines = []
-    for k in np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int):
-        outlines.append(arm_outline(rehearsal, motion.q[k]))
+    drawn = np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int)
+    outlines = [arm_outline(rehearsal, q) for q in motion.q[drawn]]
     for k, line in enumerate(outlines):
-        label = None
-        alpha = 0.25
-        if k == 0:
-            label = f"{arm.name}, at the start"
-            alpha = 0.85
-        axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, alpha=alpha, label=label)
+        look = {"alpha": 0.25} if k else {"alpha": 0.85, "label": f"{arm.name}, at the start"}
+        axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
     path = motion.tip[:: len(motion.tip) // MAX_DRAWN + 1]
@@ -124,23 +116,19 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
         (torque, np.abs(motion.torque), robot.torque_limit_nm, "torque"),
         (step, steps, robot.torque_step_limit_nm, "torque step"),
     ):
-        scale = np.ones(arm.joints)
-        if limits is not None:
-            scale = np.asarray(limits)
+        scale = np.ones(arm.joints) if limits is None else limits
         for j in range(arm.joints):
             axes.plot(time, values[:, j] / scale[j], lw=0.8, label=f"{j + 1}")
         axes.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
         axes.set_ylabel(f"{name}\n/ limit")
-    step.set_yscale("log")
-    step.set_ylim(1e-5, None)
+    step.set(yscale="log", ylim=(1e-5, None))
     torque.legend(ncols=arm.joints, title="joint")
 
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
     for j in range(arm.joints):
         joint_range.plot(time, to_limit[:, j], lw=0.8)
     joint_range.axhline(0.0, color=CONTACT, lw=1.0, ls="--")
-    joint_range.set_ylabel("to the end of the\njoint's range [rad]")
-    joint_range.set_xlabel("time [s]")
+    joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:
         for axes in (force, torque, step, joint_range):
             axes.axvline(time[stop["tick"]], color=CONTACT, lw=0.8)
@@ -159,34 +147,27 @@ def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
     in_space = picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
     over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")
-    parts = [
+    return document(title, "\n".join([
         f"<header><h1>{title}</h1>{verdict}</header>",
         facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
         section("What would stop the arm", stops_table(metrics)),
         section("In space", in_space),
         section("Over time", over_time),
         section("Numbers", numbers_table(metrics)),
-    ]
-    return document(title, "\n".join(parts))
+    ]))  # fmt: skip
 
 
 def stops_table(metrics: dict[str, Any]) -> str:
     """Each limit that was crossed and each place out of reach, a row each."""
     rows = []
     for stop in metrics["reflexes"]:
-        value = ""
-        limit = ""
-        along = ""
-        if "value" in stop:
-            value = f"{stop['value']:.4g}"
-        if "limit" in stop:
-            limit = f"{stop['limit']:g}"
-        if "s_m" in stop:
-            along = f"{1e3 * stop['s_m']:.1f}"
+        value = f"{stop['value']:.4g}" if "value" in stop else ""
+        limit = f"{stop['limit']:g}" if "limit" in stop else ""
+        along = f"{1e3 * stop['s_m']:.1f}" if "s_m" in stop else ""
         joint = str(stop.get("joint", ""))
         rows.append([str(stop["tick"]), escape(stop["kind"]), joint, value, limit, along])
     for place in metrics.get("unreached", []):
-        short = f"{1e3 * place['left_m']:.1f} mm short"
+        short = f"{millimetres(place['left_m'], 1)} short"
         rows.append([str(place["tick"]), "not reached", "", short, "", ""])
     if not rows:
         return "<p>Nothing.</p>"
@@ -195,13 +176,10 @@ def stops_table(metrics: dict[str, Any]) -> str:
 
 def numbers_table(metrics: dict[str, Any]) -> str:
     """The numbers of the report, a row each."""
-    flat = dict(metrics)
-    for name, value in metrics.get("governor", {}).items():
-        flat[f"governor.{name}"] = value
-    rows = []
-    for name, value in flat.items():
-        if isinstance(value, float):
-            rows.append([escape(name), f"{value:.6g}"])
-        elif isinstance(value, (int, str)):
-            rows.append([escape(name), escape(str(value))])
+    governor = metrics.get("governor", {})
+    flat = metrics | {f"governor.{name}": value for name, value in governor.items()}
+    rows = [
+        [escape(name), f"{value:.6g}" if isinstance(value, float) else escape(str(value))]
+        for name, value in flat.items() if isinstance(value, (float, int, str))
+    ]  # fmt: skip
     return table(["number", "value"], rows)

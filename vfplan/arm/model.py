@@ -1,9 +1,8 @@
 """A jointed arm: where its tip is, how it gets somewhere, what mass is felt there.
 
-An arm's model file: a shipped one, or the user's, which is read as what it is: untrusted text.
-
-A model may name only what an arm without shapes needs. Nothing that opens another file, runs a
-plugin or multiplies itself is let through to MuJoCo.
+Its model file is a shipped one, or the user's, which is read as what it is: untrusted text.
+It may name only what an arm without shapes needs. Nothing that opens another file, runs a plugin or
+multiplies itself is let through to MuJoCo.
 """
 
 from __future__ import annotations
@@ -66,10 +65,8 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
     try:
         data = read_whole(Path(choice), MAX_SETTINGS_BYTES)
     except InputError as error:
-        known = ", ".join(shipped)
-        raise InputError(
-            f"{error.message}, or give {known} or an MJCF file", where=str(choice)
-        ) from None
+        advice = f"or give {', '.join(shipped)} or an MJCF file"
+        raise InputError(f"{error.message}, {advice}", where=str(choice)) from None
     check(data, str(choice))
     try:
         return module.MjModel.from_xml_string(data.decode("utf-8"))
@@ -82,8 +79,7 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
 def check(data: bytes, where: str) -> None:
     """Raise `InputError` for the first thing in an MJCF that is not allowed here."""
     parser = expat.ParserCreate()
-    node_count = 0
-    depth = 0
+    node_count = depth = 0
 
     def refuse(what: str) -> None:
         raise InputError(
@@ -193,21 +189,19 @@ class Arm:
         base: Sequence[float] | None = None,
         tool: Sequence[float] = (0.0, 0.0, 0.1),
     ) -> None:
-        if robot is None:
-            if str(choice) not in ARMS and not Path(choice).exists():
+        if robot is None and str(choice) not in ARMS:
+            if not Path(choice).exists():
                 raise SettingError(
                     f"there is no arm {choice}, and no file of that name. Give "
                     f"{', '.join(ARMS)} or an MJCF file",
                     code="arm-unknown",
                 )
-            if str(choice) not in ARMS:
-                raise SettingError(
-                    f"arm {choice} has no limits of its own. Name a robot with --robot",
-                    code="arm-without-robot",
-                )
-            robot = read_robot(ARMS[str(choice)])
+            raise SettingError(
+                f"arm {choice} has no limits of its own. Name a robot with --robot",
+                code="arm-without-robot",
+            )
         self.name = str(choice)
-        self.robot = robot
+        self.robot = robot = robot or read_robot(ARMS[self.name])
         self._mj = mujoco()
         self.model = compile_model(choice, tuple(ARMS))
         self.site = tip_site(self.model, robot, self.name)
@@ -222,11 +216,9 @@ class Arm:
         self.joints = int(self.model.nv)
         self.low, self.high = self.model.jnt_range.T.copy()
         is_endless = self.model.jnt_limited == 0
-        self.low[is_endless] = -np.inf
-        self.high[is_endless] = np.inf
-        self.ready = np.clip(self.model.qpos0, self.low, self.high)
-        if self.model.nkey:
-            self.ready = self.model.key_qpos[0].copy()
+        self.low[is_endless], self.high[is_endless] = -np.inf, np.inf
+        ready = np.clip(self.model.qpos0, self.low, self.high)
+        self.ready = self.model.key_qpos[0].copy() if self.model.nkey else ready
         self._jacobian = np.zeros((6, self.joints))
 
     def hold(self, q: ArrayLike) -> None:
@@ -266,8 +258,7 @@ class Arm:
         self, place: Array, rotation: Array, q: Array, weights: Array
     ) -> tuple[Array, float]:
         """The best joint angles on the descent from q, and the tip's distance to the place."""
-        best_q = q
-        best_distance = np.inf
+        best_q, best_distance = q, np.inf
         for _ in range(KINEMATICS_STEPS):
             self.data.qpos[:] = q
             self._mj.mj_kinematics(self.model, self.data)
@@ -276,8 +267,7 @@ class Arm:
             difference = place - tip
             distance = float(np.linalg.norm(difference))
             if distance < best_distance:
-                best_q = q
-                best_distance = distance
+                best_q, best_distance = q, distance
             J = weights * jacobian
             turn = rotation_error(rotation, tip_rotation)
             error = weights[:, 0] * np.concatenate((difference, turn))
@@ -303,10 +293,9 @@ class Arm:
 
     def inertia(self) -> Array:
         """(n, n) the joint-space inertia M of the posture it holds [kg·m²]."""
-        columns = np.eye(self.joints)
         out = np.zeros((self.joints, self.joints))
-        for j in range(self.joints):
-            self._mj.mj_mulM(self.model, self.data, out[j], columns[j])
+        for row, column in zip(out, np.eye(self.joints), strict=True):
+            self._mj.mj_mulM(self.model, self.data, row, column)
         return out
 
 
@@ -340,9 +329,7 @@ def tip_site(model: Any, robot: Robot, name: str) -> int:
 
 def move_base(model: Any, pose: Array) -> None:
     """Move every body that stands on the ground by the base's pose (3,) or (7,)."""
-    quaternion = np.array([1.0, 0, 0, 0])
-    if len(pose) == 7:
-        quaternion = pose[3:]
+    quaternion = pose[3:] if len(pose) == 7 else np.array([1.0, 0, 0, 0])
     length = np.linalg.norm(quaternion)
     if not length > 1e-6:
         raise SettingError(
@@ -353,8 +340,7 @@ def move_base(model: Any, pose: Array) -> None:
     for body in range(1, model.nbody):
         if model.body_parentid[body]:
             continue
-        position = np.zeros(3)
-        rotation = np.zeros(4)
+        position, rotation = np.zeros(3), np.zeros(4)
         mujoco().mju_rotVecQuat(position, model.body_pos[body], quaternion)
         mujoco().mju_mulQuat(rotation, quaternion, model.body_quat[body])
         model.body_pos[body] = pose[:3] + position

@@ -1,12 +1,9 @@
 """rehearse(fixture, session): will this arm render this fixture with this hand?
 
-The loop of a rehearsal: a hand moves a simulated arm that renders a fixture, tick by tick.
-
-One tick: read the tip, let the engine answer, govern, and turn the force into torques, which act
-`delay_ticks` later; the hand, which is no computer, acts at once. Gravity is compensated, as the
-arm does by itself; Coulomb and viscous friction are the joints' own.
-
-What would have made the arm stop: each kind, each joint, the first tick of it.
+A hand moves a simulated arm that renders a fixture, tick by tick. One tick: read the tip, let the
+engine answer, govern, and turn the force into torques, which act `delay_ticks` later; the hand,
+which is no computer, acts at once. Gravity is compensated, as the arm does by itself; Coulomb and
+viscous friction are the joints' own.
 """
 
 from __future__ import annotations
@@ -101,13 +98,8 @@ class ArmMotion:
         """Rows of zeros, to be filled."""
         in_space = np.zeros((6, ticks, 3))
         of_joints = np.zeros((3, ticks, joints))
-        return cls(
-            *in_space,
-            *of_joints,
-            state=np.zeros(ticks, np.int8),
-            status=np.zeros(ticks, np.uint8),
-            governed=np.zeros(ticks, np.uint8),
-        )
+        status, governed = np.zeros((2, ticks), np.uint8)
+        return cls(*in_space, *of_joints, np.zeros(ticks, np.int8), status, governed)
 
     def first(self, ticks: int) -> ArmMotion:
         """The first rows."""
@@ -131,26 +123,21 @@ def run_loop(
     """
     # Everything that a tick needs is bound to a name here: the loop runs a thousand times a second.
     mj = mujoco()
-    model = arm.model
-    data = arm.data
+    model, data, site, joints = arm.model, arm.data, arm.site, arm.joints
     ticks = len(places)
-    joints = arm.joints
     rows = ArmMotion.empty(ticks, joints)
-    torque_limit = None
-    if arm.robot.torque_limit_nm is not None:
-        torque_limit = np.asarray(arm.robot.torque_limit_nm)
+    torque_limit = np.asarray(arm.robot.torque_limit_nm or np.inf)
     place_speed = np.gradient(places, 1 / arm.robot.rate_hz, axis=0)
     arm.hold(start)
     tip, rotation, jacobian = arm.read_tip()
-    position_jacobian = jacobian[:3]
-    rotation_jacobian = jacobian[3:]
-    jacobian_transposed = jacobian.T
+    position_jacobian, rotation_jacobian, jacobian_transposed = (
+        jacobian[:3],
+        jacobian[3:],
+        jacobian.T,
+    )
     joint_speed = data.qvel
-    site = arm.site
-    wrench = np.zeros(6)
-    twist = np.zeros(3)
-    start_quaternion = np.zeros(4)
-    quaternion = np.zeros(4)
+    wrench, twist = np.zeros(6), np.zeros(3)
+    start_quaternion, quaternion = np.zeros((2, 4))
     mj.mju_mat2Quat(start_quaternion, rotation.ravel())
     engine_step = engine.native.step
     native_governor = governor.native if governor is not None else None
@@ -171,10 +158,7 @@ def run_loop(
                 rows.rendered[k], position_jacobian
             )
             rows.torque[k] = native_governor.torque(joints)
-        torque = rows.torque[k]
-        if torque_limit is not None:
-            torque = np.minimum(np.maximum(torque, -torque_limit), torque_limit)
-        delayed.append(torque)
+        delayed.append(np.minimum(np.maximum(rows.torque[k], -torque_limit), torque_limit))
 
         # The hand: a force to the place, and a torque against turning.
         mj.mju_mat2Quat(quaternion, data.site_xmat[site])
@@ -227,8 +211,7 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
             note_first(stops, kind, over, values[:, j], limit, joint=j + 1)
     for j in range(arm.joints):
         angles = motion.q[:, j]
-        high = float(arm.high[j])
-        low = float(arm.low[j])
+        low, high = float(arm.low[j]), float(arm.high[j])
         note_first(stops, "joint_position", angles > high, angles, high, joint=j + 1)
         note_first(stops, "joint_position", angles < low, angles, low, joint=j + 1)
     tip_speed = row_norms(np.diff(motion.tip, axis=0, append=motion.tip[-1:])) * robot.rate_hz
@@ -238,30 +221,20 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
     ):
         if limit is not None:
             note_first(stops, kind, values > limit, values, limit)
-    last = len(motion.q) - 1
-    if not np.abs(motion.speed[last]).max() < LOST_SPEED_RAD_S:
-        stops.append({"tick": last, "kind": "lost"})
+    if not np.abs(motion.speed[-1]).max() < LOST_SPEED_RAD_S:
+        stops.append({"tick": len(motion.q) - 1, "kind": "lost"})
     return sorted(stops, key=lambda stop: (stop["tick"], stop["kind"]))
 
 
 def note_first(
-    stops: list[SafetyStop],
-    kind: str,
-    is_over: NDArray[np.bool_],
-    values: Array,
-    limit: float,
-    joint: int | None = None,
-) -> None:
-    """Append the first tick at which a limit is crossed, if there is one."""
+    stops: list[SafetyStop], kind: str, is_over: NDArray[np.bool_], values: Array, limit: float,
+    **joint: int,
+) -> None:  # fmt: skip
+    """Append the first tick at which a limit is crossed, if there is one; `joint` if it has one."""
     ticks = np.flatnonzero(is_over)
-    if not len(ticks):
-        return
-    tick = int(ticks[0])
-    stop: SafetyStop = {"tick": tick, "kind": kind}
-    if joint is not None:
-        stop["joint"] = joint
-    stop |= {"value": float(values[tick]), "limit": limit, "ticks": len(ticks)}
-    stops.append(stop)
+    if len(ticks):
+        found = {"value": float(values[ticks[0]]), "limit": limit, "ticks": len(ticks)}
+        stops.append({"tick": int(ticks[0]), "kind": kind, **joint, **found})
 
 
 PLACES = 100
@@ -354,8 +327,7 @@ def rehearse(
     )  # fmt: skip
 
     # The figures.
-    posture_ticks = np.linspace(0, tick_count - 1, min(PLACES, tick_count)).astype(np.intp)
-    posture_ticks = np.unique(posture_ticks)
+    posture_ticks = np.unique(np.linspace(0, tick_count - 1, PLACES).astype(np.intp))
     postures = [arm.posture(motion.q[k]) for k in posture_ticks]
     clearance = clearance_of(fixture, engine.rule)
     clearance.update(motion.proxy)
@@ -437,8 +409,7 @@ def reach_places(
             # Perhaps it is reached from another posture.
             other_q, other_distance = arm.inverse_kinematics(place, rotation, arm.ready)
             if other_distance < distance:
-                q = other_q
-                distance = other_distance
+                q, distance = other_q, other_distance
         if start is None:
             start = q
         if distance > REACHED_M:

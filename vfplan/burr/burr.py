@@ -1,8 +1,7 @@
 """Burring: a ball at the tip removes the points that it reaches, and deeper ones appear.
 
-This demonstrates editing; the removal is a ball's, not a bone's.
-
-What a burr removed, seen from the tool's side, and how the force went.
+This demonstrates editing; the removal is a ball's, not a bone's. A figure shows what was removed,
+seen from the tool's side, and how the force went.
 """
 
 from __future__ import annotations
@@ -85,9 +84,7 @@ class Burr:
         self._radius = radius
         self._reach = radius - tolerance
         self._axis = axis
-        self._first_points = points
-        if axis is not None:
-            self._first_points = points - np.outer(points @ axis, axis)
+        self._first_points = points if axis is None else points - np.outer(points @ axis, axis)
         self._tree = cKDTree(self._first_points)
         self._normals = np.zeros_like(points)
         # The engine's number of each point, and that of the next one
@@ -121,9 +118,7 @@ class Burr:
             outwards = self._normals[neighbours].sum(axis=0)
             if not outwards.any():
                 outwards = proxy - place
-            if normal @ outwards < 0:
-                normal = -normal
-            self._normals[k] = normal
+            self._normals[k] = -normal if normal @ outwards < 0 else normal
 
         # Each point moves down its normal until it lies on the ball.
         normals = self._normals[reached]
@@ -137,12 +132,9 @@ class Burr:
 
 
 def burr(
-    fixture: Fixture,
-    session: Session,
-    radius_m: float,
-    *,
+    fixture: Fixture, session: Session, radius_m: float, *,
     done: Callable[[int], None] = lambda ticks: None,
-) -> Burred:
+) -> Burred:  # fmt: skip
     """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
 
     Raises
@@ -233,23 +225,20 @@ def burr_figure(burred: Burred) -> Figure:
     """What was removed, from above and in a section, and the force over time."""
     figure = new_figure(7.5, 6.0)
     axis = burred.replayed.fixture.ignore_axis
+    mosaic = [["above", "section"] if axis is None else ["plane", "plane"], ["below", "below"]]
     with style():
-        grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
-        below = figure.add_subplot(grid[1, :])
-        if axis is not None:
-            plane = figure.add_subplot(grid[0, :])
-        else:
-            above = figure.add_subplot(grid[0, 0])
-            section = figure.add_subplot(grid[0, 1])
-    if axis is not None:
+        places = figure.subplot_mosaic(mosaic, height_ratios=(3, 2))
+    if axis is None:
+        draw_in_space(figure, places["above"], places["section"], burred)
+    else:
+        plane = places["plane"]
         everything = np.ones(len(burred.before), bool)
         middle = burred.before.mean(axis=0)
         draw_points(plane, burred, plane_basis(axis), middle, everything)
         plane.set(title="in its plane", xlabel="[mm]", ylabel="[mm]", aspect="equal")
-    else:
-        draw_in_space(figure, above, section, burred)
 
     ticks = burred.replayed.ticks
+    below = places["below"]
     below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
     times = ticks.time[np.minimum(burred.tick, len(ticks.time) - 1)]
     removed = np.cumsum([len(event.remove) for event in burred.events])
@@ -266,13 +255,12 @@ def draw_in_space(figure: Figure, above: Axes, section: Axes, burred: Burred) ->
     moved = burred.before - burred.after
     depth = row_norms(moved)
     is_lowered = depth > 0
-    up = moved.sum(axis=0)
-    middle = burred.after.mean(axis=0)
     if is_lowered.any():
-        up = up / np.linalg.norm(up)
+        up = moved.sum(axis=0)
+        up /= np.linalg.norm(up)
         middle = burred.after[is_lowered].mean(axis=0)
     else:
-        up = np.array([0.0, 0.0, 1.0])
+        up, middle = np.array([0.0, 0.0, 1.0]), burred.after.mean(axis=0)
     sides = np.linalg.svd(up[None])[2][1:]
     flat = MM * (burred.after - middle) @ sides.T
 

@@ -58,31 +58,26 @@ def vfplan_burr(
             save_png(burr_figure(burred), picture)
 
     metrics = burred.metrics
-    warnings = options.not_compared_warnings(seal.describe(), arguments)
-    for finding in metrics["findings"]:
-        if finding["code"] == "burr-held":
-            warnings.append(finding["message"])
-    lines = [burr_text(metrics)]
-    for path in (output, events_out, picture_out):
-        if path is not None:
-            lines.append(f"wrote {path}")
+    warnings = options.not_compared_warnings(seal.describe(), arguments) + [
+        finding["message"] for finding in metrics["findings"] if finding["code"] == "burr-held"
+    ]
+    written = [f"wrote {path}" for path in (output, events_out, picture_out) if path is not None]
+    text = "\n".join([burr_text(metrics), *written])
     figures = metrics["burr"]
     if not figures["replayed_to_the_bit"]:
         return CommandResult(
-            metrics, "\n".join(lines), warnings=warnings,
-            failed="the replay of the edits gives other forces",
+            metrics, text, warnings=warnings, failed="the replay of the edits gives other forces",
             verdict="fail: the replay of the edits gives other forces",
             next_step="report it with both files; edits must replay to the bit",
         )  # fmt: skip
     if not figures["burring_ticks"]:
         return CommandResult(
-            metrics, "\n".join(lines), warnings=warnings,
-            verdict="not-tested: the ball removed nothing",
+            metrics, text, warnings=warnings, verdict="not-tested: the ball removed nothing",
             next_step="press deeper than the contact radius less the ball's, or take a larger "
             "--radius",
         )  # fmt: skip
     return CommandResult(
-        metrics, "\n".join(lines), warnings=warnings,
+        metrics, text, warnings=warnings,
         verdict=f"burred {figures['places_lowered']} places, up to "
         f"{millimetres(figures['deepest_m'], 2)} deep",
         next_step=f"draw it, and keep the edits for vfplan replay: {command_line()} "

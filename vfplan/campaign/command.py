@@ -114,8 +114,7 @@ def vfplan_campaign(
     elapsed_s = time.perf_counter() - started
     question, table = read_campaign(folder, trials)
     data = summary(question, table, [1e-3 * mm for mm in beyond], list(margin_for))
-    data["trials_made"] = new_trials
-    data["trials_per_minute"] = 60 * new_trials / elapsed_s
+    data |= {"trials_made": new_trials, "trials_per_minute": 60 * new_trials / elapsed_s}
     lines = campaign_lines(data)
     if picture_out is not None:
         from vfplan.campaign.statistics import draw_campaign
@@ -137,7 +136,7 @@ def vfplan_campaign(
         f"p = {entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
     )
     next_step = f"more trials bound the margin from above: {command_line()} --trials {4 * trials}"
-    for margin in data.get("margin_for", ()):
+    for margin in data["margin_for"]:
         if margin["high"] is not None:
             words = ["--margin", f"p={margin['p']:g}", "--campaign", str(folder)]
             next_step = (
@@ -158,16 +157,15 @@ def campaign_lines(data: dict[str, Any]) -> list[str]:
             f"touched the fixture in {data['trials_in_contact']}"
         )
     lines = [line]
-    for entry in data["p_enter"]:
-        lines.append(
-            f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
-            f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
-        )
-    for margin in data.get("margin_for", ()):
-        low = f"{margin['low']:.3f}" if margin["low"] is not None else "0"
-        high = "no trial bounds it from above"
-        if margin["high"] is not None:
-            high = f"{margin['high']:.3f}"
+    lines += [
+        f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
+        f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
+        for entry in data["p_enter"]
+    ]
+    for margin in data["margin_for"]:
+        low, high = (margin[end] for end in ("low", "high"))
+        low = "0" if low is None else f"{low:.3f}"
+        high = "no trial bounds it from above" if high is None else f"{high:.3f}"
         lines.append(
             f"  margin for p < {margin['p']:g}: {margin['margin_mm']:.3f} mm (95 %: {low} to "
             f"{high})"

@@ -1,8 +1,6 @@
-"""Probabilities, quantiles and margins from trials, each with its 95 % interval.
+"""Probabilities, quantiles and margins from trials, each with its 95 % interval, and their picture.
 
-What `plan --margin p=P --campaign DIR` takes from a campaign.
-
-Where along the curve a tool goes beyond it, and how far.
+`plan --margin p=P --campaign DIR` takes its margin from here.
 """
 
 from __future__ import annotations
@@ -61,9 +59,8 @@ def entering(depth: Array, beyond_m: list[float]) -> list[dict[str, float]]:
     for beyond in beyond_m:
         hits = int((depth > beyond).sum())
         low, high = clopper_pearson(hits, len(depth))
-        entries.append(
-            {"beyond_mm": 1e3 * beyond, "p": hits / len(depth), "low": low, "high": high}
-        )
+        p = hits / len(depth)
+        entries.append({"beyond_mm": 1e3 * beyond, "p": p, "low": low, "high": high})
     return entries
 
 
@@ -76,15 +73,15 @@ def margins(
     So the margin for p is the (1 - p) quantile of the depth over this share, not less than 0.
     """
     ordered = np.sort(depth)
-    entries: list[dict[str, float | None]] = []
+
+    def margin_mm(depth_m: float | None) -> float | None:
+        return None if depth_m is None else 1e3 * max(0.0, depth_m) / share
+
+    entries = []
     for probability in probabilities:
-        entry: dict[str, float | None] = {"p": probability}
-        for name, depth_m in quantile(ordered, 1 - probability).items():
-            key = "margin_mm" if name == "value" else name
-            entry[key] = None
-            if depth_m is not None:
-                entry[key] = 1e3 * max(0.0, depth_m) / share
-        entries.append(entry)
+        depths = quantile(ordered, 1 - probability)
+        margin, low, high = (margin_mm(depths[name]) for name in ("value", "low", "high"))
+        entries.append({"p": probability, "margin_mm": margin, "low": low, "high": high})
     return entries
 
 
@@ -97,14 +94,10 @@ def summary(
     """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]
     ordered = np.sort(depth)
-    quantiles_mm = {}
-    for q in (0.5, 0.9, 0.95, 0.99):
-        entry: dict[str, float | None] = {}
-        for name, depth_m in quantile(ordered, q).items():
-            entry[name] = None
-            if depth_m is not None:
-                entry[name] = 1e3 * depth_m
-        quantiles_mm[f"{q:g}"] = entry
+    quantiles_mm = {
+        f"{q:g}": {name: None if m is None else 1e3 * m for name, m in quantile(ordered, q).items()}
+        for q in (0.5, 0.9, 0.95, 0.99)
+    }
     return {
         "trials": len(depth),
         "trials_in_contact": int((table["point"] >= 0).sum()),
@@ -192,10 +185,8 @@ def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, pa
             axes["along"].stairs(share_per_bin, edges, fill=True, color=CONTACT, alpha=0.7)
             axes["along"].set_axisbelow(True)
             axes["along"].set(xlabel="along the curve [mm]")
-        axes["along"].set(
-            ylabel="probability",
-            title=f"where the tool is over {1e3 * beyond_m:g} mm beyond",
-        )
+        axes["along"].set(ylabel="probability",
+                          title=f"where the tool is over {1e3 * beyond_m:g} mm beyond")  # fmt: skip
 
         # Probability of more than a depth, of the trials that touched the fixture.
         ordered = np.sort(1e3 * depth[point >= 0])

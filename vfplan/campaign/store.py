@@ -4,7 +4,7 @@
 hold 64 trials each, in the order of the trials. A later run with the same question continues there;
 another question is refused.
 
-The blocks of a campaign, made on this machine's cores or on a Dask cluster: the same bits.
+Blocks are made on this machine's cores or on a Dask cluster: the same bits.
 """
 
 from __future__ import annotations
@@ -62,14 +62,7 @@ def campaign_question(
         fixture.points, fixture.sigma, rendering.stiffness, rendering.ignore_axis,
         record.T_robot_image,
     ):  # fmt: skip
-        if values is None:
-            digest.update(b"-")
-        else:
-            digest.update(np.ascontiguousarray(values, float).tobytes())
-    session_digests = []
-    for session in sessions:
-        rows = np.ascontiguousarray(np.column_stack([session.time, session.hip]))
-        session_digests.append(hashlib.sha256(rows.data).hexdigest())
+        digest.update(b"-" if values is None else np.ascontiguousarray(values, float).tobytes())
     softest = min(settings.stiffness_range or rendering.stiffness)
     return {
         "format": FORMAT,
@@ -77,7 +70,10 @@ def campaign_question(
         "block": BLOCK,
         "fixture_sha256": digest.hexdigest(),
         "markers_sha256": markers_sha256(fixture),
-        "session_sha256": session_digests,
+        "session_sha256": [
+            hashlib.sha256(np.column_stack([session.time, session.hip]).tobytes()).hexdigest()
+            for session in sessions
+        ],
         "share": float(softest / (softest + settings.hand_stiffness)),
         "settings": settings.as_dict(),
     }
@@ -139,14 +135,11 @@ class Store:
             write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
             return
         stored = read_question(folder)
-        differing = []
-        for name in sorted(question.keys() | stored):
-            if question.get(name) != stored.get(name):
-                differing.append(name)
+        names = sorted(question.keys() | stored)
+        differing = [name for name in names if question.get(name) != stored.get(name)]
         if differing:
             raise OutputError(
-                f"holds a campaign that differs in {', '.join(differing)}. Name another "
-                "folder",
+                f"holds a campaign that differs in {', '.join(differing)}. Name another folder",
                 where=str(folder), code="another-campaign",
             )  # fmt: skip
 
@@ -156,12 +149,9 @@ class Store:
 
     def missing(self, block_count: int) -> list[int]:
         """Which of the first blocks are to be made; raises `InputError` where one is damaged."""
-        missing = []
-        for block in range(block_count):
-            if self.path(block).exists():
-                read_block(self.path(block), block)
-            else:
-                missing.append(block)
+        missing = [block for block in range(block_count) if not self.path(block).exists()]
+        for block in sorted(set(range(block_count)) - set(missing)):
+            read_block(self.path(block), block)
         return missing
 
     def store_block(self, block: int, rows: list[dict[str, Any]]) -> None:
@@ -196,17 +186,12 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     """
     question = read_question(folder)
     columns: dict[str, list[NDArray]] = {}
-    count = 0
-    block = 0
-    while trials is None or count < trials:
-        path = block_path(folder, block)
-        if not path.exists():
-            break
-        table = read_block(path, block)
-        for name, values in table.items():
+    count = block = 0
+    while (trials is None or count < trials) and (path := block_path(folder, block)).exists():
+        for name, values in read_block(path, block).items():
             columns.setdefault(name, []).append(values)
-        count += len(table["trial"])
         block += 1
+        count = block * BLOCK
     if not count or (trials is not None and count < trials):
         raise InputError(
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
@@ -243,15 +228,12 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
     import pyarrow
 
     data = read_whole(path, MAX_BLOCK_BYTES)
-    columns = {}
     try:
         table = parquet().read_table(BytesIO(data))
-        for name in table.column_names:
-            columns[name] = table.column(name).to_numpy()
+        columns = {name: table.column(name).to_numpy() for name in table.column_names}
         trials = columns["trial"]
-        for name in NUMBERS:
-            if not np.isfinite(columns[name]).all():
-                raise ValueError
+        if not all(np.isfinite(columns[name]).all() for name in NUMBERS):
+            raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError(
             "is a damaged block. Remove it to have it made anew", where=str(path),
@@ -260,8 +242,7 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
     first = block * BLOCK
     if not np.array_equal(trials, np.arange(first, first + BLOCK)):
         raise InputError(
-            f"does not hold trials {first} to {first + BLOCK - 1}. Remove it to have it made "
-            "anew",
+            f"does not hold trials {first} to {first + BLOCK - 1}. Remove it to have it made anew",
             where=str(path), code="damaged-block",
         )  # fmt: skip
     return columns
@@ -374,9 +355,7 @@ def blocks_on_cluster(
     try:
         client = Client(scheduler, timeout="20s", set_as_default=False)
     except (OSError, ValueError) as error:
-        reason = type(error).__name__
-        if str(error):
-            reason = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(
             f"no Dask scheduler answers: {reason}. Check the address", where=scheduler,
             code="no-scheduler",
@@ -384,9 +363,9 @@ def blocks_on_cluster(
     with client, client.as_current():
         # Without hash=False the data of two campaigns could count as one.
         scattered = client.scatter(trials, broadcast=True, hash=False)
-        futures = {}
-        for block in missing:
-            future = client.submit(make_block, scattered, block, pure=False, retries=4)
-            futures[future] = block
+        futures = {
+            client.submit(make_block, scattered, block, pure=False, retries=4): block
+            for block in missing
+        }
         results = completed_on_cluster(futures, with_results=True)
         yield ((futures[future], rows) for future, rows in results)

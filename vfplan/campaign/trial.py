@@ -10,8 +10,6 @@ at rest the tool is at x = (k_h w + K p) / (k_h + K). A recorded session holds x
 from the same equation with the proxy of the bundle as it is. In a trial the proxy is that of the
 recorded x: the tool moves across the surface, by less than the surface does, which leaves the
 nearest place on it where it was to second order.
-
-What a campaign varies: the errors of markers, hand and stiffness, and how a hand answers.
 """
 
 from __future__ import annotations
@@ -27,6 +25,7 @@ from numpy.typing import NDArray
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
+from vfplan.geometry.lines import runs
 from vfplan.registration.models import homogeneous, make_problem
 from vfplan.replaying.clearance import CONTACT_M, dots, row_norms
 from vfplan.session.session import Session
@@ -120,13 +119,8 @@ def fle_of(record: RegistrationRecord) -> float:
     SettingError
         Too few markers to estimate their error from.
     """
-    # The number of parameters that the markers determine.
-    if record.model == "rigid":
-        parameters = 6
-    elif record.model == "similarity":
-        parameters = 7
-    else:
-        parameters = 3 * (record.source.shape[1] + 1)
+    affine = 3 * (record.source.shape[1] + 1)
+    parameters = {"rigid": 6, "similarity": 7}.get(record.model, affine)
     degrees_of_freedom = record.source.shape[0] * 3 - parameters
     if degrees_of_freedom < 1:
         raise SettingError(
@@ -207,11 +201,8 @@ class Trials:
         self, fixture: Fixture, sessions: list[Session], settings: CampaignSettings
     ) -> None:
         record = checked_registration(fixture)
-        self.fixture = fixture
-        self.sessions = sessions
-        fle_m = settings.fle_robot_m
-        if fle_m is None:
-            fle_m = fle_of(record)
+        self.fixture, self.sessions = fixture, sessions
+        fle_m = fle_of(record) if settings.fle_robot_m is None else settings.fle_robot_m
         self.settings = replace(settings, fle_robot_m=fle_m)
 
         # The true markers: the image's, and where the registration puts them.
@@ -226,8 +217,7 @@ class Trials:
 
         spacing_m = None
         if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
-            spacing_mm = fixture.image.pixel_spacing_mm
-            spacing_m = (1e-3 * spacing_mm[0], 1e-3 * spacing_mm[1])
+            spacing_m = tuple(1e-3 * mm for mm in fixture.image.pixel_spacing_mm)
         self._markers = make_problem(
             self._source, self._target, record.model, spacing_m, None, None
         )
@@ -236,10 +226,8 @@ class Trials:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the engines, which belong to one process."""
-        state = dict(self.__dict__)
-        for name in ("_true_engine", "_wishes"):
-            state.pop(name, None)
-        return state
+        own = ("_true_engine", "_wishes")
+        return {name: value for name, value in vars(self).items() if name not in own}
 
     @property
     def dimension(self) -> int:
@@ -324,9 +312,7 @@ class Trials:
     def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Outcome:
         """Render these points (N, 3) [m] to the trial's hand, and measure how far the tool goes."""
         session, ahead, clearance = self._wishes[trial % len(self._wishes)]
-        hip = session.hip
-        stiffness = self.fixture.stiffness
-        hand = self.settings.hand_stiffness
+        hip, stiffness, hand = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
         if self.settings.stiffness_range is not None:
             stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
         if self.settings.tremor_m > 0:
@@ -335,16 +321,14 @@ class Trials:
         # Only where the tool is this close to the true curve can it touch the moved one.
         shift = float(row_norms(points - self.fixture.points).max())
         may_touch = clearance < shift + TREMOR_REACH * self.settings.tremor_m
-        edges = np.flatnonzero(np.diff(may_touch, prepend=False, append=False))
 
         engine = self._engine(points, stiffness)
         deepest = Deepest(NEVER_TOUCHED_M, hip[0])
-        force = 0.0
-        force_step = 0.0
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            engine.reset(hip[start])
-            trace = engine.run(hip[start:end])
-            wish = hip[start:end] + ahead[start:end]
+        force = force_step = 0.0
+        for run in runs(may_touch, closed=False):
+            engine.reset(hip[run[0]])
+            trace = engine.run(hip[run])
+            wish = hip[run] + ahead[run]
             tool = (hand * wish + stiffness * trace.proxy) / (hand + stiffness)
             forces = stiffness * (trace.proxy - tool)
             force = max(force, float(row_norms(forces).max()))
@@ -356,8 +340,7 @@ class Trials:
         point = -1
         if deepest.depth_m != NEVER_TOUCHED_M:
             difference = self.fixture.points - deepest.proxy
-            axis = self.fixture.ignore_axis
-            if axis is not None:
+            if (axis := self.fixture.ignore_axis) is not None:
                 difference -= np.outer(difference @ axis, axis)
             point = int(dots(difference, difference).argmin())
         return Outcome(deepest.depth_m, point, force, force_step)
