@@ -1,8 +1,7 @@
 """A fixture: its points, how they were drawn and where they came from; what it lacks is `None`.
 
-Nothing here reads or writes; the modules that do all speak in these types.
-
-What a bundle records beside its points: slice, rendering, guidance, registration, verdict.
+Nothing here reads or writes; the modules that do all speak in these types. What a bundle records
+beside the points comes first: slice, rendering, guidance, registration, review and verdict.
 """
 
 from __future__ import annotations
@@ -19,23 +18,6 @@ from vfplan.errors import SceneError
 from vfplan.findings import Finding
 from vfplan.geometry.lines import length_of, values_at
 from vfplan.io.files import now_utc
-
-__all__ = [
-    "FRAMES",
-    "Curve",
-    "Fixture",
-    "Frame",
-    "Guidance",
-    "Pieces",
-    "Provenance",
-    "RegistrationRecord",
-    "Rendering",
-    "Review",
-    "SourceImage",
-    "StabilityVerdict",
-    "Stroke",
-]
-
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 
@@ -327,9 +309,8 @@ class Stroke:
     @property
     def length(self) -> float:
         """Length of the line, of a closed one back to the first point."""
-        if self.known_length is not None:
-            return self.known_length
-        return length_of(self.points, self.closed)
+        known = self.known_length
+        return length_of(self.points, self.closed) if known is None else known
 
     @property
     def end_points(self) -> NDArray[np.float64]:
@@ -341,13 +322,10 @@ class Stroke:
 
         A place is bridged or edited as soon as one of its two neighbours is.
         """
-        sigma = self.sigma
-        if sigma is not None:
-            sigma = values_at(sigma, parameter)
         return replace(
             self,
             points=values_at(self.points, parameter),
-            sigma=sigma,
+            sigma=None if self.sigma is None else values_at(self.sigma, parameter),
             bridged=values_at(self.bridged.astype(float), parameter) > 0,
             edited=values_at(self.edited.astype(float), parameter) > 0,
             known_length=self.length,
@@ -385,15 +363,12 @@ class Curve:
         counts = [len(stroke.points) for stroke in strokes]
         bridged = np.concatenate([stroke.bridged for stroke in strokes])
         edited = np.concatenate([stroke.edited for stroke in strokes])
-        curve = cls(
+        return cls(
             np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
             np.array([bool(stroke.closed) for stroke in strokes]),
+            bridged=bridged if bridged.any() else None,
+            edited=edited if edited.any() else None,
         )
-        if bridged.any():
-            curve = replace(curve, bridged=bridged)
-        if edited.any():
-            curve = replace(curve, edited=edited)
-        return curve
 
 
 @dataclass(frozen=True)
@@ -431,21 +406,16 @@ class Provenance:
 
         if not isinstance(settings, dict):
             settings = asdict(settings)
-        flat = {
-            name: _as_text_or_number(value) for name, value in settings.items() if value is not None
-        }
+        flat = {name: _flat(value) for name, value in settings.items() if value is not None}
         return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 
-def _as_text_or_number(value: Any) -> str | float | int | bool:
+def _flat(value: Any) -> str | float | int | bool:
     """Lists as text, with commas between numbers and semicolons between lists."""
     if not isinstance(value, (tuple, list)):
         return value
-    separator = ","
-    for part in value:
-        if isinstance(part, (tuple, list)):
-            separator = ";"
-    return separator.join([str(_as_text_or_number(part)) for part in value])
+    separator = ";" if any(isinstance(part, (tuple, list)) for part in value) else ","
+    return separator.join(str(_flat(part)) for part in value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,14 +473,9 @@ class Fixture:
         strokes = []
         for number, closed in enumerate(self.curve.closed):
             rows = self.curve.stroke == number
-            stroke = Stroke(
-                self.points[rows],
-                bool(closed),
-                _rows_of(self.sigma, rows),
-                _rows_of(self.curve.bridged, rows),
-                _rows_of(self.curve.edited, rows),
-            )
-            strokes.append(stroke)
+            known = (self.sigma, self.curve.bridged, self.curve.edited)
+            known = [_rows_of(values, rows) for values in known]
+            strokes.append(Stroke(self.points[rows], bool(closed), *known))
         return tuple(strokes)
 
     @property
@@ -556,13 +521,8 @@ class Fixture:
             pieces,
             _rows_of(self.curve.edited, rows),
         )
-        return replace(
-            self,
-            points=self.points[rows],
-            sigma=_rows_of(self.sigma, rows),
-            curve=curve,
-            guidance=None,
-        )
+        sigma = _rows_of(self.sigma, rows)
+        return replace(self, points=self.points[rows], sigma=sigma, curve=curve, guidance=None)
 
     # How it is rendered. A fixture that is not rendered raises `AttributeError`.
     stiffness = property(attrgetter("_rendering.stiffness"), doc="(3,) K [N/m].")

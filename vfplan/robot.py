@@ -101,26 +101,21 @@ def read_robot(choice: str | Path | None) -> Robot | None:
             f"is no robot file: {error}. Correct its TOML", where=str(choice), code="robot-not-toml"
         ) from None
     check_robot(values, where=str(choice))
-    fields = {}
-    for name, value in values.items():
-        if isinstance(value, list):
-            value = tuple(value)
-        if name not in ("format", "version"):
-            fields[name] = value
+    fields = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in values.items() if name not in ("format", "version")
+    }  # fmt: skip
     return Robot(**fields)
 
 
 def check_robot(values: dict[str, Any], *, where: str) -> None:
     """Raise `InputError` for the first thing that the schema of the file's version forbids."""
-    version = values.get("version")
-    if "version" in values and version not in VERSIONS:
+    version = values.get("version", VERSIONS[-1])
+    if version not in VERSIONS:
         raise InputError(
             f"version is {version!r}. Give {' or '.join(map(repr, VERSIONS))}",
-            where=where,
-            code="robot-version",
-        )
-    if version is None:
-        version = VERSIONS[-1]
+            where=where, code="robot-version",
+        )  # fmt: skip
     schema = json.loads((SCHEMAS / f"robot-{version}.json").read_text("utf-8"))
     known = schema["properties"]
     for name in schema["required"]:
@@ -132,9 +127,8 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
         if name not in known:
             raise InputError(
                 f"{name!r} is unknown. Give {', '.join(known)}",
-                where=where,
-                code="robot-name-unknown",
-            )
+                where=where, code="robot-name-unknown",
+            )  # fmt: skip
         wanted = _violation(value, known[name])
         if wanted is not None:
             raise InputError(f"{name} is {value!r}. Give {wanted}", where=where, code="robot-value")
@@ -142,9 +136,8 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
     if len(joints) > 1:
         raise InputError(
             f"lists are of {min(joints)} and of {max(joints)} joints. Give all of one arm",
-            where=where,
-            code="robot-joints",
-        )
+            where=where, code="robot-joints",
+        )  # fmt: skip
 
 
 def _violation(value: Any, rule: dict[str, Any]) -> str | None:

@@ -76,10 +76,9 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
             writer = stack.enter_context(McapWriter(temporary))
         data = pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
 
-    warnings = []
     refused = sum(server.refused for server in servers)
-    if refused:
-        warnings.append(f"{refused} clients were refused: {MAX_CLIENTS} are served at a time")
+    warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
+    warnings = [warning] if refused else []
     text = (
         f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
         f"{data['lost_datagrams']} datagrams lost"
@@ -118,9 +117,8 @@ def pass_on(
                     writer.write(portion.ticks, time.time())
                     if writer.full and stop_when_full:
                         break
-            data["dropped"] = portion.dropped
-            data["lost_datagrams"] = portion.lost
-            data["bad_datagrams"] = portion.bad
+            data |= {"dropped": portion.dropped, "lost_datagrams": portion.lost,
+                     "bad_datagrams": portion.bad}  # fmt: skip
             if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data

@@ -1,20 +1,16 @@
-"""An OpenIGTLink server: the fixture and its ticks, to any number of clients.
+"""Servers of a live view: OpenIGTLink for any number of clients, and a page to watch.
 
-Each client has a thread of its own, so that a client that stalls only misses ticks and delays
-nobody. What does not move (the cloud or the curve, the contact sphere) goes out once to each
-client, and again when it asks.
-
-OpenIGTLink messages with headers of version 1, which every version of it reads.
-
+Each OpenIGTLink client has a thread of its own, so that a client that stalls only misses ticks and
+delays nobody. What does not move (the cloud or the curve, the contact sphere) goes out once to each
+client, and again when it asks. Messages have headers of version 1, which every version reads.
 Lengths are in mm. Slicer's world is RAS. Positions in `patient_lps` therefore change the signs of x
 and y; the robot's frame has no sides of a patient and is sent as it is.
 
+The page of `vfplan live --web` is the report's scene. It gets its ticks by a WebSocket, on the
+loopback, if it came from here.
+
 Source: the OpenIGTLink protocol, versions 1 and 2 (J. Tokuda et al., Int. J. Med. Robot. 5, 2009,
 423-434), and the ECMA-182 CRC.
-
-A page to watch, and its ticks by WebSocket: on the loopback, for pages that came from here.
-
-The page of `vfplan live --web`: the report's scene, fed by a WebSocket.
 """
 
 from __future__ import annotations
@@ -26,7 +22,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from functools import cache
@@ -69,10 +65,7 @@ def crc_table() -> list[int]:
     for byte in range(256):
         crc = byte << 56
         for _ in range(8):
-            has_top_bit = crc >> 63
-            crc = (crc << 1) % 2**64
-            if has_top_bit:
-                crc ^= POLYNOMIAL
+            crc = (crc << 1) % 2**64 ^ (POLYNOMIAL if crc >> 63 else 0)
         table.append(crc)
     return table
 
@@ -116,33 +109,25 @@ def status(device: str, time_s: float, code: int, name: str, text: str) -> bytes
     return message("STATUS", device, time_s, body)
 
 
+Cells = Sequence[NDArray[np.integer]]
+
+
 def polydata(
-    device: str,
-    time_s: float,
-    points_mm: Array,
-    *,
-    lines: list[NDArray[np.integer]] | None = None,
-    triangles: NDArray[np.integer] | None = None,
-) -> bytes:
+    device: str, time_s: float, points_mm: Array, *, lines: Cells | None = None,
+    triangles: Cells | None = None,
+) -> bytes:  # fmt: skip
     """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
-    vertices: list[NDArray[np.integer]] = []
-    if lines is None and triangles is None:
-        vertices = list(np.arange(len(points_mm))[:, None])
-    faces: list[NDArray[np.integer]] = list(triangles) if triangles is not None else []
+    is_bare = lines is None and triangles is None
+    vertices = np.arange(len(points_mm))[:, None] if is_bare else ()
     # Of each kind of cell: how many there are, and each as its length and its points' indices.
-    counts = []
-    data = []
-    for cells in (vertices, lines or [], faces):
-        numbers: list[int] = []
-        for cell in cells:
-            numbers.append(len(cell))
-            numbers.extend(cell)
-        encoded = np.array(numbers, ">u4").tobytes()
-        counts.extend((len(cells), len(encoded)))
-        data.append(encoded)
+    counts, data = [], b""
+    for cells in (vertices, lines or (), () if triangles is None else triangles):
+        encoded = b"".join(np.array([len(cell), *cell], ">u4").tobytes() for cell in cells)
+        counts += [len(cells), len(encoded)]
+        data += encoded
     head = struct.pack(">10I", len(points_mm), *counts, 0, 0, 0)
     points = np.asarray(points_mm, ">f4").tobytes()
-    return message("POLYDATA", device, time_s, head + points + b"".join(data))
+    return message("POLYDATA", device, time_s, head + points + data)
 
 
 def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
@@ -154,19 +139,16 @@ def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
     circles = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
     points = np.vstack([circles, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
     # Each circle has n points; the two poles come after all circles.
-    n = 2 * rings
-    top = len(circles)
-    bottom = top + 1
+    n, top = 2 * rings, len(circles)
     k = np.arange(n)
     following = (k + 1) % n
     faces = [np.column_stack([np.full(n, top), k, following])]
-    for row in range(rings - 2):
-        upper = row * n
+    for upper in range(0, (rings - 2) * n, n):
         lower = upper + n
         faces.append(np.column_stack([upper + k, lower + k, upper + following]))
         faces.append(np.column_stack([upper + following, lower + k, lower + following]))
     last = (rings - 2) * n
-    faces.append(np.column_stack([np.full(n, bottom), last + following, last + k]))
+    faces.append(np.column_stack([np.full(n, top + 1), last + following, last + k]))
     return points, np.vstack(faces)
 
 
@@ -205,9 +187,8 @@ class Server:
             self._listener.close()
             raise OutputError(
                 f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
-                code="port-taken",
-                numbers={"port": port},
-            ) from None
+                code="port-taken", numbers={"port": port},
+            ) from None  # fmt: skip
         self._listener.listen()
         self._listener.settimeout(WAIT_S)
         self._accepting = threading.Thread(target=self.accept_clients, daemon=True)
@@ -262,15 +243,13 @@ class Server:
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._clients.add(client)
-        count = -1
-        unread = b""
+        count, unread = -1, b""
         try:
             with client:
                 self._send_static(client)
                 while not self._closing.is_set():
                     count, ticks = self._feed.after(count, WAIT_S)
-                    messages = b"".join(tick_messages(tick, self._scale) for tick in ticks)
-                    client.sendall(messages)
+                    client.sendall(b"".join(tick_messages(tick, self._scale) for tick in ticks))
                     unread = self._answer_requests(client, unread)
         except OSError:
             return  # The client has gone, or took nothing for too long.
@@ -318,12 +297,9 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
         lines = []
         for stroke, closed in enumerate(fixture.curve.closed):
             line = np.flatnonzero(fixture.curve.stroke == stroke)
-            if closed:
-                line = np.append(line, line[0])
-            lines.append(line)
-    cloud = functools.partial(
-        polydata, points_mm=fixture.points * scale, lines=lines, triangles=fixture.mesh
-    )
+            lines.append(np.append(line, line[0]) if closed else line)
+    points_mm = fixture.points * scale
+    cloud = functools.partial(polydata, points_mm=points_mm, lines=lines, triangles=fixture.mesh)
     radius_m = fixture.contact_radius + fixture.point_radius
     points, faces = ball(1e3 * radius_m)
     sphere = functools.partial(polydata, points_mm=points, triangles=faces)
@@ -358,17 +334,10 @@ class Web:
     """
 
     def __init__(
-        self,
-        page: str,
-        row: Callable[[NDArray[np.void]], list[float]],
-        scene: str,
-        port: int,
+        self, page: str, row: Callable[[NDArray[np.void]], list[float]], scene: str, port: int,
         feed: PositionStream,
-    ) -> None:
-        self._page = page.encode()
-        self._row = row
-        self._scene = scene
-        self._feed = feed
+    ) -> None:  # fmt: skip
+        self._page, self._row, self._scene, self._feed = page.encode(), row, scene, feed
         # Clients that were refused because there were too many.
         self.refused = 0
         self._server = Loopback(port, self.answer, self.show)

@@ -135,9 +135,8 @@ def stream_udp(address: str) -> Iterator[Ticks]:
         raise InputError(
             f"cannot be received from: {error.strerror}. Check the address, and that no "
             "other program listens there",
-            where=address,
-            code="address-unusable",
-        ) from None
+            where=address, code="address-unusable",
+        ) from None  # fmt: skip
     receiver.settimeout(WAIT_S)
     return receive_ticks(receiver)
 
@@ -146,11 +145,9 @@ def host_and_port(address: str) -> tuple[str, int]:
     """Host and port of `udp://HOST:PORT`; raises `SettingError`."""
     try:
         parts = urlsplit(address)
-        host = parts.hostname
-        port = parts.port
+        host, port = parts.hostname, parts.port
     except ValueError:
-        host = None
-        port = None
+        host = port = None
     if not address.startswith("udp://") or host is None or port is None:
         raise SettingError(f"source is {address!r}. Give udp://HOST:PORT", code="address-invalid")
     return host, port
@@ -159,9 +156,7 @@ def host_and_port(address: str) -> tuple[str, int]:
 def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
     """What arrives at a bound socket, without end; a datagram that is none is counted."""
     expected: int | None = None
-    lost = 0
-    dropped = 0
-    bad = 0
+    lost = dropped = bad = 0
     with receiver:
         while True:
             try:
