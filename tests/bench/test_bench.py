@@ -9,9 +9,22 @@ from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
 from vfplan import ProxyParameters
-from vfplan.bench import extract as pictures
-from vfplan.bench.extract import from_line
 from vfplan.bench.peers import NearestPointPenalty, Peer, build_nanoflann
+from vfplan.bench.pipeline import (
+    SAMPLINGS,
+    apply,
+    coverage,
+    curve,
+    from_line,
+    from_pixels,
+    lines,
+    markers_px,
+    pen_slice,
+    planned_surface,
+    surface_error,
+    to_pixels,
+    true_map,
+)
 from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, chosen_points, judge
 from vfplan.bench.record import (
     BenchRun,
@@ -21,8 +34,6 @@ from vfplan.bench.record import (
     measure_runs,
     non_dominated,
 )
-from vfplan.bench.register import apply, markers_px, true_map
-from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
 from vfplan.bench.stages import bench, read_document, write_json
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.planning.tolerance import choose
@@ -153,27 +164,27 @@ def test_rounds_are_interleaved():
 @pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
 def test_pen_covers_its_area(width):
     line = np.column_stack([np.linspace(20.3, 80.1, 2000), np.linspace(30.2, 41.7, 2000)])
-    share = pictures.coverage((70, 100), line, width)
+    share = coverage((70, 100), line, width)
     length = np.hypot(*(line[-1] - line[0]))
     assert share.sum() == pytest.approx(length * width + np.pi * width**2 / 4, rel=5e-3)
     assert 0 <= share.min() < share.max() <= 1
 
 
 def test_scaled_picture_has_its_line_where_the_truth_says():
-    picture = pictures.picture(4.0, scale=1.5).astype(float)
+    picture = pen_slice(4.0, scale=1.5).astype(float)
     assert picture.shape == (720, 960, 3)
     red = picture[..., 0] - picture[..., 1:].mean(axis=2)
     v, u = np.nonzero(red > 90)
-    places = pictures.from_pixels(np.column_stack([u, v]).astype(float), 1.5)
-    away, _ = cKDTree(pictures.curve()).query(places)
+    places = from_pixels(np.column_stack([u, v]).astype(float), 1.5)
+    away, _ = cKDTree(curve()).query(places)
     assert away.max() < 4 / 2 + 0.7
 
 
 def test_pixels_scale_about_the_corner_of_the_image():
     places = np.array([[-0.5, -0.5], [10.0, 3.25]])
-    scaled = pictures.to_pixels(places, 1.5)
+    scaled = to_pixels(places, 1.5)
     assert scaled[0] == pytest.approx([-0.5, -0.5])
-    assert pictures.from_pixels(scaled, 1.5) == pytest.approx(places)
+    assert from_pixels(scaled, 1.5) == pytest.approx(places)
 
 
 def test_surface_error_of_a_line_is_the_dimple():
@@ -193,9 +204,11 @@ def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
     )
     surface = planned_surface(line)
     for tolerance in (1e-5, 1e-6, 3e-7, 3e-8):
-        worst = surface_error(METHODS["by curvature"](line, tolerance), surface).max()
+        worst = surface_error(SAMPLINGS["by curvature"](line, tolerance_m=tolerance), surface).max()
         assert 0.95 * tolerance < worst <= tolerance
-        even = surface_error(METHODS["even, by R alone"](line, tolerance), surface).max()
+        even = surface_error(
+            SAMPLINGS["even, by R alone"](line, tolerance_m=tolerance), surface
+        ).max()
         assert even == pytest.approx((1 + R * bend) * tolerance, rel=0.02)
 
 

@@ -19,7 +19,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.choosing import sampled
+from vfplan.engine.proxy import sampled
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.scenes import god_object

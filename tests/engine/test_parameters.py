@@ -19,8 +19,9 @@ def grid(h, n=21):
 
 def test_defaults_are_the_papers():
     p = MAKE(POINT)
-    assert (p.rc, p.r1, p.r2, p.r3) == (5e-3, 5e-3 - 1e-5, 5e-3 + 1e-5, 10e-3)
-    assert (p.rv, p.xi, p.R, p.rule, p.ignore_axis) == (0.0, 1.0, 5e-3, "robust", None)
+    assert (p.contact_radius, p.r1, p.r2) == (5e-3, 5e-3 - 1e-5, 5e-3 + 1e-5)
+    assert (p.outer_radius, p.point_radius, p.gain, p.R) == (10e-3, 0.0, 1.0, 5e-3)
+    assert (p.rule, p.ignore_axis, p.max_iterations, p.search) == ("robust", None, 16, "auto")
     assert p.stiffness.tolist() == [1000.0] * 3
 
 
@@ -123,13 +124,10 @@ def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
 
 
 def test_the_native_engine_refuses_it_too():
-    native = _core.Parameters()
-    native.contact_radius, native.outer_radius, native.band = 5e-3, 1e-2, 2.2e-6
     far = np.array([[0.0, -1e6, 1.0]])
     with pytest.raises(ValueError, match="largest coordinate"):
-        _core.Engine(far, native, 0)
-    native.band = 2.3e-6
-    _core.Engine(far, native, 0)
+        _core.Engine(far, _core.Parameters(band=2.2e-6), 0)
+    _core.Engine(far, _core.Parameters(band=2.3e-6), 0)
 
 
 def test_the_default_band_is_one_that_serves():
@@ -140,9 +138,9 @@ def test_the_default_band_is_one_that_serves():
 def test_the_ends_of_the_ranges_are_taken():
     for rc in (1e-9, 1e6):
         for rv in (0.0, 1e6 if rc > 1 else 1e-7):
-            assert MAKE(POINT, contact_radius=rc, point_radius=rv).r3 == 2 * rc
+            assert MAKE(POINT, contact_radius=rc, point_radius=rv).outer_radius == 2 * rc
     assert MAKE(POINT, band=5e-11).band == 5e-11
-    assert MAKE(POINT, outer_radius=2e6).r3 == 2e6
+    assert MAKE(POINT, outer_radius=2e6).outer_radius == 2e6
 
 
 @pytest.mark.parametrize(

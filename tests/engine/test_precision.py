@@ -34,7 +34,7 @@ def paper_tick(
     Returns the new proxy. `to` turns a float into its exact value and must know `sqrt` as a method
     or through `_root`.
     """
-    r1, rc, r2, r3 = (to(x) for x in (par.r1, par.rc, par.r2, par.r3))
+    r1, rc, r2, r3 = (to(x) for x in (par.r1, par.R, par.r2, par.outer_radius))
     near = [(p, r) for p in points if (r := _root(_dot(w := _less(proxy, p), w))) < r3]
     u = _less(hip, proxy)
     if not near:

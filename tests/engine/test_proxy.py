@@ -417,9 +417,7 @@ def test_settings_out_of_range(settings, error):
 )
 def test_the_native_engine_refuses_what_python_does(name, value):
     """A C++ user has no Python in front."""
-    native = _core.Parameters()
-    native.contact_radius, native.band, native.outer_radius = 5e-3, 1e-5, 1e-2
-    setattr(native, name, value)
+    native = _core.Parameters(**{name: value})
     with pytest.raises(ValueError, match=name):
         _core.Engine(sheet(), native, 0)
     with pytest.raises(SettingError, match=name):

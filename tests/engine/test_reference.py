@@ -145,7 +145,7 @@ def test_normal_of_a_line_is_across_it():
 
 def test_normal_by_hand_from_two_points():
     """Eq. (1) and (2) with weights 1 (at r1) and φ(7.5 mm) worked out on paper."""
-    r1, r3 = PAR.r1, PAR.r3
+    r1, r3 = PAR.r1, PAR.outer_radius
     t = (7.5e-3 - r1) / (r3 - r1)
     phi = (1 + 4 * t) * (1 - t) ** 4
     expected = np.array([1.0, phi, 0]) / np.hypot(1.0, phi)
@@ -156,9 +156,9 @@ def test_normal_by_hand_from_two_points():
 
 def test_wendland_is_one_inside_zero_outside_and_falls_between():
     r = np.linspace(0, 12e-3, 2000)
-    phi = reference.wendland(r, PAR.r1, PAR.r3)
+    phi = reference.wendland(r, PAR.r1, PAR.outer_radius)
     assert np.all(phi[r <= PAR.r1] == 1)
-    assert np.all(phi[r >= PAR.r3] == 0)
+    assert np.all(phi[r >= PAR.outer_radius] == 0)
     assert np.all(np.diff(phi) <= 0)
 
 

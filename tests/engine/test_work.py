@@ -11,7 +11,7 @@ from conftest import ROOT, quick_compiler
 import vfplan
 from vfplan import _core
 from vfplan.bundle.validation import validate
-from vfplan.engine.choosing import MAX_TICK_TIME, worst_tick_time
+from vfplan.engine.proxy import MAX_TICK_TIME, worst_tick_time
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces
 
@@ -78,8 +78,7 @@ def test_the_bound_of_a_curve_counts_at_least_what_is_around_any_place():
     """Lines of a scribble against brute force: both ends of a line are features too."""
     draw = np.random.default_rng(6)
     corners = draw.normal(size=(400, 2)) * 0.02
-    p = _core.Parameters()
-    p.set_ignore_axis(np.array([0.0, 0, 1]))
+    p = _core.Parameters(ignore_axis=np.array([0.0, 0, 1]))
     found = _core.proven_tick_work(
         np.column_stack([corners, np.zeros(400)]), np.zeros(400), np.zeros(400, np.int32),
         np.zeros(1, np.uint8), p,
@@ -98,14 +97,10 @@ def test_the_bound_counts_at_least_what_is_around_any_place(planar):
     """With one iteration less, the difference is one iteration: its points against brute force."""
     draw = np.random.default_rng(5)
     points = draw.uniform(0, 0.05, (3000, 3)) * [1, 1, 0.1]
-    p = _core.Parameters()
-    p.band = 1e-5
-    if planar:
-        p.set_ignore_axis(np.array([0.0, 0, 1]))
-    p.max_iterations = 101
-    more = _core.proven_tick_work(points, p)
-    p.max_iterations = 1
-    an_iteration = (more - _core.proven_tick_work(points, p)) / 100
+    axis = np.array([0.0, 0, 1]) if planar else None
+    few, more = (_core.Parameters(ignore_axis=axis, max_iterations=n) for n in (1, 101))
+    taken = _core.proven_tick_work(points, more) - _core.proven_tick_work(points, few)
+    an_iteration = taken / 100
     columns = points[:, :2] if planar else points
     reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
     most = max(
@@ -119,12 +114,12 @@ def test_what_a_search_finds_is_less_than_what_is_proven_and_the_same_in_every_r
     """A sheet: its ticks never use all their iterations."""
     x, y = np.meshgrid(np.arange(81) * 5e-4, np.arange(81) * 5e-4)
     points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
-    p = _core.Parameters()
-    p.band = 1.3e-5
+    p = _core.Parameters(band=1.3e-5)
     found = _core.tick_work(points, p)
     assert found == _core.tick_work(points, p)
     assert 5e-6 < found < 0.7 * _core.proven_tick_work(points, p)
-    p.max_iterations = 100  # a search does not meet the longest of such ticks
+    # A search does not meet the longest of such ticks.
+    p = _core.Parameters(band=1.3e-5, max_iterations=100)
     assert _core.tick_work(points, p) == _core.proven_tick_work(points, p)
 
 

@@ -118,10 +118,7 @@ def test_the_bound_is_at_most_four_times_the_worst_tick_on_scenes_of_the_study(t
     for k, make in enumerate([Sheet, DoubleSheet, Circle, Sphere, Wedge, Corner, ThreeWalls]):
         scene = make()
         axis = None if scene.ignore_axis is None else np.array([0.0, 0, 1])
-        given = _core.Parameters()
-        if axis is not None:
-            given.set_ignore_axis(axis)
-        band = max(_core.band_for(scene.points, given), 1e-5)
+        band = max(_core.band_for(scene.points, _core.Parameters(ignore_axis=axis)), 1e-5)
         rendering = Rendering(np.full(3, 1000.0), 5e-3, band, ignore_axis=axis)
         fixture = replace(bundles.small(), points=scene.points, rendering=rendering)
         vfplan.write_fixture(fixture, tmp_path / f"{k:03}.h5")

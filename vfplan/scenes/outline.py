@@ -283,6 +283,11 @@ def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     )
 
 
+def in_space(flat: Vector) -> Vector:
+    """(K, 3) places (K, 2) in the plane z = 0."""
+    return np.pad(flat, ((0, 0), (0, 1)))
+
+
 def segment(a: Vector, b: Vector) -> Link:
     """A straight link from a to b (2,) [m]."""
     return Link(np.asarray(a, float), np.asarray(b, float), np.zeros(2), 0.0, 0.0, 0.0)
