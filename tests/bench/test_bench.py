@@ -39,7 +39,7 @@ from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
-from vfplan.scenes.base import corners_mm, travel
+from vfplan.scenes.scenes import corners_mm, travel
 
 R = 5e-3
 

@@ -27,7 +27,7 @@ import numpy as np
 from vfplan import ProxyEngine, Status, Trace
 from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
 from vfplan.scenes import outline
-from vfplan.scenes.base import Drawn
+from vfplan.scenes.scenes import Drawn
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
 SPACING, PIXEL = 0.5e-3, 0.25e-3  # of the even cloud, and of a mask

@@ -46,9 +46,8 @@ from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose, sample_curve
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
-from vfplan.scenes.base import Drawn, Scene
 from vfplan.scenes.outline import Run, in_space, polyline
-from vfplan.scenes.scenes import Sheet, Sphere, Walls
+from vfplan.scenes.scenes import Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.read import FINE_M
