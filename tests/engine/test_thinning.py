@@ -5,6 +5,7 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
+from motion import grid
 from scipy.spatial import cKDTree
 
 import vfplan
@@ -21,8 +22,7 @@ def settings(band, axis=None):
 
 
 def sheet(spacing, side):
-    x, y = np.meshgrid(*2 * [np.arange(0, side, spacing)])
-    return np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    return grid(np.arange(0, side, spacing), np.arange(0, side, spacing))
 
 
 def wavy(draw):

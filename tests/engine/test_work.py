@@ -6,7 +6,9 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, quick_compiler
+from conftest import quick_compiler
+from motion import INCLUDE, grid
+from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan import _core
@@ -20,11 +22,8 @@ def crowded():
     """40,000 points in a ball of 10 mm: sound, and far too much for 1 kHz."""
     draw = np.random.default_rng(3)
     points = draw.normal(size=(40_000, 3))
-    points *= (
-        0.005
-        * draw.random((len(points), 1)) ** (1 / 3)
-        / np.linalg.norm(points, axis=1, keepdims=True)
-    )
+    radius = 0.005 * draw.random((len(points), 1)) ** (1 / 3)
+    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
     return replace(bundles.small(), points=points + 0.4)
 
 
@@ -103,17 +102,14 @@ def test_the_bound_counts_at_least_what_is_around_any_place(planar):
     an_iteration = taken / 100
     columns = points[:, :2] if planar else points
     reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
-    most = max(
-        np.count_nonzero(np.sum((columns - x) ** 2, axis=1) <= reach**2) for x in columns[::10]
-    )
+    most = cKDTree(columns).query_ball_point(columns[::10], reach, return_length=True).max()
     assert an_iteration >= 4.5e-6 + 1.25e-9 * most
     assert an_iteration <= 4.5e-6 + 1.25e-9 * len(points) + 10e-9 * len(points)
 
 
 def test_what_a_search_finds_is_less_than_what_is_proven_and_the_same_in_every_run():
     """A sheet: its ticks never use all their iterations."""
-    x, y = np.meshgrid(np.arange(81) * 5e-4, np.arange(81) * 5e-4)
-    points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    points = grid(np.arange(81) * 5e-4, np.arange(81) * 5e-4)
     p = _core.Parameters(band=1.3e-5)
     found = _core.tick_work(points, p)
     assert found == _core.tick_work(points, p)
@@ -151,7 +147,7 @@ def program(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     (folder / "main.cpp").write_text(PROGRAM)
     words = [quick_compiler(), "-std=c++20", "-O0", "-ffp-contract=off", "-DVFPLAN_NARROW"]
-    words += [f"-I{ROOT / 'vfplan' / 'native' / 'include'}", folder / "main.cpp"]
+    words += [f"-I{INCLUDE}", folder / "main.cpp"]
     subprocess.run([*map(str, words), "-o", folder / "main"], check=True)
     return folder / "main"
 
@@ -159,14 +155,10 @@ def program(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "options", "code", "says"),
-    [
-        (bundles.small, [], 0, ""),
-        (bundles.sheet, [], 0, "by its triangles"),
-        (crowded, [], 2, "a tick may take"),
-        (crowded, ["offline"], 0, ""),
-        (bundles.minimal, [], 2, "without rendering parameters"),
-    ],
-)
+    [(bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
+     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
+     (bundles.minimal, [], 2, "without rendering parameters")],
+)  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     words = [program, tmp_path / "a.h5", *options]
