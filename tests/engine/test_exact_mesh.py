@@ -54,30 +54,22 @@ def case(seed, tally, mesh=meshes.mesh):
                 tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
 
 
-def test_never_inside_never_grows_and_rests():
+@pytest.mark.parametrize(
+    ("seeds", "mesh", "ticks"),
+    [
+        (range(12), meshes.mesh, 2e3 / 0.3),
+        (range(4), meshes.facets, 0),
+        pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
+        pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full),
+    ],
+)
+def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
     tally = Counter()
-    for seed in range(12):
-        case(seed, tally)
-    unbroken(tally, BROKEN)
-    assert tally["contact"] > 0.3 * tally["ticks"] > 2e3, tally
-
-
-@pytest.mark.parametrize("seeds", [4, pytest.param(60, marks=pytest.mark.full)])
-def test_smooth_bodies_hold_it_as_well(seeds):
-    tally = Counter()
-    for seed in range(seeds):
-        case(seed, tally, meshes.facets)
+    for seed in seeds:
+        case(seed, tally, mesh)
     unbroken(tally, BROKEN)
     assert tally["contact"] > 0.3 * tally["ticks"], tally
-
-
-@pytest.mark.full
-def test_never_inside_in_a_million_ticks():
-    tally = Counter()
-    for seed in range(100, 1800):
-        case(seed, tally)
-    unbroken(tally, BROKEN)
-    assert tally["ticks"] > 1e6, tally
+    assert tally["ticks"] > ticks, tally
 
 
 def test_a_box_is_rounded_in_closed_form():

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, by_scene
+from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, grouped
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
@@ -48,13 +47,8 @@ Look = tuple[str, str]
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     """The diagram of one stage of a bench document, as a PNG."""
-    save_png(diagram(document, stage), path)
-
-
-def diagram(document: dict[str, Any], stage: str) -> Figure:
-    """The figure of `draw_stage`."""
-    scenes = by_scene([result for result in document["results"] if result["stage"] == stage])
-    results = [result for scene_results in scenes.values() for result in scene_results]
+    results = [result for result in document["results"] if result["stage"] == stage]
+    scenes = grouped(results, "scene")
     looks = looks_of(results)
     columns = min(COLUMNS, len(scenes))
     rows = -(-len(scenes) // columns)
@@ -83,7 +77,7 @@ def diagram(document: dict[str, Any], stage: str) -> Figure:
         ncols=min(4, 2 + columns),
         fontsize=7.5,
     )
-    return figure
+    save_png(figure, path)
 
 
 def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.bench.proxy import Elbow, R, elbow_map
+from vfplan.bench.proxy import Elbow, R, elbow_truth
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
@@ -473,10 +473,11 @@ def plan_elbow(
 
 def write_exact_markers(source: Path, target: Path) -> None:
     """Write where the markers of the slice truly are in the robot's frame."""
+    _, T = elbow_truth()
     lines = ["label,x_m,y_m,z_m"]
     for row in source.read_text().splitlines()[1:]:
         label, u, v = row.split(",")
-        x, y, z = elbow_map() @ [float(u), float(v), 1.0]
+        x, y, z = T @ [float(u), float(v), 1.0]
         lines.append(f"{label},{x:.17g},{y:.17g},{z:.17g}")
     target.write_text("\n".join(lines) + "\n")
 

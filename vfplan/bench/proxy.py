@@ -214,9 +214,8 @@ class Case:
     @property
     def solid(self) -> Case | None:
         """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
-        if self.scene.ignore_axis is None:
-            return None
-        return self.with_scene(replace(self.scene, extrude=6 * R))
+        is_flat = self.scene.ignore_axis is not None
+        return self.with_scene(replace(self.scene, extrude=6 * R)) if is_flat else None
 
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""
@@ -263,7 +262,7 @@ class Elbow(Drawn):
     @cached_property
     def runs(self) -> Any:
         """Half a millimetre a segment."""
-        runs = polyline(*elbow_curve()[:, :2])
+        runs = polyline(*elbow_truth()[0][:, :2])
         return (Run(tuple(run.links[0] for run in runs)),)
 
     @property
@@ -272,20 +271,14 @@ class Elbow(Drawn):
         return {}
 
 
-def elbow_truth() -> dict[str, Any]:
-    """The true curve and map of the shipped slice."""
-    return json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+def elbow_truth() -> tuple[Array, Array]:
+    """The true curve (M, 3) of the shipped slice in the robot's frame [m], and its map (3, 3).
 
-
-def elbow_map() -> Array:
-    """(3, 3) true map of the shipped slice's [u v 1] into the robot's frame [m]."""
-    return np.array(elbow_truth()["T_robot_image"])
-
-
-def elbow_curve() -> Array:
-    """(M, 3) the true curve of the shipped slice in the robot's frame [m]."""
-    px = np.array(elbow_truth()["curve_px"])
-    return np.column_stack([px, np.ones(len(px))]) @ elbow_map().T
+    The map leads from the slice's [u v 1] into that frame.
+    """
+    truth = json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+    pixels, T = np.array(truth["curve_px"]), np.array(truth["T_robot_image"])
+    return np.column_stack([pixels, np.ones(len(pixels))]) @ T.T, T
 
 
 def experiment_2() -> Case:
@@ -293,7 +286,7 @@ def experiment_2() -> Case:
     lines = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
     hips = np.array([line.split(",")[1:] for line in lines], float)
     # Scenes have their middle in z = 0.
-    hips[:, 2] -= elbow_curve()[:, 2].mean()
+    hips[:, 2] -= elbow_truth()[0][:, 2].mean()
     return Case("experiment-2, session", Elbow(), hips)
 
 

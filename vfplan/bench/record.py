@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,11 +64,6 @@ class BenchRun:
     # Whether an outside program does it
     peer: bool = False
 
-    @property
-    def head(self) -> Record:
-        """What a record of it begins with."""
-        return {"scene": self.scene, "method": self.method, "settings": self.settings}
-
 
 def time_us(repeats: list[Array]) -> Record:
     """Median and tail of the parts' times, and how far the repeats' medians spread [µs].
@@ -82,14 +78,11 @@ def time_us(repeats: list[Array]) -> Record:
     times = np.min(repeats, axis=0) if len(repeats[0]) > 1 else np.concatenate(repeats)
     median, p99, p999 = np.quantile(times, [0.5, 0.99, 0.999])
     low, high = np.quantile([np.median(repeat) for repeat in repeats], [0.25, 0.75])
-    return {
-        "time_us_median": float(median),
-        "time_us_p99": float(p99),
-        "time_us_p999": float(p999),
-        "time_us_max": float(times.max()),
-        "time_us_low": float(min(low, median)),
-        "time_us_high": float(max(high, median)),
-    }
+    figures = {
+        "median": median, "p99": p99, "p999": p999, "max": times.max(), "low": min(low, median),
+        "high": max(high, median),
+    }  # fmt: skip
+    return {f"time_us_{name}": float(value) for name, value in figures.items()}
 
 
 def mark_pareto(records: list[Record]) -> None:
@@ -99,13 +92,18 @@ def mark_pareto(records: list[Record]) -> None:
     one of them is smaller. Errors are compared as `comparable_error` rounds them: two programs of
     one rule differ in the last bits.
     """
-    groups: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        groups.setdefault((record["stage"], record["scene"]), []).append(record)
-    for group in groups.values():
+    for group in grouped(records, "stage", "scene").values():
         values = np.array([[comparable_error(r), r["time_us_median"]] for r in group])
         for record, is_on_front in zip(group, non_dominated(values), strict=True):
             record["pareto"] = bool(is_on_front)
+
+
+def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
+    """The records by what they have under some names, in order."""
+    groups: dict[Any, list[Record]] = {}
+    for record in records:
+        groups.setdefault(itemgetter(*names)(record), []).append(record)
+    return groups
 
 
 def comparable_error(record: Record) -> float:
@@ -189,7 +187,8 @@ def measure_runs(
     records: dict[int, Record] = {}
     refused: list[Record] = []
     for i, bench_run in enumerate(runs):
-        head = {"stage": stage, **bench_run.head}
+        head = {name: getattr(bench_run, name) for name in ("scene", "method", "settings")}
+        head = {"stage": stage, **head}
         try:
             answer, _ = bench_run.run()
             records[i] = head | bench_run.score(answer) | {"unit": bench_run.unit}
@@ -292,23 +291,17 @@ def stage_sentence(stage: str, chosen: dict[str, Record], results: list[Record])
 
 def compare_with_peer(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
     """How a peer's best setting compares, scene by scene; empty if it did not run."""
-    best: dict[str, Record] = {}
-    for result in results:
-        scene = result["scene"]
-        if result["method"] != method or scene not in chosen:
-            continue
-        if scene not in best or result["error_rms"] < best[scene]["error_rms"]:
-            best[scene] = result
+    mine = [r for r in results if r["method"] == method and r["scene"] in chosen]
+    best = {
+        scene: min(found, key=itemgetter("error_rms"))
+        for scene, found in grouped(mine, "scene").items()
+    }
     if not best:
         return ""
-    ratio = float(
-        np.median([r["time_us_median"] / chosen[s]["time_us_median"] for s, r in best.items()])
-    )
+    times = [r["time_us_median"] / chosen[scene]["time_us_median"] for scene, r in best.items()]
+    ratio = float(np.median(times))
     worst = max(best.values(), key=lambda r: r["error_rms"])
-    if ratio < 1:
-        speed = f"{three_digits(1 / ratio)} times faster"
-    else:
-        speed = f"{three_digits(ratio)} times slower"
+    speed = f"{three_digits(max(ratio, 1 / ratio))} times {'faster' if ratio < 1 else 'slower'}"
     return f"{method} is {speed} and errs by {error_text(worst)} RMS at most"
 
 
@@ -335,7 +328,7 @@ def table_lines(
         median = f"median a {LOOKS[stage].part}"
         header = table_row("", median, "p99.9", "error RMS", "at most", "method", "settings")
         lines.append(f"{stage}: " + header.strip())
-        for scene, scene_results in by_scene(results).items():
+        for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
             shown = scene_results if every_setting else best_of_each_method(scene_results)
             lines += map(result_row, sorted(shown, key=lambda r: r["time_us_median"]))
@@ -349,21 +342,10 @@ def table_lines(
     return lines
 
 
-def by_scene(results: list[Record]) -> dict[str, list[Record]]:
-    """Results by their scene, in order."""
-    scenes: dict[str, list[Record]] = {}
-    for result in results:
-        scenes.setdefault(result["scene"], []).append(result)
-    return scenes
-
-
 def best_of_each_method(results: list[Record]) -> list[Record]:
     """Of each method the setting that errs least, and every chosen setting."""
-    best: dict[str, Record] = {}
-    for result in results:
-        name = result["method"]
-        if name not in best or result["error_rms"] < best[name]["error_rms"]:
-            best[name] = result
+    methods = grouped(results, "method")
+    best = {name: min(found, key=itemgetter("error_rms")) for name, found in methods.items()}
     return [r for r in results if r.get("chosen") or best[r["method"]] is r]
 
 

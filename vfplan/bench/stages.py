@@ -161,10 +161,9 @@ def read_document(path: str | Path) -> dict[str, Any]:
 
     Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
     """
-    where = str(path)
 
     def refuse(text: str, code: str = "damaged-bench", within: str = "") -> InputError:
-        return InputError(text, where=where + within, code=code)
+        return InputError(text, where=f"{path}{within}", code=code)
 
     try:
         document = json.loads(read_whole(Path(path), MAX_TEXT_BYTES).decode("utf-8"))

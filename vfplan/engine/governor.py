@@ -122,9 +122,8 @@ class Governor:
         """The smallest `force_step_n` that is passive with the other settings [N]."""
         self.least_reversing_step_n = limits.least_reversing_step
         """The smallest that is also passive when the force turns round at its largest [N]."""
-        units = {"force_step": "n", "force_max": "n", "stiffness": "n_per_m", "mass": "kg",
-                 "torque_step": "nm", "torque_max": "nm"}  # fmt: skip
-        with core_settings(**{name: f"{name}_{unit}" for name, unit in units.items()}):
+        with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
+                           torque_step="nm", torque_max="nm"):  # fmt: skip
             self._governor = _core.Governor(limits)
         self.reset()
 
@@ -237,9 +236,8 @@ class Governor:
 
         They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
         """
-        if self._torque_size == 0:
-            return np.empty(0)
-        return self._governor.torque(self._torque_size).reshape(self._torque_size)
+        size = self._torque_size
+        return self._governor.torque(size).reshape(size) if size > 0 else np.empty(0)
 
     @property
     def energy_given_j(self) -> float:

@@ -209,9 +209,8 @@ class Guide:
                 "the fixture has no guidance. Plan one with a guide, or render this one with "
                 "vfplan.ProxyEngine.of."
             )
-        is_guide = np.ones(len(fixture.curve.closed), bool)
-        if guidance.stroke is not None:
-            is_guide = np.arange(len(is_guide)) == guidance.stroke
+        numbers = np.arange(len(fixture.curve.closed))
+        is_guide = numbers >= 0 if guidance.stroke is None else numbers == guidance.stroke
         if fixture.pieces is not None and fixture.ignore_axis is not None:
             curves: Any = fixture.pieces.of(is_guide)
         else:

@@ -58,8 +58,7 @@ class MovingFrame:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        units = {"max_age": "s", "max_speed": "m_s", "max_turn": "rad_s"}
-        with core_settings(**{name: f"{name}_{unit}" for name, unit in units.items()}):
+        with core_settings(max_age="s", max_speed="m_s", max_turn="rad_s"):
             self._frame = _core.MovingFrame(
                 real_number("max_age_s", max_age_s),
                 real_number("max_speed_m_s", max_speed_m_s),

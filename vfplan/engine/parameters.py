@@ -228,8 +228,7 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
             f"a bulge is {largest:g}. Give bulges of at most 1, which is a half circle.",
             numbers={"bulge": largest},
         )
-    steps = np.diff(stroke)
-    is_ordered = np.all((steps == 0) | (steps == 1))
+    is_ordered = np.isin(np.diff(stroke), (0, 1)).all()
     if not is_ordered or stroke[0] != 0 or stroke[-1] != len(closed) - 1:
         raise SceneError(
             f"strokes of vertices are not in order. Number them from 0 to {len(closed) - 1}."
@@ -345,15 +344,11 @@ def number(
     is_within = (least is None or checked >= least) and (most is None or checked <= most)
     if math.isfinite(checked) and is_above and is_within:
         return checked
-    bounds = {"above": above, "at least": least, "at most": most}
-    wanted = " and ".join(
-        f"{word} {bound:g}" for word, bound in bounds.items() if bound is not None
-    )
+    limits = (("above", above), ("at least", least), ("at most", most))
+    bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     unit = f" {unit}" if unit else ""
-    if wanted:
-        wanted = f"a value {'of ' if above is None else ''}{wanted}{unit}"
-    else:
-        wanted = "a finite value"
+    of = "of " if above is None else ""
+    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
     if why:
         wanted += f" ({why})"
     raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
@@ -369,16 +364,16 @@ def real_number(name: str, value: Any) -> float:
 
 
 @contextmanager
-def core_settings(**names: str) -> Iterator[None]:
+def core_settings(**units: str) -> Iterator[None]:
     """Raise what the core finds out of its range as `SettingError`, with the core's own sentences.
 
-    `names` says how a caller calls a parameter of the core, where it is not by the same name.
+    `units` says of the core's parameters which unit the caller's name of each ends with.
     """
     try:
         yield
     except _core.OutOfRange as error:
         message, name, value = error.args
-        given = names.get(name, name)
+        given = f"{name}_{units[name]}" if name in units else name
         raise SettingError(message.replace(name, given, 1), numbers={given: value}) from None
 
 

@@ -339,11 +339,10 @@ class ProxyEngine:
         self.parameters = ProxyParameters.make(cloud, *table, **settings)
         if self.rule == "exact":
             raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
-        width = 0  # The core takes 0 for the processor's widest.
-        if simd_width is not None:
-            if not isinstance(simd_width, int | np.integer) or simd_width not in (2, 4, 8):
-                raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
-            width = int(simd_width)
+        is_width = isinstance(simd_width, int | np.integer) and simd_width in (2, 4, 8)
+        if simd_width is not None and not is_width:
+            raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
+        width = int(simd_width or 0)  # The core takes 0 for the processor's widest.
         self._points = len(cloud)
         self._source = (cloud.copy(), width)
         self._engine = _core.Engine(cloud, self.parameters, width)
@@ -463,17 +462,15 @@ class ProxyEngine:
     @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need, and how much of it. What it needed has no key."""
-        report = {}
-        if self.parameters.ignore_axis is not None:
-            report["coordinates"] = self._points  # One of three of each point.
-        if self.parameters.point_radius == 0:
-            report["point_radius"] = 1
         stiffness = self.parameters.stiffness
-        if np.all(stiffness == stiffness[0]):
-            report["stiffness_axes"] = 2
-        if self._engine.cells == 0:
-            report["grid"] = 1
-        return report
+        counts = {
+            # One of three of each point.
+            "coordinates": 0 if self.parameters.ignore_axis is None else self._points,
+            "point_radius": int(self.parameters.point_radius == 0),
+            "stiffness_axes": 2 if np.all(stiffness == stiffness[0]) else 0,
+            "grid": int(self._engine.cells == 0),
+        }
+        return {name: count for name, count in counts.items() if count > 0}
 
     @property
     def bytes(self) -> int:
