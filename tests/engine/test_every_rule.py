@@ -10,6 +10,7 @@ from failures import floor, inside
 from motion import even, grid, hold, led_out, play, same, sizes
 
 from vfplan import ProxyEngine, Status, scenes
+from vfplan.errors import SceneError
 from vfplan.reference import PaperProxy
 
 R = 5e-3
@@ -71,6 +72,17 @@ def test_a_run_is_step_by_step_and_repeats_to_the_bit(make):
     for name, rows in vars(trace).items():
         assert np.array_equal(rows, np.concatenate([getattr(half, name) for half in halves]))
     assert len(two.run(np.empty((0, 3)))) == 0
+
+
+@every_rule
+def test_positions_that_are_none_are_refused(make):
+    engine = make()
+    for hips in (np.zeros(3), np.zeros((4, 2)), [["x", "y", "z"]]):
+        with pytest.raises(SceneError):
+            engine.run(hips)
+    for hip in ([np.nan, 0, 0], [0, 1e7, 0], [0, 0]):
+        with pytest.raises(SceneError):
+            engine.reset(hip)
 
 
 def test_a_whole_outline_gives_the_same_bits_again():

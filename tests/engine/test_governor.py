@@ -36,7 +36,10 @@ def test_below_its_limits_it_is_not_there():
 
 
 def test_a_release_is_a_straight_ramp_and_gives_what_the_formula_says():
-    """From F0 by s a tick: F0/s ticks, F0² t²/8m with t = F0 T/s, less a tick's part."""
+    """From F0 by s a tick: F0/s ticks, F0² t²/8m with t = F0 T/s, less a tick's part.
+
+    By 1 N a tick some 7 mJ of 0.1 J.
+    """
     for step in (0.5, 1.0, 2.0):
         g = governor(step)
         n = int(15 / step)
@@ -65,17 +68,6 @@ def test_the_least_passive_step_is_where_given_meets_stored():
         governor(0.31)
     assert caught.value.numbers == {"force_step_n": 0.31}
     assert governor(0.31, mass_kg=1.05).least_passive_step_n < 0.31
-
-
-def test_what_the_issue_of_slow_ramps_measured():
-    """15.8 N at 1000 N/m and 1 kg: 7 mJ of 125 mJ by 1 N a tick; 0.1 N a tick is refused."""
-    g = governor(1.0, 15.8)
-    g.run(np.linspace([0, 0, 0], [15.8, 0, 0], 100))
-    g.run(np.zeros((30, 3)))
-    assert 6.5e-3 < g.energy_given_j < 7.9e-3
-    assert g.energy_stored_j == pytest.approx(0.125, rel=2e-3)
-    with pytest.raises(SettingError, match=r"at least 0\.249"):
-        governor(0.1, 15.8)
 
 
 def test_the_direction_of_a_change_is_kept_by_one_scale():
@@ -139,15 +131,6 @@ def test_what_is_no_number_fades_out_and_is_said():
     assert g.status & GovernorStatus.BAD_JACOBIAN
     assert g.torque_nm == pytest.approx([9.5, 0, 0])
     assert force == pytest.approx([9.4, 0, 0])
-
-
-def test_a_force_held_longer_than_its_spring_lasts_is_said():
-    """A force that turns round at its largest: twice the step that one release needs."""
-    g = governor(0.32)
-    g.run(np.linspace([0, 0, 0], [20.0, 0, 0], 200))
-    status = [g.step([-20.0, 0, 0]) is not None and g.status for _ in range(125)]
-    assert GovernorStatus.OVERDRAWN in status[-1]
-    assert status[5] == GovernorStatus.OK
 
 
 @pytest.mark.parametrize(

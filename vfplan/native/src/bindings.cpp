@@ -200,9 +200,11 @@ NB_MODULE(_core, m) {
         .def_ro("gain", &Parameters::gain, "xi of eq. (5)")
         .def_ro("max_iterations", &Parameters::max_iterations, "of rule robust, a tick")
         .def_prop_ro(
-            "rule", [](const Parameters& p) { return name_of(p.rule); }, nb::sig("def rule(self) -> str"))
+            "rule", [](const Parameters& p) { return name_of(p.rule); },
+            nb::sig("def rule(self) -> str"))
         .def_prop_ro(
-            "search", [](const Parameters& p) { return name_of(p.search); }, nb::sig("def search(self) -> str"))
+            "search", [](const Parameters& p) { return name_of(p.search); },
+            nb::sig("def search(self) -> str"))
         .def_prop_ro(
             "stiffness", [](const Parameters& p) { return fixed_row(p.stiffness); },
             nb::sig("def stiffness(self) -> numpy.typing.NDArray"), "(3,) the diagonal of K [N/m]")
