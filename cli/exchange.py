@@ -57,7 +57,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     from vfplan.bundle.importing import import_cloud
     from vfplan.bundle.read import read_bundle
     from vfplan.bundle.write import write_fixture
-    from vfplan.engine.choosing import best_rule, mesh_findings
+    from vfplan.engine.proxy import best_rule, mesh_findings
     from vfplan.errors import InputError, SceneError
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)

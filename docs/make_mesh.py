@@ -142,7 +142,7 @@ def main(*bones: str) -> None:
     )
     for name, points, faces, hips, truth in (*scenes(), *(bone(Path(path)) for path in bones)):
         finer, finer_faces = refined(points, faces, R / 10)
-        native = ProxyParameters.make(points, contact_radius=R).native(None)
+        native = ProxyParameters.make(points, contact_radius=R)
         exact = judge(vfplan.ProxyEngine.on(points, faces, R), hips, truth)
         band = mesh_band(finer, finer_faces, R)
         robust = judge(vfplan.ProxyEngine(finer, R, band), hips, truth)

@@ -31,7 +31,7 @@ def square() -> Fixture:
     points = np.stack([x.ravel(), np.full(x.size, 0.1), z.ravel()], axis=1)
     # The band becomes 12.5 µm, the depth of the dimple between four points.
     parameters = ProxyParameters.make(points)
-    rendering = Rendering(parameters.stiffness, parameters.rc, parameters.band)
+    rendering = Rendering(parameters.stiffness, parameters.contact_radius, parameters.band)
     provenance = Provenance("2026-01-01T00:00:00Z", "vfplan")
     return Fixture("robot_base", points, provenance, rendering=rendering)
 

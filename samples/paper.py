@@ -68,7 +68,7 @@ def simulation(name: str) -> tuple[Fixture, Session]:
     parameters = ProxyParameters.make(points, ignore_axis="z")
     rendering = Rendering(
         parameters.stiffness,
-        parameters.rc,
+        parameters.contact_radius,
         parameters.band,
         ignore_axis=parameters.ignore_axis,
     )

@@ -84,9 +84,7 @@ class PaperProxy:
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= MAX_COORDINATE):  # NaN, infinite or absurd: stay, say so
-            proxy = self._proxy
-            if proxy is None:
-                proxy = np.zeros(3)
+            proxy = np.zeros(3) if self._proxy is None else self._proxy
             return Step(proxy, self._normal, self._force, self._state, Status.BAD_HIP)
         if self._proxy is None:
             self._proxy = hip.copy()  # Algorithm 1: P_proxy <- P_HIP
@@ -121,24 +119,20 @@ def main_algorithm(
     par
         Table I.
     """
-    r1, r2, r3, rv = par.r1, par.r2, par.r3, par.rv
+    r1, r2, r3, rv = par.r1, par.r2, par.outer_radius, par.point_radius
     de = np.linalg.norm(p - proxy, axis=1)
     entrenched = de < r1 + rv
     in_contact = (r1 + rv <= de) & (de <= r2 + rv)
     free_motion = (r2 + rv < de) & (de < r3 + rv)
     in_neighbour = p[entrenched | in_contact | free_motion]
 
-    n = np.zeros(3)
     if entrenched.any():
         state = 2
     elif in_contact.any():
         state = 1
-    elif free_motion.any():
-        state = 0
     else:
-        state = -1
-    if state >= 0:
-        n = normal_vector(in_neighbour, proxy, r1, r3)
+        state = 0 if free_motion.any() else -1
+    n = normal_vector(in_neighbour, proxy, r1, r3) if state >= 0 else np.zeros(3)
 
     u = hip - proxy
     if state == 0:
@@ -178,7 +172,7 @@ def step_free_motion(
     if length == 0:
         return np.zeros(3)
     hip_inside = n @ u < 0
-    d = min(first_contact(p - proxy, u / length, par.rc + par.rv), length)
+    d = min(first_contact(p - proxy, u / length, par.R), length)
     s = d * u / length
     if d == 0 and hip_inside:  # Special case 1
         up = projection(u, n)
@@ -206,7 +200,7 @@ def projection(u: Vector, n: Vector) -> Vector:
 
 def tangential_step(up: Vector, par: ProxyParameters) -> float:
     """Eq. (5): the step size d, at most ξ r1."""
-    return par.xi * min(float(np.linalg.norm(up)), par.r1)
+    return par.gain * min(float(np.linalg.norm(up)), par.r1)
 
 
 def along(v: Vector, d: float) -> Vector:
@@ -226,7 +220,7 @@ def step_entrenched(p: Vector, proxy: Vector, n: Vector, par: ProxyParameters) -
     """Algorithm 4 (state 2): out along n by d = max d2_i of eq. (7). `p`: entrenched points."""
     w = p - proxy
     ahead = w @ n
-    inside = (par.rc + par.rv) ** 2 - (w**2).sum(axis=1)  # > 0: the points are entrenched
+    inside = par.R**2 - (w**2).sum(axis=1)  # > 0: the points are entrenched
     d2 = ahead + np.sqrt(ahead**2 + inside)
     return d2.max() * n
 

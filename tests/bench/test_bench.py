@@ -9,9 +9,22 @@ from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
 from vfplan import ProxyParameters
-from vfplan.bench import extract as pictures
-from vfplan.bench.extract import from_line
 from vfplan.bench.peers import NearestPointPenalty, Peer, build_nanoflann
+from vfplan.bench.pipeline import (
+    SAMPLINGS,
+    apply,
+    coverage,
+    curve,
+    from_line,
+    from_pixels,
+    lines,
+    markers_px,
+    pen_slice,
+    planned_surface,
+    surface_error,
+    to_pixels,
+    true_map,
+)
 from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, chosen_points, judge
 from vfplan.bench.record import (
     BenchRun,
@@ -21,14 +34,12 @@ from vfplan.bench.record import (
     measure_runs,
     non_dominated,
 )
-from vfplan.bench.register import apply, markers_px, true_map
-from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
 from vfplan.bench.stages import bench, read_document, write_json
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
-from vfplan.scenes.base import corners_mm, travel
+from vfplan.scenes.scenes import corners_mm, travel
 
 R = 5e-3
 
@@ -60,27 +71,22 @@ def test_fronts_do_not_mix_scenes():
 def test_chosen_is_judged_by_what_else_keeps_the_tolerance():
     def record(time, surface, followed, **more):
         kept = {"surface_error_m": surface, "inside_m": 0.0, "followed_rms_m": followed}
-        return (
-            {"stage": "proxy", "scene": "a", "time_us_median": time, "error_max": 9.0} | kept | more
-        )
+        head = {"stage": "proxy", "scene": "a", "time_us_median": time, "error_max": 9.0}
+        return head | kept | more
 
     records = [record(1.0, 0.1, 2.0), record(2.0, 2.0, 0.1), record(3.0, 0.1, 0.1, inside_m=2.0),
                record(4.0, 0.5, 0.5), record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
-    judge_chosen(records, 1.0)
-    assert records[-1]["meets_tolerance"] is True
-    assert records[-1]["follows"] is True
-    assert records[-1]["time_over_cheapest"] == 1.5
+
+    def judged(tolerance):
+        judge_chosen(records, tolerance)
+        return [records[-1][name] for name in ("meets_tolerance", "follows", "time_over_cheapest")]
+
+    assert judged(1.0) == [True, True, 1.5]
     assert "meets_tolerance" not in records[0]
-    judge_chosen(records, 0.01)
-    assert records[-1]["meets_tolerance"] is False
-    assert records[-1]["follows"] is False
-    assert records[-1]["time_over_cheapest"] is None
+    assert judged(0.01) == [False, False, None]
     # One that is off along the surface is compared with what is no further off.
     records[-1]["followed_rms_m"] = 3.0
-    judge_chosen(records, 1.0)
-    assert records[-1]["meets_tolerance"] is True
-    assert records[-1]["follows"] is False
-    assert records[-1]["time_over_cheapest"] == 6.0
+    assert judged(1.0) == [True, False, 6.0]
 
 
 def test_a_sampled_surface_is_judged_by_its_worst_place():
@@ -93,10 +99,14 @@ def test_a_sampled_surface_is_judged_by_its_worst_place():
     assert "follows" not in records[0]
 
 
+def running(work, name="m", **more):
+    """A run whose errors are 3 and 4."""
+    return BenchRun("scene", name, {}, work, lambda a: errors_of([3.0, 4.0]), "m", **more)
+
+
 def trial(times, **more):
     queue = iter(times)
-    return BenchRun("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
-                 lambda a: errors_of([3.0, 4.0]), "m", **more)  # fmt: skip
+    return running(lambda: (0.0, np.array(next(queue), float)), **more)
 
 
 def test_result_reports_medians_tails_and_spread():
@@ -115,22 +125,18 @@ def test_a_refusal_is_noted_and_the_others_go_on():
     def refuse():
         raise CurveError("no line")
 
-    bad = BenchRun("s", "b", {"scale": 0.5}, refuse, lambda a: errors_of([0.0]), "px")
+    bad = replace(running(refuse, "b"), settings={"scale": 0.5})
     results, refused = measure_runs("s", [bad, trial([[1]] * 3)], 2)
     assert [r["method"] for r in results] == ["m"]
-    assert refused == [
-        {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
-         "message": "no line"}
-    ]  # fmt: skip
+    named = {"stage": "s", "scene": "scene", "method": "b", "settings": {"scale": 0.5}}
+    assert refused == [named | {"message": "no line"}]
 
 
 def test_slow_trials_sit_out_the_later_rounds():
-    seen = []
-    told = []
+    seen, told = [], []
 
     def taking(us):
-        return BenchRun("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
-                     lambda a: errors_of([0.0]), "m")  # fmt: skip
+        return running(lambda: (seen.append(us), np.full(1, us)), str(us))
 
     results, _ = measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
     assert [r["repeats"] for r in results] == [7, 3, 3]
@@ -142,8 +148,7 @@ def test_rounds_are_interleaved():
     seen = []
 
     def noting(name):
-        return BenchRun("s", name, {}, lambda: (seen.append(name), np.ones(1)),
-                     lambda a: errors_of([0.0]), "m")  # fmt: skip
+        return running(lambda: (seen.append(name), np.ones(1)), name)
 
     measure_runs("s", [noting(n) for n in "abc"], 4)
     rounds = [sorted(seen[i : i + 3]) for i in range(0, 15, 3)]
@@ -153,27 +158,27 @@ def test_rounds_are_interleaved():
 @pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
 def test_pen_covers_its_area(width):
     line = np.column_stack([np.linspace(20.3, 80.1, 2000), np.linspace(30.2, 41.7, 2000)])
-    share = pictures.coverage((70, 100), line, width)
+    share = coverage((70, 100), line, width)
     length = np.hypot(*(line[-1] - line[0]))
     assert share.sum() == pytest.approx(length * width + np.pi * width**2 / 4, rel=5e-3)
     assert 0 <= share.min() < share.max() <= 1
 
 
 def test_scaled_picture_has_its_line_where_the_truth_says():
-    picture = pictures.pen_slice(4.0, scale=1.5).astype(float)
+    picture = pen_slice(4.0, scale=1.5).astype(float)
     assert picture.shape == (720, 960, 3)
     red = picture[..., 0] - picture[..., 1:].mean(axis=2)
     v, u = np.nonzero(red > 90)
-    places = pictures.from_pixels(np.column_stack([u, v]).astype(float), 1.5)
-    away, _ = cKDTree(pictures.curve()).query(places)
+    places = from_pixels(np.column_stack([u, v]).astype(float), 1.5)
+    away, _ = cKDTree(curve()).query(places)
     assert away.max() < 4 / 2 + 0.7
 
 
 def test_pixels_scale_about_the_corner_of_the_image():
     places = np.array([[-0.5, -0.5], [10.0, 3.25]])
-    scaled = pictures.to_pixels(places, 1.5)
+    scaled = to_pixels(places, 1.5)
     assert scaled[0] == pytest.approx([-0.5, -0.5])
-    assert pictures.from_pixels(scaled, 1.5) == pytest.approx(places)
+    assert from_pixels(scaled, 1.5) == pytest.approx(places)
 
 
 def test_surface_error_of_a_line_is_the_dimple():
@@ -188,15 +193,15 @@ def test_surface_error_of_a_line_is_the_dimple():
 @pytest.mark.parametrize("line", lines(), ids=lambda line: line.name)
 def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
     """Even spacing by R alone is wrong by 1 + R/ρ outside of a bend of radius ρ."""
-    bend = {"line": 0, "circle, 30 mm": 1 / 30e-3, "S, 8 mm bends": 1 / 8e-3}.get(
-        line.name, 1 / 2e-3
-    )
+    radius = {"line": np.inf, "circle, 30 mm": 30e-3, "S, 8 mm bends": 8e-3}.get(line.name, 2e-3)
     surface = planned_surface(line)
     for tolerance in (1e-5, 1e-6, 3e-7, 3e-8):
-        worst = surface_error(METHODS["by curvature"](line, tolerance), surface).max()
+        worst = surface_error(SAMPLINGS["by curvature"](line, tolerance_m=tolerance), surface).max()
         assert 0.95 * tolerance < worst <= tolerance
-        even = surface_error(METHODS["even, by R alone"](line, tolerance), surface).max()
-        assert even == pytest.approx((1 + R * bend) * tolerance, rel=0.02)
+        even = surface_error(
+            SAMPLINGS["even, by R alone"](line, tolerance_m=tolerance), surface
+        ).max()
+        assert even == pytest.approx((1 + R / radius) * tolerance, rel=0.02)
 
 
 def test_planned_surface_is_nowhere_nearer_than_R():
@@ -300,21 +305,17 @@ def test_peer_gets_the_scene_and_answers(tmp_path):
     points = np.zeros((1, 3))
     par = ProxyParameters.make(points, rule="paper", ignore_axis="y")
     proxy, us = python_peer(tmp_path, WRITES % "0.25").run(points, hips, par)
-    assert proxy == pytest.approx(hips + np.array([0, 0, 0.25])), (
-        "along the ignored axis: the HIP's own"
-    )
+    # Along the ignored axis: the HIP's own.
+    assert proxy == pytest.approx(hips + np.array([0, 0, 0.25]))
     assert (us == 1.5).all()
 
 
 @pytest.mark.parametrize(
     ("body", "says"),
-    [
-        ("sys.exit('out of paper')", "exit code 1: out of paper"),
-        ("pass", "proxies.csv"),
-        (WRITES % "float('nan')", "finite"),
-        (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)"),
-    ],
-)
+    [("sys.exit('out of paper')", "exit code 1: out of paper"), ("pass", "proxies.csv"),
+     (WRITES % "float('nan')", "finite"),
+     (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)")],
+)  # fmt: skip
 def test_peer_that_fails_is_named(tmp_path, body, says):
     par = ProxyParameters.make(np.zeros((1, 3)), rule="paper")
     with pytest.raises(SettingError) as error:
@@ -363,13 +364,10 @@ def test_document_survives_the_disk(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "code"),
-    [
-        ("{", "not-json"),
-        ("[]", "no-bench"),
-        ('{"format": "vfplan-bench", "version": "2.0"}', "other-version"),
-        ('{"format": "vfplan-bench", "version": "1.3"}', "damaged-bench"),
-    ],
-)
+    [("{", "not-json"), ("[]", "no-bench"),
+     ('{"format": "vfplan-bench", "version": "2.0"}', "other-version"),
+     ('{"format": "vfplan-bench", "version": "1.3"}', "damaged-bench")],
+)  # fmt: skip
 def test_a_document_that_is_none_is_refused(tmp_path, text, code):
     path = tmp_path / "bench.json"
     path.write_text(text)
@@ -451,13 +449,13 @@ def ball(tmp_path_factory):
 
     points = SCENES["sphere"](spacing=3e-3, radius=40e-3).points * [1.3, 1, 1] * 1e3
     path = tmp_path_factory.mktemp("mesh") / "ball.stl"
-    with path.open("w") as file:
-        file.write("solid ball\n")
-        for triangle in points[ConvexHull(points).simplices]:
-            file.write("facet normal 0 0 0\nouter loop\n")
-            file.writelines(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
-            file.write("endloop\nendfacet\n")
-        file.write("endsolid\n")
+    facets = [
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+        + "endloop\nendfacet\n"
+        for triangle in points[ConvexHull(points).simplices]
+    ]
+    path.write_text("".join(["solid ball\n", *facets, "endsolid\n"]))
     return path
 
 
@@ -497,3 +495,27 @@ def test_distance_from_a_drawn_line_knows_no_vertices():
     points = np.vstack([along[:, None] * [3.0, 4.0] + off[:, None] * [0.8, -0.6], [[-0.3, -0.4]]])
     found = from_line(points, line, cKDTree(line).query(points)[1])
     np.testing.assert_allclose(found, [*off, 0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [("paint", 2), ("extract --tolerance 0", 2), ("proxy --quick --peer /nowhere/peer", 2),
+     ("--from /nowhere/bench.json", 3), ("extract -o /nowhere/at/all", 2),
+     ("extract --peer true", 2), ("--from bench.json --quick", 2),
+     ("--from bench.json --tolerance 0.01", 2)],
+)  # fmt: skip
+def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):
+    run = vfplan_cli("bench", *arguments.split(), "--json")
+    assert run.code == code
+    assert run.json["error"]["message"]
+    assert run.error_line
+
+
+def test_a_failing_peer_leaves_nothing_behind(vfplan_cli, tmp_path):
+    peer = tmp_path / "peer.py"
+    peer.write_text("raise SystemExit('no')")
+    out = tmp_path / "out"
+    run = vfplan_cli("bench", "proxy", "--quick", "--peer", f"{sys.executable} {peer}", "-o", out)
+    assert run.code == 2
+    assert "exit code 1: no" in run.error_line
+    assert not out.exists()

@@ -11,7 +11,7 @@ from vfplan.bundle.exporting import export
 from vfplan.bundle.importing import import_cloud, refined
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.read import read_bundle
-from vfplan.engine.choosing import sampled
+from vfplan.engine.proxy import sampled
 from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)

@@ -41,10 +41,10 @@ def test_study_of_a_point(vfplan_cli, dot, tmp_path):
     assert run.json["k_linear_bound_n_per_m"] == pytest.approx(10_000)
     loops = [row for row in run.json["cases"] if row["case"].startswith("closed-loop/")]
     assert {row["scene"] for row in loops} == {"point", "bundle"}
-    robust = [row["measured"] for row in loops if row["rule"] == "robust"]
-    paper = [row["measured"] for row in loops if row["rule"] == "paper"]
-    assert run.json["k_max_n_per_m"] == min(robust)
-    assert run.json["k_max_by_rule_n_per_m"] == {"robust": min(robust), "paper": min(paper)}
+    least = {rule: min(row["measured"] for row in loops if row["rule"] == rule)
+             for rule in ("robust", "paper")}  # fmt: skip
+    assert run.json["k_max_n_per_m"] == least["robust"]
+    assert run.json["k_max_by_rule_n_per_m"] == least
     assert "closed-loop/flat" in run.json["left_out"]
     for row in run.json["cases"]:
         assert row.keys() >= {"case", "outcome", "detail", "limit", "measured"}
@@ -137,19 +137,15 @@ def test_gate_refuses_with_the_largest_k_that_passes():
         gate(replace(fixture, rendering=stiff), ROBOT)
 
 
-@pytest.fixture(scope="module")
-def sample():
-    return files("vfplan.samples")
-
-
-def plan(vfplan_cli, sample, output, *options):
+def plan(vfplan_cli, output, *options):
     names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    sample = files("vfplan.samples")
     return vfplan_cli("plan", *(sample / name for name in names), "-o", output, *options, "--json")
 
 
-def test_plan_stores_the_verdict(vfplan_cli, sample, tmp_path):
+def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
     output = tmp_path / "fixture.h5"
-    run = plan(vfplan_cli, sample, output, "--robot", "franka")
+    run = plan(vfplan_cli, output, "--robot", "franka")
     assert run.code == 0, run.stderr
     stored = read_fixture(output).stability
     assert stored.robot == "franka"
@@ -157,9 +153,9 @@ def test_plan_stores_the_verdict(vfplan_cli, sample, tmp_path):
     assert run.json["stability"]["k_max_n_per_m"] == stored.k_max_n_per_m
 
 
-def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, sample, tmp_path):
+def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, tmp_path):
     output = tmp_path / "fixture.h5"
-    run = plan(vfplan_cli, sample, output, "--robot", "franka", "--stiffness", 5000)
+    run = plan(vfplan_cli, output, "--robot", "franka", "--stiffness", 5000)
     assert run.code == 1
     assert "allowed with a margin of 1.25" in run.error_line
     assert not list(tmp_path.iterdir())

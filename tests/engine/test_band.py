@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import dimple_depth
+from motion import grid
 
 from vfplan.engine.parameters import default_band
 
@@ -19,8 +20,7 @@ def line(h, n=200):
 
 
 def sheet(h, n=41, height=0.0):
-    x, y = np.meshgrid(np.arange(n) * h, np.arange(n) * h)
-    return np.column_stack([x.ravel(), y.ravel(), np.full(n * n, height)])
+    return grid(np.arange(n) * h, np.arange(n) * h, height)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.6, 0.95])
@@ -56,12 +56,9 @@ def test_corners_and_rims_are_no_roughness():
 
 def test_the_stairs_of_a_mask_ask_for_a_third_of_a_pixel():
     """Whatever the width of the pen: a disc's rim, which has stairs of every slope."""
-    grid = np.arange(-80, 81) * 0.25e-3
-    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
-    asked = [
-        band(np.column_stack([x, y, 0 * x])[np.abs(np.hypot(x, y) - 15e-3) < half], Z)
-        for half in (0.4e-3, 0.6e-3, 1.1e-3)
-    ]
+    pixels = grid(np.arange(-80, 81) * 0.25e-3, np.arange(-80, 81) * 0.25e-3)
+    off = np.abs(np.hypot(*pixels[:, :2].T) - 15e-3)
+    asked = [band(pixels[off < half], Z) for half in (0.4e-3, 0.6e-3, 1.1e-3)]
     assert 0.2 * 0.25e-3 < min(asked) <= max(asked) < 0.6 * 0.25e-3
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from motion import even, grid
 
 import vfplan
 from vfplan.reference import PaperProxy
@@ -101,6 +102,34 @@ def test_random_states():
     assert tally.ticks == 6000
     assert tally.left_out <= 6, tally.left_out
     assert min(tally.states.values()) > 200, tally.states
+
+
+SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
+CLOUDS = {
+    "sheet": SHEET,
+    "dust": np.random.default_rng(1).uniform(-0.02, 0.02, (2000, 3)),
+    "duplicates": np.repeat(np.random.default_rng(1).uniform(-0.02, 0.02, (300, 3)), 3, axis=0),
+    "far away": SHEET + np.array([900.0, -400.0, 5.0]),
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize(
+    "more",
+    [{}, {"ignore_axis": "z"}, {"ignore_axis": (1, 2, 3)}, {"point_radius": 2e-3}, {"gain": 0.5}],
+    ids=str,
+)
+def test_states_among_many_points(name, more):
+    """Around the cloud and on contact with it, where a grid finds the points."""
+    points, rng, tally = CLOUDS[name], np.random.default_rng(7), Tally()
+    for case in range(60):
+        proxy = points.mean(axis=0) + rng.uniform(-0.02, 0.02, 3)
+        if case % 2:  # touching a point
+            away = rng.normal(size=3)
+            proxy = points[rng.integers(len(points))] + away / np.linalg.norm(away) * 5e-3
+        hip = proxy + rng.normal(0, 0.004, 3)
+        tally.compare(points, proxy, [hip], seed=case, stiffness=(900, 1000, 1100), **more)
+    assert tally.left_out <= 3
 
 
 def degenerate():

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 
 import meshes
 import numpy as np
 import pytest
 from meshes import R
+from motion import drag, hold, play, unbroken
 from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
 
@@ -19,7 +21,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.choosing import sampled
+from vfplan.engine.proxy import sampled
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.scenes import god_object
@@ -31,33 +33,16 @@ def case(seed, tally, mesh=meshes.mesh):
     """One mesh, twelve paths: guarantees 1 to 3 in every tick, the last one held."""
     rng = np.random.default_rng(seed)
     points, triangles, closed = mesh(rng)
-    offset = rng.choice([0, 0, 1.0]) * rng.normal(size=3)
-    points = points + offset
+    points = points + rng.choice([0, 0, 1.0]) * rng.normal(size=3)
     corners = points[triangles]
     share = rng.choice([1.0, 1.0, 0.6])
     engine = vfplan.ProxyEngine.on(points, triangles, share * R, R - share * R)
-    band = engine.parameters.band
     proxy = points.mean(axis=0) + np.array([1, 0.3, 0.2]) * (np.ptp(points) + 6 * R)
     if rng.random() < 0.15:
         proxy = points[rng.integers(len(points))] + rng.normal(size=3) * R / 2
-    normal = np.array([1.0, 0, 0])
-    engine.reset(proxy)
-    for _ in range(12):
-        hips = meshes.path(rng, proxy, normal, corners)
-        hips = np.vstack([hips, np.repeat(hips[-1:], 3, axis=0)])
-        trace = engine.run(hips)
+    draw, away = (partial(meshes.path, rng, corners=corners), partial(meshes.distance, corners))
+    for trace, hips, before, out in drag(engine, tally, draw, proxy, 3, away, late=True):
         x = trace.proxy
-        before = np.vstack([proxy, x[:-1]])
-        out = (trace.status & vfplan.Status.INSIDE) == 0
-        out[1:] &= out[:-1]
-        assert np.isfinite(trace.force).all()
-        low = R - band - meshes.distance(corners, x)
-        grown = np.linalg.norm(x - hips, axis=1) - np.linalg.norm(before - hips, axis=1)
-        tally["ticks"] += len(x)
-        tally["contact"] += int((trace.state > 0).sum())
-        tally["inside"] += int((out & (low > 1e-13)).sum())
-        tally["grown"] += int((out & (grown > band)).sum())
-        tally["limit"] += int((trace.status & vfplan.Status.LIMIT > 0).sum())
         if closed:
             side = meshes.winding(corners, np.vstack([before[:1], x]))
             tally["through"] += int((out & (side[1:] != side[:-1])).sum())
@@ -67,36 +52,24 @@ def case(seed, tally, mesh=meshes.mesh):
             tally["restless"] += int(settled and not np.array_equal(x[-1], x[-2]))
             if mesh is meshes.mesh:  # on a smooth body facets have a way left
                 tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
-        proxy, normal = x[-1], trace.normal[-1]
 
 
-def test_never_inside_never_grows_and_rests():
+@pytest.mark.parametrize(
+    ("seeds", "mesh", "ticks"),
+    [
+        (range(12), meshes.mesh, 2e3 / 0.3),
+        (range(4), meshes.facets, 0),
+        pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
+        pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full),
+    ],
+)
+def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
     tally = Counter()
-    for seed in range(12):
-        case(seed, tally)
-    print(dict(tally))  # pytest -s: the numbers of docs/algorithm.md
-    assert [tally[name] for name in BROKEN] == [0] * len(BROKEN), tally
-    assert tally["contact"] > 0.3 * tally["ticks"] > 2e3, tally
-
-
-@pytest.mark.parametrize("seeds", [4, pytest.param(60, marks=pytest.mark.full)])
-def test_smooth_bodies_hold_it_as_well(seeds):
-    tally = Counter()
-    for seed in range(seeds):
-        case(seed, tally, meshes.facets)
-    print(dict(tally))
-    assert [tally[name] for name in BROKEN] == [0] * len(BROKEN), tally
+    for seed in seeds:
+        case(seed, tally, mesh)
+    unbroken(tally, BROKEN)
     assert tally["contact"] > 0.3 * tally["ticks"], tally
-
-
-@pytest.mark.full
-def test_never_inside_in_a_million_ticks():
-    tally = Counter()
-    for seed in range(100, 1800):
-        case(seed, tally)
-    print(dict(tally))
-    assert [tally[name] for name in BROKEN] == [0] * len(BROKEN), tally
-    assert tally["ticks"] > 1e6, tally
+    assert tally["ticks"] > ticks, tally
 
 
 def test_a_box_is_rounded_in_closed_form():
@@ -109,8 +82,8 @@ def test_a_box_is_rounded_in_closed_form():
     nearest = np.clip(way * 0.05, -size / 2, size / 2)
     normal = way * 0.05 - nearest
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    engine.reset(nearest[0] + 2 * R * normal[0])
-    trace = engine.run(nearest + R * rng.uniform(0.4, 0.9, size=(4000, 1)) * normal)
+    hips = nearest + R * rng.uniform(0.4, 0.9, size=(4000, 1)) * normal
+    trace = play(engine, hips, nearest[0] + 2 * R * normal[0])
     assert np.abs(trace.proxy - nearest - R * normal).max() < 5e-7
     assert (trace.status == 0).mean() > 0.99
     assert (trace.state == 1).all()
@@ -126,13 +99,11 @@ def test_corners_and_grooves_hold_it_where_two_and_three_walls_meet():
     wide, deep = 0.02, 0.03
     points = [[x, y, z] for x, z in ((-wide, deep), (0, 0), (wide, deep)) for y in (-1, 1)]
     engine = vfplan.ProxyEngine.on(points, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]], R)
-    engine.reset([0, 0, 0.05])
     low = R * np.hypot(wide, deep) / wide  # where the ball touches both sides
     along = np.linspace(0, 0.2, 300)
-    trace = engine.run(np.column_stack([0 * along, along, 0 * along + 1e-3]))
-    assert trace.proxy[1:] == pytest.approx(
-        np.column_stack([0 * along, along, 0 * along + low])[1:], abs=1e-9
-    )
+    hips = np.column_stack([0 * along, along, 0 * along + 1e-3])
+    proxy = play(engine, hips, [0, 0, 0.05]).proxy
+    assert proxy[1:] == pytest.approx(hips[1:] + np.array([0, 0, low - 1e-3]), abs=1e-9)
 
 
 def test_a_rough_sheet_as_the_slow_god_object_has_it():
@@ -146,7 +117,7 @@ def test_a_rough_sheet_as_the_slow_god_object_has_it():
         start, hip = np.add(spot, [0, 0, 3 * R]), np.add(spot, [0, 0, 2e-3])
         engine.reset(start)
         engine.step(start)
-        found = engine.run(np.repeat(hip[None], 20, axis=0)).proxy[-1]
+        found = hold(engine, hip, 20).proxy[-1]
         assert np.abs(found - god_object.follow(truth, start, hip, R)).max() < 1e-6
 
 
@@ -157,29 +128,11 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     turn = np.linspace(0, 1, 600)
     way = np.column_stack([np.cos(turn), np.sin(turn) * 0.8, np.sin(turn) * 0.6])
     for start, hip, proxy in ((0.05, 0.033, 0.035), (0.01, 0.029, 0.025)):
-        engine.reset(start * way[0])
-        trace = engine.run(hip * way)
+        trace = play(engine, hip * way, start * way[0])
         assert np.abs(trace.proxy - proxy * way).max() < 1e-7
         assert (trace.status == 0).all()
     assert 1e-6 < engine.parameters.band < 5e-5
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
-
-
-def test_a_start_inside_is_led_out_without_a_jump():
-    rng = np.random.default_rng(3)
-    for seed in range(8):
-        points, triangles, _ = meshes.mesh(np.random.default_rng(seed))
-        engine = vfplan.ProxyEngine.on(points, triangles, R, stiffness=1000.0)
-        start = points[triangles[rng.integers(len(triangles)), 0]]
-        path = np.cumsum(rng.normal(size=(1500, 3)) * 2e-5, axis=0) + start
-        engine.reset(path[0])
-        trace = engine.run(path)
-        busy = (trace.status & vfplan.Status.INSIDE) > 0
-        assert busy[0]
-        assert not busy[-1]
-        moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        jump = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
-        assert (jump <= 1000 * (2 * moved + R / 128))[busy[1:] & busy[:-1]].all()
 
 
 def fixture(points, triangles):
@@ -249,8 +202,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     drawn = replace(fixture(points, triangles), sample_radius=6e-4)
     way = np.linspace(0.02, 0.0, 400)[:, None] * [0.0, 0.0, 1.0] + [1e-3, 2e-3, points[:, 2].max()]
     engine = vfplan.ProxyEngine.of(drawn, rule)
-    engine.reset(way[0])
-    trace = engine.run(way)
+    trace = play(engine, way)
     assert trace.proxy[-1] == pytest.approx(way[-1] + [0, 0, R], abs=2e-4)
     # Edits number the samples: corners first, and the others where `sampled` has them.
     made = sampled(drawn)
@@ -258,7 +210,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     assert np.array_equal(drawn.forbidden, made.points)
     below = np.linalg.norm(made.points - way[-1], axis=1) < 2 * R
     engine.edit(remove=np.flatnonzero(below))
-    engine.run(np.repeat(way[-1:], 40, axis=0))
+    hold(engine, way[-1], 40)
     assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)
 
 
@@ -286,14 +238,9 @@ def test_what_sticks_out_of_a_plane_or_its_edge_stays():
 
 @pytest.mark.parametrize(
     ("triangles", "said"),
-    [
-        ([[0, 1]], r"\(K, 3\)"),
-        ([[0, 1, 3]], "0 to 2"),
-        ([[0, -1, 2]], "0 to 2"),
-        ([[0.0, 1, 2]], r"\(K, 3\)"),
-        (np.empty((0, 3), int), r"\(K, 3\)"),
-    ],
-)
+    [([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
+     ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")],
+)  # fmt: skip
 def test_what_is_no_mesh_is_refused(triangles, said):
     with pytest.raises(SceneError, match=said):
         vfplan.ProxyEngine.on(np.eye(3), triangles)

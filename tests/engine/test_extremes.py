@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motion import grid, play
 
 from vfplan import ProxyEngine
 from vfplan.bundle.content import to_content
 from vfplan.bundle.leak import certificate
-from vfplan.errors import SceneError, SettingError
+from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.cases import ROUNDING_M, breach, random_path
 from vfplan.stability.contacts import Contact, patch
@@ -30,8 +31,7 @@ def walked(place, ticks=3000, **settings):
     """The breach over a random walk."""
     engine = engine_at(place, **settings)
     place = replace(place, radius=engine.parameters.R)
-    engine.reset(place.start)
-    return breach(place, engine, engine.run(random_path(place, ticks)))
+    return breach(place, engine, play(engine, random_path(place, ticks), place.start))
 
 
 @pytest.mark.parametrize(
@@ -64,9 +64,7 @@ def row(count, spacing):
 
 def sheet(side, spacing=5e-4):
     x = (np.arange(side) - side // 2) * spacing
-    points = np.zeros((side * side, 3))
-    points[:, 0], points[:, 2] = np.repeat(x, side), np.tile(x, side)
-    return Contact(points, R * UP[0], UP)
+    return Contact(grid(x, x)[:, [0, 2, 1]], R * UP[0], UP)
 
 
 def blob(points, top=0.0):
@@ -74,8 +72,7 @@ def blob(points, top=0.0):
 
 
 def tilted():
-    x = np.linspace(-0.01, 0.01, 41)
-    u, v = (a.ravel() for a in np.meshgrid(x, x))
+    u, v, _ = grid(np.linspace(-0.01, 0.01, 41), np.linspace(-0.01, 0.01, 41)).T
     return np.column_stack([u, 0.3 * u - 0.2 * v, v])
 
 
@@ -114,12 +111,6 @@ def test_the_proxy_stays_outside_of_dust():
 @pytest.mark.parametrize("side", [1000, 3163])
 def test_the_proxy_stays_outside_of_millions_of_points(side):
     assert walked(sheet(side)) <= ROUNDING_M
-
-
-@pytest.mark.parametrize("points", [np.zeros((0, 3)), [[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]])
-def test_no_cloud_is_refused(points):
-    with pytest.raises(SceneError):
-        engine_at(blob(points))
 
 
 def cusp():
@@ -182,20 +173,6 @@ def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(setti
     assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [*({"band": band} for band in (1e-12, 4.9e-11, 5e-324, 0.0, 5.1e-3)),
-     *({"contact_radius": rc} for rc in (1e-300, 0.99e-9, 1.01e6, 1e300)),
-     {"point_radius": 1e300}, {"point_radius": -1e-9}, {"outer_radius": 1e300},
-     {"band": 1e-5, "outer_radius": 5.01e-3},
-     *({"stiffness": k} for k in (0.0, -1.0, float("inf"), float("nan")))],
-    ids=str,
-)  # fmt: skip
-def test_settings_beyond_their_ranges_are_refused(settings):
-    with pytest.raises(SettingError):
-        engine_at(patch(), **settings)
-
-
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e9, (1.0, 1e3, 1e6)])
 def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
     engine = engine_at(patch(), stiffness=stiffness)
@@ -208,10 +185,7 @@ def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
 
 def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
     angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    engine = ProxyEngine(
-        0.02 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), R, ignore_axis="z"
-    )
-    engine.reset(np.array([1e-3, 0.0, 0.0]))
-    trace = engine.run(np.zeros((1000, 3)))
+    ring = 0.02 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    trace = play(ProxyEngine(ring, R, ignore_axis="z"), np.zeros((1000, 3)), [1e-3, 0.0, 0.0])
     assert not trace.proxy.any()
     assert not trace.force.any()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from motion import NATIVE, compiled, output, sizes
 from oracle.governor_twin import Twin
 
 import vfplan
@@ -38,7 +36,10 @@ def test_below_its_limits_it_is_not_there():
 
 
 def test_a_release_is_a_straight_ramp_and_gives_what_the_formula_says():
-    """From F0 by s a tick: F0/s ticks, F0² t²/8m with t = F0 T/s, less a tick's part."""
+    """From F0 by s a tick: F0/s ticks, F0² t²/8m with t = F0 T/s, less a tick's part.
+
+    By 1 N a tick some 7 mJ of 0.1 J.
+    """
     for step in (0.5, 1.0, 2.0):
         g = governor(step)
         n = int(15 / step)
@@ -67,17 +68,6 @@ def test_the_least_passive_step_is_where_given_meets_stored():
         governor(0.31)
     assert caught.value.numbers == {"force_step_n": 0.31}
     assert governor(0.31, mass_kg=1.05).least_passive_step_n < 0.31
-
-
-def test_what_the_issue_of_slow_ramps_measured():
-    """15.8 N at 1000 N/m and 1 kg: 7 mJ of 125 mJ by 1 N a tick; 0.1 N a tick is refused."""
-    g = governor(1.0, 15.8)
-    g.run(np.linspace([0, 0, 0], [15.8, 0, 0], 100))
-    g.run(np.zeros((30, 3)))
-    assert 6.5e-3 < g.energy_given_j < 7.9e-3
-    assert g.energy_stored_j == pytest.approx(0.125, rel=2e-3)
-    with pytest.raises(SettingError, match=r"at least 0\.249"):
-        governor(0.1, 15.8)
 
 
 def test_the_direction_of_a_change_is_kept_by_one_scale():
@@ -118,9 +108,8 @@ def test_the_twin_in_numpy_agrees(seed):
         assert g.torque_nm == pytest.approx(twin.torque, abs=4e-6)
         seen |= g.status
     assert GovernorStatus.TORQUE_LAGS in seen
-    assert g.energy_given_j == pytest.approx(
-        twin.given + twin.momentum @ twin.momentum / (2 * M), rel=1e-3
-    )
+    given = twin.given + twin.momentum @ twin.momentum / (2 * M)
+    assert g.energy_given_j == pytest.approx(given, rel=1e-3)
     assert g.energy_stored_j == pytest.approx(twin.stored + twin.top**2 / (2 * K), rel=1e-3)
 
 
@@ -144,31 +133,16 @@ def test_what_is_no_number_fades_out_and_is_said():
     assert force == pytest.approx([9.4, 0, 0])
 
 
-def test_a_force_held_longer_than_its_spring_lasts_is_said():
-    """A force that turns round at its largest: twice the step that one release needs."""
-    g = governor(0.32)
-    g.run(np.linspace([0, 0, 0], [20.0, 0, 0], 200))
-    status = [g.step([-20.0, 0, 0]) is not None and g.status for _ in range(125)]
-    assert GovernorStatus.OVERDRAWN in status[-1]
-    assert status[5] == GovernorStatus.OK
-
-
 @pytest.mark.parametrize(
     ("settings", "numbers"),
-    [
-        ({"force_step_n": 0.0}, {"force_step_n": 0.0}),
-        ({"force_step_n": float("inf")}, {"force_step_n": float("inf")}),
-        ({"force_max_n": -1.0}, {"force_max_n": -1.0}),
-        ({"mass_kg": 0}, {"mass_kg": 0.0}),
-        ({"stiffness_n_per_m": 0}, {"stiffness_n_per_m": 0.0}),
-        ({"rate_hz": 0}, {"rate_hz": 0.0}),
-        ({"torque_step_nm": 0}, {"torque_step_nm": 0.0}),
-        ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
-        ({"torque_step_nm": np.ones(17)}, {}),
-        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9}),
-        ({"torque_step_nm": "much"}, {}),
-    ],
-)
+    [*(({name: value}, {name: value}) for name, value in (
+        ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_max_n", -1.0), ("mass_kg", 0.0),
+        ("stiffness_n_per_m", 0.0), ("rate_hz", 0.0), ("torque_step_nm", 0.0))),
+     ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
+     ({"torque_step_nm": np.ones(17)}, {}),
+     ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9}),
+     ({"torque_step_nm": "much"}, {})],
+)  # fmt: skip
 def test_settings_out_of_range_are_refused(settings, numbers):
     good = {"force_step_n": 0.5, "force_max_n": 20, "stiffness_n_per_m": K, "mass_kg": M}
     with pytest.raises(SettingError) as caught:
@@ -178,17 +152,16 @@ def test_settings_out_of_range_are_refused(settings, numbers):
 
 def test_shapes_are_refused_and_a_jacobian_is_asked_for():
     g = governor()
-    with pytest.raises(SceneError, match=r"force .*\(2,\)"):
-        g.step([1, 2])
-    with pytest.raises(SceneError, match=r"jacobian .*\(7, 3\)"):
-        g.step([1, 2, 3], np.ones((7, 3)))
-    with pytest.raises(SceneError, match=r"jacobians .*\(4, 3, 7\)"):
-        g.run(np.zeros((5, 3)), np.zeros((4, 3, 7)))
     turning = governor(torque_step_nm=np.ones(7))
-    with pytest.raises(SceneError, match="jacobian"):
-        turning.step([1, 2, 3])
-    with pytest.raises(SceneError, match="n 7"):
-        turning.step([1, 2, 3], np.ones((3, 6)))
+    for says, call, *given in (
+        (r"force .*\(2,\)", g.step, [1, 2]),
+        (r"jacobian .*\(7, 3\)", g.step, [1, 2, 3], np.ones((7, 3))),
+        (r"jacobians .*\(4, 3, 7\)", g.run, np.zeros((5, 3)), np.zeros((4, 3, 7))),
+        ("jacobian", turning.step, [1, 2, 3]),
+        ("n 7", turning.step, [1, 2, 3], np.ones((3, 6))),
+    ):
+        with pytest.raises(SceneError, match=says):
+            call(*given)
 
 
 def test_steps_and_a_run_are_the_same():
@@ -237,16 +210,8 @@ def test_of_a_robot_file(name):
 @pytest.mark.slow
 def test_the_header_alone_holds_every_limit_and_allocates_nothing(tmp_path):
     """The program itself stops at the first tick beyond a limit and at any allocation."""
-    compiler, program = need_program("g++", "g++"), tmp_path / "ticks"
-    source = ROOT / "tests" / "native" / "governor_ticks.cpp"
-    include = ROOT / "vfplan" / "native" / "include"
-    flags = ["-std=c++20", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-    command = [compiler, *flags, f"-I{include}", str(source), "-o", str(program)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    done = subprocess.run([program, "1000000"], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    for line in done.stdout.splitlines():
+    program = compiled(tmp_path, NATIVE / "governor_ticks.cpp", "-O2")
+    for line in output(program, 1_000_000).splitlines():
         row = dict(zip(line.split()[1::2], map(float, line.split()[2::2]), strict=True))
         assert 0.99 < row["force_step"] <= 1
         assert row["held"] > 100_000
@@ -254,12 +219,8 @@ def test_the_header_alone_holds_every_limit_and_allocates_nothing(tmp_path):
     assert 0.9 < row["torque"] <= 1
 
 
-PATHS = {
-    "sheet": (scenes.Sheet(spacing=2e-3), False),
-    "omega": (scenes.Omega(), True),
-    "corner": (scenes.Corner(), False),
-    "channel": (scenes.Channel(), False),
-}
+PATHS = ((scenes.Sheet(spacing=2e-3), None), (scenes.Omega(), "z"), (scenes.Corner(), None),
+         (scenes.Channel(), None))  # fmt: skip
 
 
 def wandering(points, count, draw):
@@ -277,9 +238,9 @@ def wandering(points, count, draw):
 def test_no_limit_is_crossed_over_the_scenes(count):
     draw = np.random.default_rng(3)
     each, held = count // len(PATHS), 0
-    for scene, planar in PATHS.values():
+    for scene, axis in PATHS:
         points = scene.points
-        engine = vfplan.ProxyEngine(points, stiffness=K, ignore_axis="z" if planar else None)
+        engine = vfplan.ProxyEngine(points, stiffness=K, ignore_axis=axis)
         g = governor(0.4, torque_step_nm=0.3, torque_max_nm=np.array([9.0] * 4 + [6.0] * 3))
         force, torque = np.zeros((1, 3)), np.zeros((1, 7))
         for start in range(0, each, 50_000):
@@ -291,7 +252,7 @@ def test_no_limit_is_crossed_over_the_scenes(count):
             done = g.trace(asked, jacobians)
             force = np.concatenate((force[-1:], done.force))
             torque = np.concatenate((torque[-1:], done.torque))
-            assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() <= 0.4
+            assert sizes(force).max() <= 0.4
             assert np.abs(np.diff(torque, axis=0)).max() <= 0.3
             assert np.linalg.norm(force, axis=1).max() <= 20.0
             assert (np.abs(torque).max(axis=0) <= [9.0] * 4 + [6.0] * 3).all()

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
 import warnings
 
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from motion import NATIVE, compiled, output, same, sizes
 
 import vfplan
 from vfplan import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
 
-NATIVE = ROOT / "tests" / "native"
 K = 1000.0
 
 
@@ -36,56 +34,25 @@ def along_x(n=11):
     return np.column_stack([np.linspace(0, 0.1, n), np.zeros(n), np.zeros(n)])
 
 
-def program(tmp_path, *flags):
-    out = tmp_path / "guide_ticks"
-    source = str(NATIVE / "guide_ticks.cpp")
-    include = f"-I{ROOT / 'vfplan' / 'native' / 'include'}"
-    command = [need_program("g++", "g++"), "-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra"]
-    done = subprocess.run(
-        [*command, "-Wpedantic", "-Werror", *flags, include, source, "-o", str(out)],
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return out
-
-
-def check_promises(tmp_path, ticks):
-    done = subprocess.run(
-        [program(tmp_path, "-O2"), str(ticks)], capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    lines = done.stdout.splitlines()
+@pytest.mark.slow
+@pytest.mark.parametrize("ticks", [100_000, pytest.param(10_000_000, marks=pytest.mark.full)])
+def test_a_guide_keeps_its_promises(tmp_path, ticks):
+    program = compiled(tmp_path, NATIVE / "guide_ticks.cpp", "-O2")
+    lines = output(program, ticks, timeout=600).splitlines()
     assert len(lines) == 22
+    limits = {"beyond": 1e-9, "lines": 1e-5, "jump": K * 2e-5, "drag": 1e-3, "recede": 1e-15,
+              "excess": 1e-12, "allocations": 0}  # fmt: skip
     for line in lines:
         found = {k: float(v) for k, v in (p.split() for p in line.split(": ")[1].split(", "))}
-        assert found["beyond"] <= 1e-9, line
-        assert found["lines"] <= 1e-5, line
-        assert found["jump"] <= K * 2e-5, line
-        assert found["drag"] < 1e-3, line
-        assert found["recede"] <= 1e-15, line
-        assert found["excess"] <= 1e-12, line
+        assert all(found[name] <= limit for name, limit in limits.items()), line
         assert found["forced"] > 0.1 * ticks / 22, line
-        assert found["allocations"] == 0, line
-
-
-@pytest.mark.slow
-def test_a_guide_keeps_its_promises(tmp_path):
-    check_promises(tmp_path, 100_000)
-
-
-@pytest.mark.slow
-@pytest.mark.full
-def test_a_guide_keeps_its_promises_for_ten_million_ticks(tmp_path):
-    check_promises(tmp_path, 10_000_000)
 
 
 @pytest.mark.slow
 @pytest.mark.full
 def test_sanitizers_find_nothing(tmp_path):
     flags = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    done = subprocess.run([program(tmp_path, *flags), "50000"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    output(compiled(tmp_path, NATIVE / "guide_ticks.cpp", *flags), 50_000)
 
 
 def test_force_is_zero_in_the_tube_and_a_spring_beyond():
@@ -107,9 +74,7 @@ def test_run_is_step_after_step():
     hips = hairpin()[::2] + rng.normal(scale=1e-3, size=(150, 3))
     one, two = (vfplan.Guide(hairpin(), 1e-3) for _ in range(2))
     trace = one.run(hips)
-    steps = [two.step(hip) for hip in hips]
-    assert (trace.force == [s.force for s in steps]).all()
-    assert (trace.arc_m == [s.arc_m for s in steps]).all()
+    same(trace, [two.step(hip) for hip in hips], vars(trace))
     assert len(trace) == 150
 
 
@@ -119,8 +84,7 @@ def test_a_hand_that_crosses_to_the_other_strand_of_a_hairpin_stays_on_its_own()
     hips = np.column_stack([np.full_like(y, 0.01), y, 0 * y])
     trace = guide.run(hips)
     assert trace.arc_m == pytest.approx(0.01)
-    step = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
-    assert step.max() <= K * np.diff(y).max() * (1 + 1e-9)
+    assert sizes(trace.force).max() <= K * np.diff(y).max() * (1 + 1e-9)
     assert trace.force[-1] == pytest.approx([0, -K * 8.9e-3, 0])
 
 
@@ -184,8 +148,7 @@ def test_an_open_end_lets_go_without_giving_energy_and_takes_hold_again():
     assert force[:300] == pytest.approx(2.0, abs=1e-6)
     assert force[-1] == 0
     assert not trace.held[-1]
-    step = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
-    assert (step <= K * (np.linalg.norm(np.diff(hips, axis=0), axis=1) + 2e-5)).all()
+    assert (sizes(trace.force) <= K * (sizes(hips) + 2e-5)).all()
     back = np.linspace(0.13, 0.05, 1000)
     inside = guide.run(np.column_stack([back, 0.5e-3 + 0 * back, 0 * back]))
     assert inside.held[-1]
@@ -211,10 +174,11 @@ def test_of_several_curves_the_nearest_at_the_start_is_kept():
     assert trace.force[-1] == pytest.approx([0, 9.0, 0])
 
 
-def half_circles():
-    """A line, half a circle to the left of it, and a line back: (V, 3) [m] and bulges."""
-    vertices = np.array([[0, 0, 0], [0.03, 0, 0], [0.03, 0.01, 0], [0, 0.01, 0]])
-    return vertices, np.array([0.0, 1.0, 0.0, 0.0])
+def half_circles(frame=((1, 0, 0), (0, 1, 0), (0, 0, 1)), count=4):
+    """A line, half a circle to the left of it, and a line back; or their first vertices."""
+    vertices = np.array([[0, 0, 0], [0.03, 0, 0], [0.03, 0.01, 0], [0, 0.01, 0]]) @ np.array(frame)
+    bulges = np.array([0.0, 1.0, 0.0, 0.0])
+    return Pieces(vertices[:count], bulges[:count], np.zeros(count, np.int32), np.zeros(1, bool))
 
 
 @pytest.mark.parametrize("tilt", [[0.0, 0, 1], [0.6, 0, 0.8]])
@@ -222,9 +186,7 @@ def test_lines_and_arcs_are_followed_as_they_are(tilt):
     """On the arc the lateral error is that of the circle, to a rounding; a corner stays one."""
     tilt = np.array(tilt)
     frame = np.stack([np.cross([0, 1, 0], tilt), [0, 1, 0], tilt])
-    vertices, bulges = half_circles()
-    pieces = Pieces(vertices @ frame, bulges, np.zeros(4, np.int32), np.zeros(1, bool))
-    guide = vfplan.Guide(pieces, 1e-3, ignore_axis=tilt)
+    guide = vfplan.Guide(half_circles(frame), 1e-3, ignore_axis=tilt)
     assert guide.closed == (False,)
     assert guide.lengths_m == pytest.approx([0.06 + np.pi * 5e-3], rel=1e-12)
     turn = np.linspace(-np.pi / 2, np.pi / 2, 500)
@@ -240,15 +202,13 @@ def test_lines_and_arcs_are_followed_as_they_are(tilt):
 
 
 def test_lines_and_arcs_that_no_tube_fits_around_are_refused_with_the_place():
-    vertices, bulges = half_circles()
-    pieces = Pieces(vertices, bulges, np.zeros(4, np.int32), np.zeros(1, bool))
+    pieces = half_circles()
     with pytest.raises(SettingError, match=r"at most 4\.9\d* mm fit, as "):
         vfplan.Guide(pieces, 5.2e-3, ignore_axis="z")
     with pytest.raises(SettingError, match="across an ignored axis"):
         vfplan.Guide(pieces, 1e-3)
-    dot = Pieces(vertices[:1], bulges[:1], np.zeros(1, np.int32), np.zeros(1, bool))
     with pytest.raises(SceneError, match="2 points that differ"):
-        vfplan.Guide(dot, 1e-3, ignore_axis="z")
+        vfplan.Guide(half_circles(count=1), 1e-3, ignore_axis="z")
 
 
 def test_nothing_acts_along_an_ignored_axis():
@@ -273,8 +233,7 @@ def test_a_lead_pulls_along_to_its_speed_and_stops_before_the_end():
         x = x + dt * v
         forces.append(force)
         speeds.append(v[0])
-    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
-    assert steps.max() <= K * (np.abs(speeds).max() * dt + 2e-5)
+    assert sizes(forces).max() <= K * (np.abs(speeds).max() * dt + 2e-5)
     # Balance of pull and damping: f (1 - v / v_max) = b v.
     assert np.median(speeds[:4000]) == pytest.approx(2 / (2 / 0.02 + damping), rel=0.01)
     assert max(speeds) <= 0.02
@@ -312,6 +271,5 @@ def test_bad_settings_are_refused(error, message, change):
 
 
 def test_a_strand_that_is_not_there_is_an_error():
-    guide = vfplan.Guide(np.column_stack([np.linspace(0, 0.1, 50), np.zeros((50, 2))]), 1e-3)
     with pytest.raises(IndexError):
-        guide.at(0.05, 1)
+        vfplan.Guide(along_x(), 1e-3).at(0.05, 1)

@@ -12,7 +12,7 @@ from replays import fixture_of
 
 import vfplan
 from vfplan.bundle.importing import refined
-from vfplan.engine.choosing import MAX_TICK_TIME, best_rule, worst_tick_time
+from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, worst_tick_time
 from vfplan.replaying.replay import replay
 from vfplan.session.session import Session
 from vfplan.stability.cases import breach, breach_by_jump, engine_at_start, random_path

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-
+import motion
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from motion import NATIVE, compiled, even, grid, output, sizes
 
 import vfplan
 from vfplan import Status
@@ -16,12 +15,8 @@ K, R, T = 1000.0, 5e-3, 1e-3
 
 
 def turned(axis, angle, place=(0, 0, 0)):
-    """Rodrigues' formula."""
-    a = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
     pose = np.eye(4)
-    pose[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    pose[:3, 3] = place
+    pose[:3, :3], pose[:3, 3] = motion.turned(axis, angle), place
     return pose
 
 
@@ -30,9 +25,7 @@ def shifted(x, y=0.0, z=0.0):
 
 
 def sheet():
-    g = np.arange(-30e-3, 30.5e-3, 1e-3)
-    x, y = np.meshgrid(g, g)
-    return np.stack((x.ravel(), y.ravel(), np.zeros(x.size)), axis=1)
+    return grid(even(30e-3, 1e-3), even(30e-3, 1e-3))
 
 
 def test_from_pose_to_pose_it_goes_evenly_one_sample_late():
@@ -60,10 +53,9 @@ def test_no_pose_moves_it_faster_than_told(seed):
         step = draw.choice([T, T, T, 5 * T, 0.0])
         t += step
         if draw.random() < 0.05:
-            f.pose(
-                t - draw.uniform(0, 0.03),
-                turned(draw.normal(size=3), draw.uniform(-4, 4), draw.uniform(-1, 1, 3)),
-            )
+            late = draw.uniform(0, 0.03)
+            axis, angle = draw.normal(size=3), draw.uniform(-4, 4)
+            f.pose(t - late, turned(axis, angle, draw.uniform(-1, 1, 3)))
         now = f.at(t)
         assert np.abs(now[:3, :3].T @ now[:3, :3] - np.eye(3)).max() < 1e-14
         if before is not None and before[0]:
@@ -95,8 +87,7 @@ def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
         stale.append(bool(s.status & Status.STALE))
     at = T * np.arange(1, 501)
     assert stale == (at - np.where(at < 300 * T, 0.001, 300 * T) > 0.1).tolist()
-    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
-    assert steps[1:].max() <= K * 0.25 * T * (1 + 1e-6)
+    assert sizes(forces)[1:].max() <= K * 0.25 * T * (1 + 1e-6)
     assert forces[-1] == pytest.approx([0, 0, 10.0], abs=0.1)
     early = vfplan.MovingFrame()
     early.pose(0.0, np.eye(4))
@@ -106,25 +97,14 @@ def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
 
 
 BAD_TICKS = {
-    "good": 0,
-    "stuck": 99,
-    "not a number": 99,
-    "infinite": 99,
-    "back 100 s": 99,
-    "back 100 s with its tracker": 99,
-    "one tick back": 1,
-    "one tick not a number": 1,
-}
+    "good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 100 s": 99,
+    "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1,
+}  # fmt: skip
 
 
 def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
     """The fixture stands still in a tick whose time is not later than the one before."""
-    include = ROOT / "vfplan" / "native" / "include"
-    source = ROOT / "tests" / "native" / "moving_clock.cpp"
-    flags = ["-std=c++20", "-O0", "-Wall", "-Wextra", "-Werror", f"-I{include}"]
-    made = tmp_path / "moving_clock"
-    subprocess.run([need_program("g++", "g++"), *flags, source, "-o", made], check=True)
-    printed = subprocess.run([made], capture_output=True, text=True, check=True).stdout
+    printed = output(compiled(tmp_path, NATIVE / "moving_clock.cpp", "-O0"))
     told = dict(line.rsplit(": ", 1) for line in printed.splitlines())
     for case, ticks in BAD_TICKS.items():
         for poses in ("poses", "no poses"):
@@ -199,10 +179,8 @@ def test_the_lag_is_the_way_that_is_left():
 
 def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     k = [400.0, 700.0, 1000.0]
-    e, f = (
-        vfplan.ProxyEngine(sheet(), stiffness=k),
-        vfplan.MovingFrame(max_turn_rad_s=20, max_speed_m_s=1),
-    )
+    e = vfplan.ProxyEngine(sheet(), stiffness=k)
+    f = vfplan.MovingFrame(max_turn_rad_s=20, max_speed_m_s=1)
     draw = np.random.default_rng(3)
     n = 4000
     t = T * np.arange(n)
@@ -273,19 +251,9 @@ def test_what_is_no_pose_is_refused():
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     """The loop and the thread beside it, built without Python, watched by ThreadSanitizer."""
-    made = tmp_path_factory.mktemp("changing") / "changing_ticks"
-    flags = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-O0"]
-    include = ROOT / "vfplan" / "native" / "include"
-    command = [need_program("g++", "g++"), *flags, "-DVFPLAN_NARROW", "-fsanitize=thread"]
-    source = ROOT / "tests" / "native" / "changing_ticks.cpp"
-    subprocess.run([*command, f"-I{include}", source, "-o", made], check=True)
-    return made
-
-
-def play(program, *args):
-    done = subprocess.run([program, *map(str, args)], capture_output=True, text=True, timeout=1800)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    folder = tmp_path_factory.mktemp("changing")
+    flags = ("-O0", "-DVFPLAN_NARROW", "-fsanitize=thread")
+    return compiled(folder, NATIVE / "changing_ticks.cpp", *flags)
 
 
 @pytest.mark.slow
@@ -302,7 +270,7 @@ def test_a_controllers_bits_are_pythons(program, tmp_path):
         hip = [8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3]
         rows.append([1, t, *hip, 0, 0, 0, 0])
     np.array(rows).tofile(tmp_path / "in")
-    play(program, "move", tmp_path / "in", tmp_path / "out")
+    output(program, "move", tmp_path / "in", tmp_path / "out", timeout=1800)
     found = np.fromfile(tmp_path / "out").reshape(-1, 7)
     g = np.arange(-20, 21) * 1e-3
     points = np.stack([c.ravel() for c in np.meshgrid(g, g, 0.0, indexing="ij")], axis=1)
@@ -320,13 +288,7 @@ def test_a_controllers_bits_are_pythons(program, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_exchanges_and_edits_under_load_race_with_nothing(program):
-    assert "exchanged 60 " in play(program, "exchange", 60)
-    assert "edited 4000 " in play(program, "edit", 4000)
-
-
-@pytest.mark.slow
-@pytest.mark.full
-def test_ten_thousand_exchanges_and_a_million_edits_under_load(program):
-    assert "exchanged 10000 " in play(program, "exchange", 10_000)
-    assert "edited 1000000 " in play(program, "edit", 1_000_000)
+@pytest.mark.parametrize(("exchanges", "edits"), [(60, 4000), (10_000, 1_000_000)])
+def test_exchanges_and_edits_under_load_race_with_nothing(program, exchanges, edits):
+    for word, count in (("exchange", exchanges), ("edit", edits)):
+        assert f"{word}ed {count} " in output(program, word, count, timeout=1800)

@@ -3,11 +3,11 @@
 import subprocess
 
 import pytest
-from conftest import ROOT, need_program
+from conftest import need_program
+from motion import INCLUDE
 
 pytestmark = pytest.mark.slow
 
-INCLUDE = ROOT / "vfplan" / "native" / "include"
 SOURCE = """
 #include "vfplan/engine.hpp"
 #include "vfplan/governor.hpp"

@@ -6,14 +6,11 @@ from collections import defaultdict
 from functools import cache
 
 import pytest
-from conftest import ROOT, need_header, need_program, quick_compiler
+from conftest import need_header, need_program, quick_compiler
+from motion import INCLUDE, NATIVE, STRICT, compiled, output
 
 pytestmark = pytest.mark.slow
 
-INCLUDE = ROOT / "vfplan" / "native" / "include"
-NATIVE = ROOT / "tests" / "native"
-# As the exported CMake target compiles, and every warning an error.
-FLAGS = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 HEADERS = sorted(
     str(path.relative_to(INCLUDE))
     for folder in (".", "curve", "mesh")
@@ -25,24 +22,7 @@ HEADERS = sorted(
 def build(tmp_path_factory):
     """Compile tests/native/NAME.cpp, with g++ unless told; returns the program."""
     folder = tmp_path_factory.mktemp("native")
-
-    def run(name, *flags, compiler="g++"):
-        program = folder / (name + "".join(flags).replace("/", "_").replace("=", "_"))
-        if program.exists():
-            return program
-        words = [need_program(compiler, compiler), *FLAGS, *flags, f"-I{INCLUDE}"]
-        command = [*words, str(NATIVE / f"{name}.cpp")]
-        done = subprocess.run([*command, "-o", str(program)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return program
-
-    return run
-
-
-def output(program, *args):
-    done = subprocess.run([program, *map(str, args)], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return lambda name, *flags, **more: compiled(folder, NATIVE / f"{name}.cpp", *flags, **more)
 
 
 @cache
@@ -76,7 +56,7 @@ def test_each_header_stands_alone(tmp_path):
     every = tmp_path / "every.cpp"
     for row in chains():
         every.write_text("".join(f'#include "{name}"\n' for name in row))
-        command = [compiler, *FLAGS, "-fsyntax-only", f"-I{INCLUDE}", str(every)]
+        command = [compiler, "-std=c++20", *STRICT, "-fsyntax-only", f"-I{INCLUDE}", str(every)]
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 

@@ -10,6 +10,8 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from motion import grid, play, sizes
+from scipy.spatial import cKDTree
 
 import vfplan
 
@@ -24,9 +26,8 @@ def ways(dims: int) -> np.ndarray:
         return np.column_stack([np.cos(turn), np.sin(turn)])
     z = 1 - (2 * np.arange(200) + 1) / 200
     turn = np.pi * (1 + 5**0.5) * np.arange(200)
-    return np.column_stack([np.cos(turn), np.sin(turn), z]) * np.column_stack(
-        [np.sqrt(1 - z**2), np.sqrt(1 - z**2), np.ones(200)]
-    )
+    around = np.sqrt(1 - z**2)
+    return np.column_stack([around * np.cos(turn), around * np.sin(turn), z])
 
 
 def walked(tree, start, hip, radius) -> np.ndarray:
@@ -52,8 +53,6 @@ def thick_line(rng) -> np.ndarray:
 
 def drawn(rng) -> tuple[np.ndarray, np.ndarray]:
     """The pixels of such a line, and the line."""
-    from scipy.spatial import cKDTree
-
     bend = np.convolve(np.cumsum(rng.normal(size=400)), np.ones(25) / 25, "same")
     bend /= np.abs(bend).max() * R * rng.uniform(0.7, 3)
     turn = np.cumsum(bend) * 0.15e-3 + rng.uniform(0, 2 * np.pi)
@@ -86,12 +85,10 @@ def groove(rng) -> np.ndarray:
     flat = profile(rng, h := rng.choice([0.5e-3, 0.8e-3]))
     z = np.arange(-0.018, 0.018, h)
     lift = z**2 / (2 * R * rng.uniform(3, 8))
-    points = np.concatenate(
-        [
-            np.column_stack([flat + np.array([0, up]), np.full(len(flat), at)])
-            for at, up in zip(z, lift, strict=True)
-        ]
-    )
+    points = np.concatenate([
+        np.column_stack([flat + np.array([0, up]), np.full(len(flat), at)])
+        for at, up in zip(z, lift, strict=True)
+    ])  # fmt: skip
     return points + rng.normal(0, rng.choice([0, 5e-6, 2e-5]), points.shape)
 
 
@@ -120,8 +117,6 @@ def outside(rng, points, tree, kind) -> np.ndarray:
 def rests(points, kind, rng):
     """Drags the HIP to three goals and holds it there; yields how far each rest could go on
     [bands] and how far the proxy still moved [m]."""
-    from scipy.spatial import cKDTree
-
     dims, tree = points.shape[1], cKDTree(points)
     solid = np.column_stack([points, np.zeros((len(points), 3 - dims))])
     engine = vfplan.ProxyEngine(solid, ignore_axis="z" if dims == 2 else None)
@@ -186,16 +181,16 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
     fixture, points, hips = pixels_of_the_sample()
     exact, width = line_of_the_sample(points)
     rng = np.random.default_rng(0)
-    truth = ran(exact, hips)
+    truth = play(exact, hips)
     depth = np.linalg.norm(truth.proxy - hips, axis=1)
     left, off, jumps = [], [], []
     for share in (0, 1, 1, 1, 1, 1, 1):
         moved = points + share * rng.normal(0, 1e-10, points.shape)
         engine = vfplan.ProxyEngine(moved, ignore_axis=fixture.rendering.ignore_axis)
-        away = (proxy := ran(engine, hips).proxy) - truth.proxy
+        away = (proxy := play(engine, hips).proxy) - truth.proxy
         left.append((np.linalg.norm(proxy - hips, axis=1) - depth)[truth.state == 1].max())
         off.append(np.linalg.norm(away, axis=1).max())
-        jumps.append(np.linalg.norm(np.diff(away, axis=0), axis=1).max())
+        jumps.append(sizes(away).max())
     print(
         f"sample's mask, {1e3 * width:.2f} mm wide: at most {1e6 * max(left):.0f} um further from "
         f"the HIP than exact, {1e6 * max(off):.0f} um beside, steps of {1e6 * max(jumps):.0f} um"
@@ -219,19 +214,11 @@ def line_of_the_sample(points):
     return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis), width
 
 
-def ran(engine, hips):
-    engine.reset(hips[0])
-    return engine.run(hips)
-
-
 def left_in_the_sample(fixture, points, hips):
     """How much further (n,) [m] the proxy could go at every 20th tick in contact, and the band."""
-    from scipy.spatial import cKDTree
-
     axis = fixture.rendering.ignore_axis
     engine = vfplan.ProxyEngine(points, ignore_axis=axis, band=fixture.rendering.band)
-    engine.reset(hips[0])
-    trace = engine.run(hips)
+    trace = play(engine, hips)
     plane = np.linalg.svd(axis[None])[2][1:].T
     tree, radius = cKDTree(points @ plane), engine.parameters.r1
     at = np.flatnonzero(trace.state == 1)[::20]
@@ -242,16 +229,12 @@ def left_in_the_sample(fixture, points, hips):
     return np.array(over), engine.parameters.band
 
 
-def shell():
-    """4000 points on a sphere of 12 mm about the proxy, the HIPs within and beyond."""
-    rng = np.random.default_rng(0)
-    points = rng.normal(size=(4000, 3))
-    return points / np.linalg.norm(points, axis=1)[:, None] * 12e-3, rng
-
-
 def test_a_nanometre_of_noise_does_not_wake_it():
-    """The last digit of a sensor: the proxy rests as if the HIP were held to the bit."""
-    points, rng = shell()
+    """The last digit of a sensor: the proxy rests as if the HIP were held to the bit.
+
+    The proxy starts inside 4000 points on a sphere of 12 mm, the HIPs are within and beyond.
+    """
+    points, _, _ = ball(rng := np.random.default_rng(0))
     for _ in range(40):
         hip = rng.normal(0, 6e-3, 3)
         engine = vfplan.ProxyEngine(points)
@@ -264,11 +247,8 @@ def test_a_nanometre_of_noise_does_not_wake_it():
 
 def dust(rng):
     """1000 points at random in a box of 20 mm, and a goal among them."""
-    return (
-        rng.uniform(-0.01, 0.01, (1000, 3)),
-        np.array([0.02, 3e-3, 2e-3]),
-        rng.uniform(-7e-3, 7e-3, 3),
-    )
+    points = rng.uniform(-0.01, 0.01, (1000, 3))
+    return points, np.array([0.02, 3e-3, 2e-3]), rng.uniform(-7e-3, 7e-3, 3)
 
 
 def ball(rng):
@@ -280,11 +260,11 @@ def ball(rng):
 
 def dent(rng):
     """Over a dent of radius about R in a sheet, and a goal below it."""
-    grid = np.arange(-30, 31) * PIXEL
-    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
+    points = grid(np.arange(-30, 31) * PIXEL, np.arange(-30, 31) * PIXEL)
+    x, y, _ = points.T
     r = R * rng.uniform(0.7, 1.5)
     deep = np.sqrt(np.maximum(r * r - x * x - y * y, 0.19 * r * r)) - np.sqrt(0.19) * r
-    points = np.column_stack([x, y, -deep])
+    points[:, 2] = -deep
     points += rng.normal(0, rng.choice([0, 5e-6, 2e-5]), points.shape)
     return points, np.array([0, 0, 2 * R]), np.append(rng.uniform(-R, R, 2), -R * rng.uniform(0, 3))
 
@@ -293,8 +273,6 @@ def flat(make, kind):
     """A cloud in the plane, and a goal behind it."""
 
     def cloud(rng):
-        from scipy.spatial import cKDTree
-
         points = make(rng)
         start, hip = outside(rng, points, cKDTree(points), kind), goal(rng, points, kind)
         return tuple(np.pad(x, ((0, 0),) * (x.ndim - 1) + ((0, 1),)) for x in (points, start, hip))
@@ -314,11 +292,8 @@ def three_walls(rng):
     """Into a three-way corner, whose samples are 10 µm off."""
     points = vfplan.scenes.ThreeWalls(side=0.03).points
     points = points + rng.normal(0, 1e-5, points.shape)
-    return (
-        points,
-        np.array([12e-3, 11e-3, 10e-3]),
-        -rng.uniform(0.2, 1, 3) * rng.choice([1e-3, 1e-2]),
-    )
+    far = -rng.uniform(0.2, 1, 3) * rng.choice([1e-3, 1e-2])
+    return points, np.array([12e-3, 11e-3, 10e-3]), far
 
 
 # Clouds, and cases in which a proxy without regard to the noise wandered by 0.1 to 8 bands.
@@ -342,8 +317,7 @@ def trembled(make, seed, share):
     flat = not points[:, 2].any()
     engine = vfplan.ProxyEngine(points, ignore_axis="z" if flat else None)
     band = engine.parameters.band
-    engine.reset(start)
-    engine.run(np.linspace(start, hip, max(2, int(np.linalg.norm(hip - start) / 2e-4))))
+    play(engine, np.linspace(start, hip, max(2, int(np.linalg.norm(hip - start) / 2e-4))))
     hips = hip + share * band * rng.uniform(-1, 1, (1200, 3)) * ([1, 1, 0] if flat else 1)
     proxy = engine.run(hips).proxy[1000:]
     if np.linalg.norm(proxy - hips[1000:], axis=1).min() < 1e-4:
@@ -358,7 +332,6 @@ def lever(seed, rest, hip) -> float:
     """Of a drawn line, how far the place goes that is nearest to a HIP, near the rest, on the curve
     beside the line, for each 20 um that the HIP goes to the worst side."""
     from scipy.interpolate import make_interp_spline
-    from scipy.spatial import cKDTree
 
     _, line = drawn(np.random.default_rng(seed))
     line = make_interp_spline(np.arange(0, len(line), 10), line[::10])(np.linspace(0, 390, 100_000))
@@ -387,12 +360,9 @@ def test_a_trembling_hip_does_not_keep_it_moving(kind):
 
 def test_a_slow_drift_is_followed():
     """A HIP under a sheet goes 0.1 mm at 1 nm a tick: never further behind than a few bands."""
-    grid = np.arange(-20, 21) * PIXEL
-    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
-    engine = vfplan.ProxyEngine(np.column_stack([x, y, 0 * x]))
+    engine = vfplan.ProxyEngine(grid(np.arange(-20, 21) * PIXEL, np.arange(-20, 21) * PIXEL))
     hips = np.array([1e-4, 2e-4, 3e-3]) + np.arange(100_000)[:, None] * [1e-9, 0, 0]
-    engine.reset(hips[0] + [0, 0, 0.01])
-    engine.run(np.linspace(hips[0] + [0, 0, 0.01], hips[0], 200))
+    play(engine, np.linspace(hips[0] + [0, 0, 0.01], hips[0], 200))
     trace = engine.run(hips)
     behind = np.abs(trace.proxy - hips)[:, :2].max()
     assert behind <= 2 * engine.parameters.band
@@ -403,14 +373,12 @@ def test_a_slow_drift_is_followed():
 def test_an_edge_is_turned_round_late_by_half_a_spacing_of_the_band_at_most(h):
     """A HIP creeps out of a wedge of 90 degrees: R b is the square of half the spacing on a sheet
     whose dimples are as deep as the band."""
-    i, j = (v.ravel() for v in np.meshgrid(np.arange(-20, 21), np.arange(round(0.015 / h))))
-    top, side = np.column_stack([i, j, 0 * i]), np.column_stack([i, 0 * i, -j])
+    i, j, zero = grid(np.arange(-20, 21), np.arange(round(0.015 / h))).T
+    top, side = np.column_stack([i, j, zero]), np.column_stack([i, zero, -j])
     engine = vfplan.ProxyEngine(h * np.vstack([top, side]))
     y = np.arange(2e-3, -2e-3, -2e-6)
     hips = np.column_stack([0 * y + 1e-4, y, 0 * y - 3e-3])
-    above = hips[0] + [0, 0, 0.015]
-    engine.reset(above)
-    engine.run(np.linspace(above, hips[0], 100))
+    play(engine, np.linspace(hips[0] + [0, 0, 0.015], hips[0], 100))
     proxy = engine.run(hips).proxy
     late = -y[np.flatnonzero(proxy[:, 2] < 0.8 * R)[0]]
     most = np.sqrt(R * engine.parameters.band)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
+from motion import grid
 from scipy.spatial import cKDTree
 
 import vfplan
@@ -17,16 +18,11 @@ Z = np.array([0.0, 0, 1])
 
 
 def settings(band, axis=None):
-    p = _core.Parameters()
-    p.band = band
-    if axis is not None:
-        p.set_ignore_axis(axis)
-    return p
+    return _core.Parameters(band=band, ignore_axis=axis)
 
 
 def sheet(spacing, side):
-    x, y = np.meshgrid(*2 * [np.arange(0, side, spacing)])
-    return np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    return grid(np.arange(0, side, spacing), np.arange(0, side, spacing))
 
 
 def wavy(draw):
@@ -96,8 +92,7 @@ def test_a_tick_over_a_dense_sheet_has_hardly_more_to_look_at_than_over_a_coarse
     assert max(map(len, tree.query_ball_point(kept[::50], 1.35 * R))) < 3000  # of 110,000
     coarse_time = _core.tick_work(sparse, settings(1e-5))
     assert _core.tick_work(dense, settings(1e-5)) < 4 * coarse_time
-    all_points = settings(1e-5)
-    all_points.search = _core.Search.editable
+    all_points = _core.Parameters(settings(1e-5), search="editable")
     assert _core.tick_work(dense, all_points) > 50 * coarse_time
 
 

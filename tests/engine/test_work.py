@@ -6,12 +6,14 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, quick_compiler
+from conftest import quick_compiler
+from motion import INCLUDE, grid
+from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan import _core
 from vfplan.bundle.validation import validate
-from vfplan.engine.choosing import MAX_TICK_TIME, worst_tick_time
+from vfplan.engine.proxy import MAX_TICK_TIME, worst_tick_time
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces
 
@@ -20,11 +22,8 @@ def crowded():
     """40,000 points in a ball of 10 mm: sound, and far too much for 1 kHz."""
     draw = np.random.default_rng(3)
     points = draw.normal(size=(40_000, 3))
-    points *= (
-        0.005
-        * draw.random((len(points), 1)) ** (1 / 3)
-        / np.linalg.norm(points, axis=1, keepdims=True)
-    )
+    radius = 0.005 * draw.random((len(points), 1)) ** (1 / 3)
+    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
     return replace(bundles.small(), points=points + 0.4)
 
 
@@ -78,8 +77,7 @@ def test_the_bound_of_a_curve_counts_at_least_what_is_around_any_place():
     """Lines of a scribble against brute force: both ends of a line are features too."""
     draw = np.random.default_rng(6)
     corners = draw.normal(size=(400, 2)) * 0.02
-    p = _core.Parameters()
-    p.set_ignore_axis(np.array([0.0, 0, 1]))
+    p = _core.Parameters(ignore_axis=np.array([0.0, 0, 1]))
     found = _core.proven_tick_work(
         np.column_stack([corners, np.zeros(400)]), np.zeros(400), np.zeros(400, np.int32),
         np.zeros(1, np.uint8), p,
@@ -98,33 +96,26 @@ def test_the_bound_counts_at_least_what_is_around_any_place(planar):
     """With one iteration less, the difference is one iteration: its points against brute force."""
     draw = np.random.default_rng(5)
     points = draw.uniform(0, 0.05, (3000, 3)) * [1, 1, 0.1]
-    p = _core.Parameters()
-    p.band = 1e-5
-    if planar:
-        p.set_ignore_axis(np.array([0.0, 0, 1]))
-    p.max_iterations = 101
-    more = _core.proven_tick_work(points, p)
-    p.max_iterations = 1
-    an_iteration = (more - _core.proven_tick_work(points, p)) / 100
+    axis = np.array([0.0, 0, 1]) if planar else None
+    few, more = (_core.Parameters(ignore_axis=axis, max_iterations=n) for n in (1, 101))
+    taken = _core.proven_tick_work(points, more) - _core.proven_tick_work(points, few)
+    an_iteration = taken / 100
     columns = points[:, :2] if planar else points
     reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
-    most = max(
-        np.count_nonzero(np.sum((columns - x) ** 2, axis=1) <= reach**2) for x in columns[::10]
-    )
+    most = cKDTree(columns).query_ball_point(columns[::10], reach, return_length=True).max()
     assert an_iteration >= 4.5e-6 + 1.25e-9 * most
     assert an_iteration <= 4.5e-6 + 1.25e-9 * len(points) + 10e-9 * len(points)
 
 
 def test_what_a_search_finds_is_less_than_what_is_proven_and_the_same_in_every_run():
     """A sheet: its ticks never use all their iterations."""
-    x, y = np.meshgrid(np.arange(81) * 5e-4, np.arange(81) * 5e-4)
-    points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
-    p = _core.Parameters()
-    p.band = 1.3e-5
+    points = grid(np.arange(81) * 5e-4, np.arange(81) * 5e-4)
+    p = _core.Parameters(band=1.3e-5)
     found = _core.tick_work(points, p)
     assert found == _core.tick_work(points, p)
     assert 5e-6 < found < 0.7 * _core.proven_tick_work(points, p)
-    p.max_iterations = 100  # a search does not meet the longest of such ticks
+    # A search does not meet the longest of such ticks.
+    p = _core.Parameters(band=1.3e-5, max_iterations=100)
     assert _core.tick_work(points, p) == _core.proven_tick_work(points, p)
 
 
@@ -156,7 +147,7 @@ def program(tmp_path_factory):
     folder = tmp_path_factory.mktemp("work")
     (folder / "main.cpp").write_text(PROGRAM)
     words = [quick_compiler(), "-std=c++20", "-O0", "-ffp-contract=off", "-DVFPLAN_NARROW"]
-    words += [f"-I{ROOT / 'vfplan' / 'native' / 'include'}", folder / "main.cpp"]
+    words += [f"-I{INCLUDE}", folder / "main.cpp"]
     subprocess.run([*map(str, words), "-o", folder / "main"], check=True)
     return folder / "main"
 
@@ -164,14 +155,10 @@ def program(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "options", "code", "says"),
-    [
-        (bundles.small, [], 0, ""),
-        (bundles.sheet, [], 0, "by its triangles"),
-        (crowded, [], 2, "a tick may take"),
-        (crowded, ["offline"], 0, ""),
-        (bundles.minimal, [], 2, "without rendering parameters"),
-    ],
-)
+    [(bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
+     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
+     (bundles.minimal, [], 2, "without rendering parameters")],
+)  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     words = [program, tmp_path / "a.h5", *options]

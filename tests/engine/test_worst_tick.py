@@ -1,7 +1,6 @@
 """The worst tick of a robot's loop, over valid bundles of every kind."""
 
 import re
-import subprocess
 from contextlib import suppress
 from dataclasses import replace
 
@@ -9,7 +8,7 @@ import bundles
 import curves
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from motion import NATIVE, compiled, grid, output
 
 import vfplan
 from vfplan import _core
@@ -53,7 +52,7 @@ def meshed(draw):
     """A sheet, smooth, wavy or rough, or triangles anyhow: from a few to a crowd."""
     n, size = round(10 ** draw.uniform(0.5, 2.3)), 10 ** draw.uniform(-2.5, -0.7)
     u = np.linspace(0, 1, n + 1)
-    x, y = (side.ravel() for side in np.meshgrid(u, u, indexing="ij"))
+    y, x, _ = grid(u, u).T
     waves = draw.uniform(0, 0.3) * np.sin(9 * x) * np.cos(7 * y)
     rough = draw.choice([0, 1e-3, 0.3]) / n * draw.normal(size=len(x))
     at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
@@ -76,22 +75,11 @@ def rendered(fixture, draw):
     ))  # fmt: skip
 
 
-def compiled(folder):
-    program = folder / "worst"
-    words = [need_program("g++", "g++"), "-std=c++20", "-O2", "-ffp-contract=off",
-             f"-I{ROOT / 'vfplan' / 'native' / 'include'}", f"-I{ROOT / 'tests' / 'native'}",
-             ROOT / "tests" / "native" / "worst_tick.cpp", "-o", program]  # fmt: skip
-    subprocess.run([*map(str, words)], check=True)
-    return program
-
-
 def measured(program, bundles, ticks):
     """(L, 5): number of a bundle, its rule, what is proven, the bound and the worst tick [us]."""
-    done = subprocess.run(
-        [program, str(ticks), "4", *bundles], capture_output=True, text=True, check=True
-    )
+    printed = output(program, ticks, 4, *bundles, timeout=None)
     number = r"(\d+)\.h5 rule (\d) proven (\S+) bound (\S+) worst (\S+)"
-    return np.array(re.findall(number, done.stdout), dtype=float)
+    return np.array(re.findall(number, printed), dtype=float)
 
 
 @pytest.mark.full
@@ -101,7 +89,8 @@ def test_no_tick_of_a_valid_bundle_takes_longer_than_its_bound(tmp_path):
         fixture = rendered((strewn, meshed, drawn)[k % 3](draw), draw)
         with suppress(SceneError, SettingError):  # one that leaks, or whose samples are too coarse
             vfplan.write_fixture(fixture, tmp_path / f"{k:03}.h5")
-    rows = measured(compiled(tmp_path), sorted(tmp_path.glob("*.h5")), 4000)
+    program = compiled(tmp_path, NATIVE / "worst_tick.cpp", "-O2")
+    rows = measured(program, sorted(tmp_path.glob("*.h5")), 4000)
     bound, worst = rows[:, 3], rows[:, 4]
     taken = bound <= MOST_US
     ratio = bound / worst
@@ -118,14 +107,12 @@ def test_the_bound_is_at_most_four_times_the_worst_tick_on_scenes_of_the_study(t
     for k, make in enumerate([Sheet, DoubleSheet, Circle, Sphere, Wedge, Corner, ThreeWalls]):
         scene = make()
         axis = None if scene.ignore_axis is None else np.array([0.0, 0, 1])
-        given = _core.Parameters()
-        if axis is not None:
-            given.set_ignore_axis(axis)
-        band = max(_core.band_for(scene.points, given), 1e-5)
+        band = max(_core.band_for(scene.points, _core.Parameters(ignore_axis=axis)), 1e-5)
         rendering = Rendering(np.full(3, 1000.0), 5e-3, band, ignore_axis=axis)
         fixture = replace(bundles.small(), points=scene.points, rendering=rendering)
         vfplan.write_fixture(fixture, tmp_path / f"{k:03}.h5")
-    rows = measured(compiled(tmp_path), sorted(tmp_path.glob("*.h5")), 20_000)
+    program = compiled(tmp_path, NATIVE / "worst_tick.cpp", "-O2")
+    rows = measured(program, sorted(tmp_path.glob("*.h5")), 20_000)
     ratio = rows[:, 3] / rows[:, 4]
     # Of a tick of a microsecond, most of the bound is what a first tick takes from cold memory.
     long = rows[:, 4] > 4

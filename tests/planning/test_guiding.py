@@ -155,7 +155,7 @@ def test_a_pull_that_the_robot_cannot_give_is_warned_of():
 
 
 def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
-    monkeypatch.setattr("vfplan.engine.choosing.MAX_TICK_TIME", 1e-6)
+    monkeypatch.setattr("vfplan.engine.proxy.MAX_TICK_TIME", 1e-6)
     made = plan(*ELBOW, settings=FixtureSettings(guide_m=1e-3))
     assert made.fixture.pieces.error < 2e-6
     guide = vfplan.Guide.of(made.fixture, hold="at_once")

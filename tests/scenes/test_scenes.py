@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 from vfplan import scenes
 from vfplan.errors import SceneError, SettingError
 from vfplan.scenes import SCENES, god_object, outline
-from vfplan.scenes import outline as primitives
 
 R = 5e-3
 FLAT = np.array([1.0, 1.0, 0.0])
@@ -80,29 +79,28 @@ def flat_z(closed):
     return lambda scene, hips: closed(scene, hips * [1, 1, 0]) + hips * [0, 0, 1]
 
 
-CLOSED = {
-    ("point", "across"): lambda s, h: ball(np.zeros(3), R, h),
-    ("point", "press"): lambda s, h: ball(np.zeros(3), R, h),
-    ("segment", "along"): lambda s, h: capsule(s.length / 2, h),
-    ("segment", "above"): lambda s, h: capsule(s.length / 2, h),
-    ("segment", "below"): lambda s, h: capsule(s.length / 2, h),
-    ("sheet", "front"): above(1, lambda s: 0.1 + R, 1),
-    ("sheet", "back"): above(1, lambda s: R - 0.1, -1),
-    ("double-sheet", "above"): above(1, lambda s: s.gap / 2 + R, 1),
-    ("double-sheet", "below"): above(1, lambda s: s.gap / 2 + R, -1),
-    ("circle", "outside"): flat_z(lambda s, h: ball(np.zeros(3), s.radius + R, h)),
-    ("circle", "inside"): flat_z(lambda s, h: hollow(np.zeros(3), s.radius - R, h)),
-    ("cylinder", "outside"): flat_z(lambda s, h: ball(np.zeros(3), s.radius + R, h)),
-    ("sphere", "outside"): lambda s, h: ball(np.zeros(3), s.radius + R, h),
-    ("sphere", "inside"): lambda s, h: hollow(np.zeros(3), s.radius - R, h),
-    ("corner", "floor"): flat_z(lambda s, h: np.maximum(h, [R, R, 0])),
-    ("corner", "wall"): flat_z(lambda s, h: np.maximum(h, [R, R, 0])),
-    ("corner", "deep"): flat_z(lambda s, h: np.maximum(h, [R, R, 0])),
-    ("three-walls", "diagonal"): lambda s, h: np.maximum(h, R),
-    ("three-walls", "edge"): lambda s, h: np.maximum(h, R),
-    ("channel", "askew"): flat_z(channel),
-    ("wedge", "over"): flat_z(lambda s, h: wedge(h)),
-}
+def around(c, r, closed=ball):
+    return lambda s, h: closed(np.zeros(3), r(s) + c, h)
+
+
+FORMS = {
+    "point": {"across press": around(R, lambda s: 0)},
+    "segment": {"along above below": lambda s, h: capsule(s.length / 2, h)},
+    "sheet": {"front": above(1, lambda s: 0.1 + R, 1), "back": above(1, lambda s: R - 0.1, -1)},
+    "double-sheet": {"above": above(1, lambda s: s.gap / 2 + R, 1),
+                     "below": above(1, lambda s: s.gap / 2 + R, -1)},
+    "circle": {"outside": flat_z(around(R, lambda s: s.radius)),
+               "inside": flat_z(around(-R, lambda s: s.radius, hollow))},
+    "cylinder": {"outside": flat_z(around(R, lambda s: s.radius))},
+    "sphere": {"outside": around(R, lambda s: s.radius),
+               "inside": around(-R, lambda s: s.radius, hollow)},
+    "corner": {"floor wall deep": flat_z(lambda s, h: np.maximum(h, [R, R, 0]))},
+    "three-walls": {"diagonal edge": lambda s, h: np.maximum(h, R)},
+    "channel": {"askew": flat_z(channel)},
+    "wedge": {"over": flat_z(lambda s, h: wedge(h))},
+}  # fmt: skip
+CLOSED = {(name, route): form for name, forms in FORMS.items() for routes, form in forms.items()
+          for route in routes.split()}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "route"), CLOSED)
@@ -239,7 +237,7 @@ def inside(corners, x):
 def follow_closed(corners, start, hips):
     """Follow HIPs (T, 3) along a closed polyline; check every position on the way."""
     flat = corners * FLAT
-    walls = (primitives.Segments(flat, np.roll(flat, -1, axis=0), endless=True),)
+    walls = (outline.Segments(flat, np.roll(flat, -1, axis=0), endless=True),)
     x, side = start, inside(corners, start[None, :2])[0]
     for hip in hips:
         way = np.array([x, *god_object.slide(walls, x, hip, R)])
@@ -317,13 +315,11 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     c -= b * ((b * c).sum(axis=1) / (b * b).sum(axis=1))[:, None]
     angle = rng.uniform(-3, 3, 12)
     made = {
-        "segments": primitives.Segments(a, np.vstack([b[:6], a[6:]])),
-        "walls": primitives.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
-        "rectangles": primitives.Rectangles(a, b, c),
-        "spheres": primitives.Spheres(a, rng.uniform(0.5, 3, 12)),
-        "arcs": primitives.Arcs(
-            a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)
-        ),
+        "segments": outline.Segments(a, np.vstack([b[:6], a[6:]])),
+        "walls": outline.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
+        "rectangles": outline.Rectangles(a, b, c),
+        "spheres": outline.Spheres(a, rng.uniform(0.5, 3, 12)),
+        "arcs": outline.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),
     }[kind]
     for _ in range(30):
         x, e = rng.normal(size=3) * 2, 1e-5

@@ -11,14 +11,8 @@ from bundles import small, whole
 
 from vfplan import Trace
 from vfplan.fixture import Curve, Pieces
-from vfplan.stability.cases import (
-    CASES,
-    ExtremeCase,
-    breach,
-    engine_at_start,
-    figure_of_long_walk,
-    run_extreme_cases,
-)
+from vfplan.stability import cases
+from vfplan.stability.cases import CASES, breach, engine_at_start, run_extreme_cases
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import patch
 from vfplan.stability.study import skipped_extremes
@@ -53,7 +47,9 @@ def test_long_cases():
 
 
 def test_a_figure_beyond_the_limit_and_none_fail():
-    wrong = [ExtremeCase("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))]
+    wrong = [
+        cases.ExtremeCase("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))
+    ]
     assert [row.outcome for row in run_extreme_cases(wrong)] == ["fail", "fail"]
 
 
@@ -78,6 +74,6 @@ def test_long_runs_are_left_out_unless_asked_for():
 
 
 def test_the_long_run_takes_the_bundles_own_points():
-    short = partial(figure_of_long_walk, ticks=200_000, figure="breach")
+    short = partial(cases.figure_of_long_walk, ticks=200_000, figure="breach")
     [row] = run_extreme_cases([replace(CASES[-1], measure=short)], whole())
     assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

@@ -6,27 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bundles import whole
 
 from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
+from vfplan.stability import contacts, loop
 from vfplan.stability.closed_loop import engine_for, largest_stiffness, press, pressing_hand
-from vfplan.stability.contacts import (
-    Contact,
-    contacts_along,
-    first_touch,
-    patch,
-    point,
-    spread_rows,
-)
-from vfplan.stability.loop import (
-    Plant,
-    SimulatedHand,
-    exact_bound,
-    loop_matrix,
-    run_until_still,
-    simulate,
-)
+from vfplan.stability.contacts import contacts_along, first_touch, patch, spread_rows
+from vfplan.stability.loop import Plant, SimulatedHand, exact_bound, simulate
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)
 NONE = SimulatedHand(np.zeros(3))
@@ -49,7 +37,7 @@ def test_linear_loop_is_the_matrix_power(delay):
     motion = simulate(Spring(), robot, NONE, 3000.0, np.array([0, 1e-3, 0]), np.zeros(3), 200)
     state = np.zeros(2 + delay)
     state[0] = state[2:] = 1e-3  # the force was what it is at the first tick
-    one = loop_matrix(Plant.of(robot), 3000.0, delay)
+    one = loop.loop_matrix(Plant.of(robot), 3000.0, delay)
     expected = [(np.linalg.matrix_power(one, k) @ state)[0] for k in range(200)]
     np.testing.assert_allclose(motion.x[:, 1], expected, rtol=0, atol=1e-13)
 
@@ -86,9 +74,8 @@ def test_quantum_limits_and_counts():
     assert motion.limited_ticks > 0
     plain = simulate(Spring(), ROBOT, push, 1000.0, start, np.zeros(3), 300)
     assert plain.limited_ticks is None
-    quantum = simulate(
-        Spring(), replace(ROBOT, quantum_m=1e-4), push, 1000.0, start, np.zeros(3), 300
-    )
+    coarse = replace(ROBOT, quantum_m=1e-4)
+    quantum = simulate(Spring(), coarse, push, 1000.0, start, np.zeros(3), 300)
     steps = quantum.held_force[:, 1] / 0.1
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
@@ -97,30 +84,26 @@ def test_settle_finds_the_balance():
     contact = patch()
     engine = engine_for(contact, "robust")
     hand = pressing_hand(contact, 2000.0)
-    rest = run_until_still(engine, hand, 2000.0, contact.start)
+    rest = loop.run_until_still(engine, hand, 2000.0, contact.start)
     np.testing.assert_allclose(rest, [0, 0.95 * 5e-3, 0], atol=2e-5)
 
 
+ROBOTS = [
+    *((5.0, 1000.0, delay) for delay in (0, 2)),
+    *(pytest.param(*robot, delay, marks=pytest.mark.full)
+      for robot in ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))
+      for delay in (0, 1, 3)),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize("rule", ["robust", "paper"])
-@pytest.mark.parametrize("delay", [0, 2])
-def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
-    robot = replace(ROBOT, delay_ticks=delay)
+@pytest.mark.parametrize(("damping", "rate", "delay"), ROBOTS)
+def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, damping, rate, delay):
+    robot = Robot("any", 1.0, damping, rate, delay)
     found = largest_stiffness(patch(), robot, engine_for(patch(), rule))
     assert found.exact == pytest.approx(exact_bound(Plant.of(robot), delay))
     assert abs(found.ratio - 1) < 0.02
     assert not found.is_above_search
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("rule", ["robust", "paper"])
-@pytest.mark.parametrize("delay", [0, 1, 3])
-@pytest.mark.parametrize(
-    ("damping", "rate"),
-    [(2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0)],
-)
-def test_flat_wall_meets_the_exact_bound_with_any_robot(rule, delay, damping, rate):
-    robot = Robot("any", 1.0, damping, rate, delay)
-    assert abs(largest_stiffness(patch(), robot, engine_for(patch(), rule)).ratio - 1) < 0.02
 
 
 def test_the_reference_engine_has_the_same_bound():
@@ -131,7 +114,7 @@ def test_the_reference_engine_has_the_same_bound():
 
 
 def test_a_single_point_is_no_worse_than_a_wall():
-    contact = next(iter(point()))
+    contact = next(contacts.point())
     assert largest_stiffness(contact, ROBOT, engine_for(contact, "robust")).ratio > 0.95
 
 
@@ -158,18 +141,12 @@ def test_spread_reaches_both_ends():
     assert len(spread_rows(np.zeros((5, 3)), 3)) == 1
 
 
-def test_along_presses_on_both_sides_of_a_planar_curve(elbow):
+def test_along_presses_on_both_sides_of_a_planar_curve():
+    elbow = whole()
     places = list(contacts_along(elbow, 3))
     assert len(places) >= 4
     for place in places:
-        assert isinstance(place, Contact)
+        assert isinstance(place, contacts.Contact)
         clear = np.linalg.norm(elbow.points - place.touch, axis=1).min()
         assert clear == pytest.approx(5e-3, abs=1e-4)
         assert abs(place.normals[0] @ elbow.ignore_axis) < 1e-9
-
-
-@pytest.fixture
-def elbow():
-    from bundles import whole
-
-    return whole()

@@ -7,23 +7,11 @@ import numpy as np
 import pytest
 
 from vfplan.errors import SettingError
-from vfplan.stability.loop import (
-    MAX_DECAY,
-    MIN_DECAY,
-    Plant,
-    exact_bound,
-    linear_bound,
-    loop_matrix,
-    spectral_radius,
-)
+from vfplan.stability import loop
+from vfplan.stability.loop import Plant, exact_bound, linear_bound
 
-PLANTS = [
-    Plant(1.0, 5.0, 1e-3),
-    Plant(1.0, 5.0, 1e-3, hand=2000.0),
-    Plant(0.05, 80.0, 1e-2),
-    Plant(20.0, 1e-6, 1e-5),
-    Plant(1.0, 0.0, 1e-3),
-]
+PLANTS = [Plant(1.0, 5.0, 1e-3), Plant(1.0, 5.0, 1e-3, hand=2000.0), Plant(0.05, 80.0, 1e-2),
+          Plant(20.0, 1e-6, 1e-5), Plant(1.0, 0.0, 1e-3)]  # fmt: skip
 
 
 def exact_transition(plant):
@@ -69,7 +57,7 @@ def test_exact_bound_without_delay_in_closed_form():
 def test_exact_bound_in_higher_precision(delay):
     def radius(plant, stiffness, delay_ticks):
         with mpmath.workdps(40):
-            rows = loop_matrix(plant, stiffness, delay_ticks).tolist()
+            rows = loop.loop_matrix(plant, stiffness, delay_ticks).tolist()
             eigenvalues = mpmath.eig(mpmath.matrix(rows), left=False, right=False)
             return float(max(abs(value) for value in eigenvalues))
 
@@ -88,7 +76,7 @@ def test_bound_grows_with_damping_and_falls_with_delay():
 def test_no_damping_no_stable_spring():
     plant = Plant(1.0, 0.0, 1e-3)
     assert exact_bound(plant) == 0.0
-    assert spectral_radius(plant, 1.0) >= 1.0
+    assert loop.spectral_radius(plant, 1.0) >= 1.0
 
 
 @pytest.mark.parametrize(
@@ -98,7 +86,7 @@ def test_a_decay_that_float64_cannot_tell_is_refused(wrong):
     with pytest.raises(SettingError) as caught:
         exact_bound(Plant(**wrong))
     [decay] = caught.value.numbers.values()
-    assert not MIN_DECAY <= decay <= MAX_DECAY
+    assert not loop.MIN_DECAY <= decay <= loop.MAX_DECAY
 
 
 @pytest.mark.parametrize("edge", [{"damping": 1.01e-6}, {"mass": 4.9e6}, {"mass": 1e-14}])

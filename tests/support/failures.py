@@ -11,8 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import vfplan
-from vfplan.scenes.base import travel
-from vfplan.scenes.scenes import Channel, Corner, grid
+from vfplan.scenes.scenes import Channel, Corner, grid, travel
 
 K = 1000.0
 RC = 5e-3

@@ -27,7 +27,7 @@ import numpy as np
 from vfplan import ProxyEngine, Status, Trace
 from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
 from vfplan.scenes import outline
-from vfplan.scenes.base import Drawn
+from vfplan.scenes.scenes import Drawn
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
 SPACING, PIXEL = 0.5e-3, 0.25e-3  # of the even cloud, and of a mask
@@ -99,7 +99,7 @@ class Wave(Drawn):
         time = np.arange(count)[:, None, None] / RATE_HZ
         turns = 2 * np.pi * (rng.uniform(8, 12, (1, 2, 3)) * time + rng.uniform(0, 1, (1, 2, 3)))
         hips = at + (radius - deep)[:, None] * n + TREMOR_M * np.sin(turns).sum(axis=2)
-        return np.column_stack([hips, np.zeros(count)])
+        return outline.in_space(hips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +117,12 @@ def clouds(wave: Wave, quick: bool) -> Iterator[Scanned]:
     yield Scanned("even", even)
     for share in (0.2,) if quick else (0.05, 0.2, 0.5):
         off = share * SPACING * rng.normal(size=(len(even), 2))
-        yield Scanned(f"noise {share:.0%}", even + np.pad(off, ((0, 0), (0, 1))))
+        yield Scanned(f"noise {share:.0%}", even + outline.in_space(off))
     for pixels in (3,) if quick else (3, 5, 9):
         yield Scanned(f"mask {pixels} px", mask(wave, pixels, PIXEL), pixels / 2 * PIXEL)
     if not quick:
         yield Scanned("mask 3 coarse px", mask(wave, 3, SPACING), 1.5 * SPACING)
-    fine = wave.runs[0].sample(1e-5)
-    fine = np.column_stack([fine, np.zeros(len(fine))])
+    fine = outline.in_space(wave.runs[0].sample(1e-5))
     s = np.arange(len(fine)) * 1e-5
     waxing = 0.05e-3 * 20 ** (0.5 - 0.5 * np.cos(s / 6e-3))  # 50 um to 1 mm apart, to and fro
     yield Scanned("density 1:20", fine[np.diff(np.floor(np.cumsum(1e-5 / waxing)), append=0) > 0])
@@ -138,7 +137,7 @@ def mask(wave: Wave, pixels: int, pitch: float) -> Array:
     x, y = (np.arange(a, b, pitch) for a, b in zip(low[:2], high[:2], strict=True))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     inked = outline.distance(wave.runs, grid) <= pixels / 2 * pitch
-    return np.column_stack([grid[inked], np.zeros(inked.sum())])
+    return outline.in_space(grid[inked])
 
 
 def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:

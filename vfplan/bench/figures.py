@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from vfplan.bench.record import SMALLEST_ERROR_M, is_tick_stage
+from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, grouped
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
@@ -32,28 +31,13 @@ SMALLEST_UM = 1e6 * SMALLEST_ERROR_M
 
 FRONT_COLOUR = "#c8c8c8"
 
-TITLES = {
-    "extract": "extract: the drawn line, one call a slice",
-    "sample": "sample: surface of the cloud, one tick of the engine on it",
-    "register": "register: target registration error, one fit",
-    "proxy": "proxy: against the exact proxy, one tick",
-    "plan": "plan: slice and markers to fixture, one call",
-}
 RULES = {
-    "robust": RULE["robust"],
-    "paper": RULE["paper"],
-    "exact": RULE["exact"],
-    "nearest-point penalty": CONTACT,
-    "nanoflann_peer": PROXY,
-    "ridge": RULE["robust"],
-    "by curvature": RULE["robust"],
-    "affine": RULE["robust"],
-    "hue + thinning": CONTACT,
-    "bare least squares": CONTACT,
-    "the paper's density": RULE["paper"],
-    "the paper's: every mask pixel": RULE["paper"],
-    "mask (the paper's)": RULE["paper"],
-}
+    "robust": RULE["robust"], "paper": RULE["paper"], "exact": RULE["exact"],
+    "nearest-point penalty": CONTACT, "nanoflann_peer": PROXY, "ridge": RULE["robust"],
+    "by curvature": RULE["robust"], "affine": RULE["robust"], "hue + thinning": CONTACT,
+    "bare least squares": CONTACT, "the paper's density": RULE["paper"],
+    "the paper's: every mask pixel": RULE["paper"], "mask (the paper's)": RULE["paper"],
+}  # fmt: skip
 """The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone."""
 MARKERS = "os^vDPX<>ph"
 """The markers of a rule's variants."""
@@ -63,16 +47,8 @@ Look = tuple[str, str]
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     """The diagram of one stage of a bench document, as a PNG."""
-    save_png(diagram(document, stage), path)
-
-
-def diagram(document: dict[str, Any], stage: str) -> Figure:
-    """The figure of `draw_stage`."""
-    scenes: dict[str, list[dict[str, Any]]] = {}
-    for result in document["results"]:
-        if result["stage"] == stage:
-            scenes.setdefault(result["scene"], []).append(result)
-    results = [result for scene_results in scenes.values() for result in scene_results]
+    results = [result for result in document["results"] if result["stage"] == stage]
+    scenes = grouped(results, "scene")
     looks = looks_of(results)
     columns = min(COLUMNS, len(scenes))
     rows = -(-len(scenes) // columns)
@@ -88,20 +64,20 @@ def diagram(document: dict[str, Any], stage: str) -> Figure:
         axes.remove()
     for k in range(columns):
         lowest = panels[(len(scenes) - 1 - k) // columns, k]
-        lowest.set_xlabel(f"median time [{time_unit(stage)[1]}]", fontsize=8.5)
+        lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
         lowest.tick_params(labelbottom=True)
     error_unit = "px" if results[0]["unit"] == "px" else "µm"
     for axes in panels[:, 0]:
         axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
     set_limits(panels[0, 0], results, document, stage)
-    figure.suptitle(TITLES.get(stage, stage), x=0.01, ha="left", fontsize=10)
+    figure.suptitle(LOOKS[stage].title, x=0.01, ha="left", fontsize=10)
     figure.legend(
         handles=legend_handles(looks, document, stage, results),
         loc="outside lower center",
         ncols=min(4, 2 + columns),
         fontsize=7.5,
     )
-    return figure
+    save_png(figure, path)
 
 
 def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
@@ -144,16 +120,15 @@ def draw_panel(
                   zorder=1, solid_capstyle="butt")  # fmt: skip
 
     # A method's settings from the cheapest to the dearest, each with its p99.9 as a whisker.
-    factor = time_unit(stage)[0]
+    factor = time_factor(stage)
     for method, (colour, marker) in looks.items():
         settings = [r for r in results if r["method"] == method and not r.get("chosen")]
         if not settings:
             continue
         settings.sort(key=lambda result: result["time_us_median"])
         x, y = np.array([place_of(result, stage) for result in settings]).T
-        whiskers = np.zeros((2, len(settings)))
-        for k, result in enumerate(settings):
-            whiskers[1, k] = max(factor * tail_us(result) - x[k], 0.0)
+        tails = np.array([factor * tail_us(result) for result in settings]) - x
+        whiskers = [0 * x, np.maximum(tails, 0.0)]
         axes.errorbar(x, y, xerr=whiskers, capsize=1.5, color=colour, marker=marker, ms=4, lw=1.0,
                       elinewidth=0.7, zorder=4)  # fmt: skip
 
@@ -168,20 +143,18 @@ def draw_panel(
 
     if has_tolerance(stage, results):
         axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
-    if is_tick_stage(stage):
+    if LOOKS[stage].part == "tick":
         axes.axvline(document["budget_us"] * factor, color=CONTACT, ls=":", lw=1.0)
 
 
-def time_unit(stage: str) -> tuple[float, str]:
-    """Factor from microseconds, and the unit's name."""
-    if stage in ("extract", "plan"):
-        return 1e-3, "ms"
-    return 1.0, "µs"
+def time_factor(stage: str) -> float:
+    """Factor from microseconds to the unit of the diagram."""
+    return 1e-3 if LOOKS[stage].time_unit == "ms" else 1.0
 
 
 def place_of(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:
     """Time and error of a result in the units of the diagram."""
-    x = result["time_us_median"] * time_unit(stage)[0]
+    x = result["time_us_median"] * time_factor(stage)
     if result["unit"] == "m":
         return x, max(result[error] * 1e6, SMALLEST_UM)
     return x, max(result[error], SMALLEST_PX)
@@ -201,22 +174,20 @@ def set_limits(
     axes: Axes, results: list[dict[str, Any]], document: dict[str, Any], stage: str
 ) -> None:
     """All panels share one window: every result, the tolerance and the budget, with a margin."""
-    factor = time_unit(stage)[0]
-    times = []
-    errors = []
+    factor = time_factor(stage)
+    times, errors = [], []
     for result in results:
         x, y = place_of(result, stage)
         times += [x, factor * tail_us(result)]
         errors.append(y)
         if result.get("chosen"):
             errors.append(place_of(result, stage, "error_max")[1])
-    if is_tick_stage(stage):
+    if LOOKS[stage].part == "tick":
         times.append(document["budget_us"])
     if has_tolerance(stage, results):
         errors.append(document["tolerance_m"] * 1e6)
     for set_limit, values in ((axes.set_xlim, times), (axes.set_ylim, errors)):
-        low = np.log10(min(values))
-        high = np.log10(max(values))
+        low, high = np.log10(min(values)), np.log10(max(values))
         padding = max(0.08 * (high - low), 0.5 * (1 - (high - low)), 0.05)
         set_limit(10 ** (low - padding), 10 ** (high + padding))
 
@@ -228,17 +199,19 @@ def legend_handles(
     results: list[dict[str, Any]],
 ) -> list[Line2D]:
     """The entries of the legend."""
-    handles = []
-    for method, (colour, marker) in looks.items():
-        handles.append(Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method))
+    handles = [
+        Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method)
+        for method, (colour, marker) in looks.items()
+    ]
     handles.append(Line2D([], [], color=FRONT_COLOUR, lw=4, label="Pareto front"))
     if any(result.get("chosen") for result in results):
-        star = Line2D([], [], ls="", marker="*", ms=11, mfc="white", mec="black", label="chosen")
-        handles.append(star)
+        handles.append(
+            Line2D([], [], ls="", marker="*", ms=11, mfc="white", mec="black", label="chosen")
+        )
     if has_tolerance(stage, results):
         label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
         handles.append(Line2D([], [], color="black", ls=":", label=label))
-    if is_tick_stage(stage):
+    if LOOKS[stage].part == "tick":
         label = f"budget {document['budget_us']:g} µs"
         handles.append(Line2D([], [], color=CONTACT, ls=":", label=label))
     return handles

@@ -81,8 +81,8 @@ class Peer:
         flat = flattening(settings.ignore_axis)
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
             folder = Path(name)
-            for file, rows in (("points.csv", points @ flat), ("path.csv", hips @ flat)):
-                np.savetxt(folder / file, rows, "%.17g", ",", header="x,y,z", comments="")
+            for file, rows in (("points.csv", points), ("path.csv", hips)):
+                np.savetxt(folder / file, rows @ flat, "%.17g", ",", header="x,y,z", comments="")
             (folder / "settings.csv").write_text(settings_table(settings))
             self.call(folder)
             path = folder / "proxies.csv"
@@ -105,13 +105,9 @@ class Peer:
         """Run the program on a folder; raises `SettingError`."""
         try:
             done = subprocess.run(
-                [*self._words, str(folder)],
-                capture_output=True,
-                text=True,
-                timeout=TIMEOUT_S,
-                check=False,
-                env=os.environ | {"LC_ALL": "C"},
-            )
+                [*self._words, str(folder)], capture_output=True, text=True, timeout=TIMEOUT_S,
+                check=False, env=os.environ | {"LC_ALL": "C"},
+            )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise SettingError(
                 f"peer {self.name!r} is not done in {TIMEOUT_S:g} s. Give a faster one",
@@ -138,21 +134,14 @@ def flattening(axis: Array | None) -> Array:
 
 def settings_table(parameters: ProxyParameters) -> str:
     """The content of `settings.csv`."""
-    values: dict[str, Any] = {
-        "contact_radius": parameters.rc,
-        "band": parameters.band,
-        "point_radius": parameters.rv,
-        "outer_radius": parameters.r3,
-        "stiffness": parameters.stiffness[0],
-        "gain": parameters.xi,
-    }
+    names = ("contact_radius", "band", "point_radius", "outer_radius")
+    values: dict[str, float] = {name: getattr(parameters, name) for name in names}
+    values |= {"stiffness": parameters.stiffness[0], "gain": parameters.gain}
     if parameters.ignore_axis is not None:
-        for letter, value in zip("xyz", parameters.ignore_axis, strict=True):
-            values[f"ignore_axis_{letter}"] = value
-    lines = ["name,value"]
-    for name, value in values.items():
-        lines.append(f"{name},{value:.17g}")
-    return "\n".join(lines) + "\n"
+        values |= {
+            f"ignore_axis_{k}": x for k, x in zip("xyz", parameters.ignore_axis, strict=True)
+        }
+    return "".join(["name,value\n", *(f"{name},{value:.17g}\n" for name, value in values.items())])
 
 
 def build_nanoflann(folder: Path) -> Peer:
@@ -180,11 +169,8 @@ def build_nanoflann(folder: Path) -> Peer:
                 code="peer-not-built",
             ) from None
     if done.returncode:
-        reason = "no message"
-        for line in done.stderr.splitlines():
-            if "error" in line:
-                reason = line.strip()
-                break
+        errors = [line.strip() for line in done.stderr.splitlines() if "error" in line]
+        reason = errors[0] if errors else "no message"
         raise SettingError(
             f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
             code="peer-not-built",
@@ -218,10 +204,7 @@ class NearestPointPenalty:
         x = self._flat @ hip
         distance, i = self._tree.query(x)
         depth = self.parameters.R - distance
-        normal = np.zeros(3)
-        if distance > 0:
-            normal = (x - self._points[i]) / distance
+        normal = (x - self._points[i]) / distance if distance > 0 else np.zeros(3)
         push = normal * max(depth, 0.0)
         force = self.parameters.stiffness * push
-        state = 1 if depth > 0 else 0
-        return Step(hip + push, normal, force, state, Status.OK)
+        return Step(hip + push, normal, force, int(depth > 0), Status.OK)

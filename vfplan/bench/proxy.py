@@ -17,19 +17,17 @@ lag_rms_m, friction
     The part of proxy - HIP across the exact force, and its ratio to the exact depth: what a hand
     feels as friction though none is rendered.
 
-The scenes of stage proxy, each with a HIP path and its exact proxy, computed once.
-
-Scenes of a triangle mesh: a ball, whose surface bends, and a box, which has edges and corners.
-
-Their exact proxy is known in closed form. Rule "exact" is given the triangles; any other rule is
-given the corners of the mesh refined to the spacing.
+Each scene has a HIP path and its exact proxy, computed once. Two are triangle meshes: a ball, whose
+surface bends, and a box, which has edges and corners. Their exact proxy is known in closed form.
+Rule "exact" is given the triangles; any other rule is given the corners of the mesh refined to the
+spacing.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.resources import files
 from itertools import product
@@ -45,12 +43,11 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose
+from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose, sample_curve
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
-from vfplan.scenes.base import Drawn, Scene
-from vfplan.scenes.outline import Rectangles
-from vfplan.scenes.scenes import Sheet, Sphere, Walls
+from vfplan.scenes.outline import Run, in_space, polyline
+from vfplan.scenes.scenes import Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.read import FINE_M
@@ -60,22 +57,28 @@ FACE_CUTS = 25
 """Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm."""
 
 
-class BallMesh(Sphere):
-    """A ball of 30 mm as triangles of about 2 mm."""
-
-    @cached_property
-    def mesh(self) -> tuple[Array, Triangles]:
-        """Corners (N, 3) [m], triangles (K, 3): an octahedron's faces, cut and pushed outwards."""
-        corners, triangles = cut_octahedron(FACE_CUTS)
-        return self.radius * corners / np.linalg.norm(corners, axis=1)[:, None], triangles
+class Meshed(Scene):
+    """A scene of triangles: `mesh` is its corners (N, 3) [m] and triangles (K, 3)."""
 
     @cached_property
     def points(self) -> Array:
         """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        return refined_points(self.mesh, self.spacing)
+        from vfplan.bundle.importing import refined
+
+        return refined(*self.mesh, self.spacing)[0]
 
 
-class BoxMesh(Walls):
+class BallMesh(Meshed, Sphere):
+    """A ball of 30 mm as triangles of about 2 mm."""
+
+    @cached_property
+    def mesh(self) -> tuple[Array, Triangles]:
+        """An octahedron's faces, cut and pushed outwards."""
+        corners, triangles = cut_octahedron(FACE_CUTS)
+        return self.radius * corners / np.linalg.norm(corners, axis=1)[:, None], triangles
+
+
+class BoxMesh(Meshed, Walls):
     """A box of 60 x 40 x 30 mm around the origin as twelve triangles."""
 
     @property
@@ -86,50 +89,29 @@ class BoxMesh(Walls):
     @property
     def squares(self) -> tuple[Array, Array, Array]:
         """The six faces: corners, and the two sides that start there."""
-        corners, first, second = [], [], []
-        for axis in range(3):
-            one, two = (axis + 1) % 3, (axis + 2) % 3
-            for sign in (-1.0, 1.0):
-                corner = -self.half
-                corner[axis] *= -sign
-                corners.append(corner)
-                first.append(2 * self.half[one] * np.eye(3)[one])
-                second.append(2 * self.half[two] * np.eye(3)[two])
-        return np.array(corners), np.array(first), np.array(second)
+        squares = []
+        for axis, sign in product(range(3), (-1.0, 1.0)):
+            corner = -self.half
+            corner[axis] *= -sign
+            sides = 2 * np.diag(self.half)
+            squares.append((corner, sides[(axis + 1) % 3], sides[(axis + 2) % 3]))
+        return tuple(np.array(parts) for parts in zip(*squares, strict=True))
 
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
-        """Corners (8, 3) [m] and triangles (12, 3)."""
+        """Its corners, and two triangles a face."""
         signs = np.array(list(product((-1, 1), repeat=3)))
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        triangles = []
-        for a, b, c, d in faces:
-            triangles += [(a, b, c), (a, c, d)]
+        triangles = [three for a, b, c, d in faces for three in ((a, b, c), (a, c, d))]
         return signs * self.half, np.array(triangles, np.int32)
-
-    @cached_property
-    def points(self) -> Array:
-        """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        return refined_points(self.mesh, self.spacing)
-
-    @cached_property
-    def pieces(self) -> tuple[Rectangles, ...]:
-        """The faces."""
-        return (Rectangles(*self.squares),)
 
     @property
     def routes(self) -> dict[str, Array]:
         """Press on the top, slide over an edge and down a side."""
         x, _, z = self.half
-        top = z + 0.003
-        side = x + 0.003
-        path = [
-            (0.0, 0.004, z + 0.015),
-            (0.0, 0.004, top),
-            (side, 0.005, top),
-            (side, 0.006, -0.005),
-            (x + 0.015, 0.006, -0.005),
-        ]
+        top, side = z + 0.003, x + 0.003
+        path = [(0.0, 0.004, z + 0.015), (0.0, 0.004, top), (side, 0.005, top),
+                (side, 0.006, -0.005), (x + 0.015, 0.006, -0.005)]  # fmt: skip
         return {"over an edge": np.array(path)}
 
 
@@ -150,13 +132,6 @@ def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
                 triangles.append((number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]))
     corners, row = np.unique(np.array(places, float), axis=0, return_inverse=True)
     return corners, row.ravel()[np.array(triangles)].astype(np.int32)
-
-
-def refined_points(mesh: tuple[Array, Triangles], spacing: float) -> Array:
-    """(N, 3) points on a mesh, none of its edges longer than `spacing` [m]."""
-    from vfplan.bundle.importing import refined
-
-    return refined(*mesh, spacing)[0]
 
 
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
@@ -186,6 +161,7 @@ MAX_SENSITIVITY = 1 / (1 - DEPTH) + 1e-9
 """An engine can follow a proxy that moves by no more than this times what the HIP does."""
 
 
+@dataclass(frozen=True, eq=False)
 class Case:
     """A scene and a path through it.
 
@@ -203,24 +179,16 @@ class Case:
         The only ones that are tried [m]; `None`: those of the stage.
     """
 
-    def __init__(
-        self,
-        name: str,
-        scene: Scene,
-        hips: Array,
-        origin: Case | None = None,
-        spacings: tuple[float, ...] | None = None,
-    ) -> None:
-        self.name = name
-        self.scene = scene
-        self.hips = hips
-        self.spacings = spacings
-        self._origin = origin
+    name: str
+    scene: Scene
+    hips: Array
+    origin: Case | None = None
+    spacings: tuple[float, ...] | None = None
 
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
+        return self.origin.truth if self.origin else self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
@@ -230,25 +198,24 @@ class Case:
         surface. Deeper, the exact proxy outruns any engine: with the HIP at the centre of
         the ball around a point it turns round in one tick.
         """
-        if self._origin:
-            return self._origin.followable
+        if self.origin:
+            return self.origin.followable
         return self.scene.sensitivity(self.hips, self.truth, R) <= MAX_SENSITIVITY
 
     @cached_property
     def clearance(self) -> Array:
         """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        return self._origin.clearance if self._origin else self.scene.clearance(self.truth) - R
+        return self.origin.clearance if self.origin else self.scene.clearance(self.truth) - R
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
-        return Case(self.name, scene, self.hips, self._origin or self, self.spacings)
+        return replace(self, scene=scene, origin=self.origin or self)
 
     @property
     def solid(self) -> Case | None:
         """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
-        if self.scene.ignore_axis is None:
-            return None
-        return self.with_scene(replace(self.scene, extrude=6 * R))
+        is_flat = self.scene.ignore_axis is not None
+        return self.with_scene(replace(self.scene, extrude=6 * R)) if is_flat else None
 
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""
@@ -269,25 +236,17 @@ class NoisySheet(Sheet):
 
 def cases(quick: bool) -> Iterator[Case]:
     """All cases, the cheap ones first."""
-    drawn = FULL
-    ticks = None
-    mesh_spacings = None
-    noisy_spacings = None
-    noisy = NoisySheet()
-    if quick:
-        drawn = QUICK
-        ticks = QUICK_TICKS
-        mesh_spacings = (1e-3,)
-        noisy_spacings = (noisy.spacing,)
-    for name, route in drawn:
+    ticks = QUICK_TICKS if quick else None
+    for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
     for name, mesh_class, route in MESHES:
         mesh = mesh_class()
         path = mesh.path(route, SPEED_M_S)[:ticks]
-        yield Case(f"{name}, {route}", mesh, path, spacings=mesh_spacings)
+        yield Case(f"{name}, {route}", mesh, path, spacings=(1e-3,) if quick else None)
+    noisy = NoisySheet()
     path = noisy.path("front", SPEED_M_S)[:ticks]
-    yield Case("sheet, 10 % noise", noisy, path, spacings=noisy_spacings)
+    yield Case("sheet, 10 % noise", noisy, path, spacings=(noisy.spacing,) if quick else None)
     if not quick:
         yield experiment_2()
         large = Sheet(spacing=LARGE_SPACING_M)
@@ -303,10 +262,8 @@ class Elbow(Drawn):
     @cached_property
     def runs(self) -> Any:
         """Half a millimetre a segment."""
-        from vfplan.scenes import outline
-
-        links = outline.polyline(*elbow_curve()[:, :2])
-        return (outline.Run(tuple(run.links[0] for run in links)),)
+        runs = polyline(*elbow_truth()[0][:, :2])
+        return (Run(tuple(run.links[0] for run in runs)),)
 
     @property
     def routes(self) -> dict[str, Array]:
@@ -314,30 +271,22 @@ class Elbow(Drawn):
         return {}
 
 
-def elbow_truth() -> dict[str, Any]:
-    """The true curve and map of the shipped slice."""
-    return json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+def elbow_truth() -> tuple[Array, Array]:
+    """The true curve (M, 3) of the shipped slice in the robot's frame [m], and its map (3, 3).
 
-
-def elbow_map() -> Array:
-    """(3, 3) true map of the shipped slice's [u v 1] into the robot's frame [m]."""
-    return np.array(elbow_truth()["T_robot_image"])
-
-
-def elbow_curve() -> Array:
-    """(M, 3) the true curve of the shipped slice in the robot's frame [m]."""
-    px = np.array(elbow_truth()["curve_px"])
-    return np.column_stack([px, np.ones(len(px))]) @ elbow_map().T
+    The map leads from the slice's [u v 1] into that frame.
+    """
+    truth = json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+    pixels, T = np.array(truth["curve_px"]), np.array(truth["T_robot_image"])
+    return np.column_stack([pixels, np.ones(len(pixels))]) @ T.T, T
 
 
 def experiment_2() -> Case:
     """The shipped elbow, probed by the shipped session."""
-    rows = []
-    for line in (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]:
-        rows.append(line.split(",")[1:])
-    hips = np.array(rows, float)
+    lines = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
+    hips = np.array([line.split(",")[1:] for line in lines], float)
     # Scenes have their middle in z = 0.
-    hips[:, 2] -= elbow_curve()[:, 2].mean()
+    hips[:, 2] -= elbow_truth()[0][:, 2].mean()
     return Case("experiment-2, session", Elbow(), hips)
 
 
@@ -346,31 +295,17 @@ def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
     return isinstance(scene, Drawn) and scene.ignore_axis is not None
 
 
-def is_mesh(scene: Scene) -> bool:
-    """Whether a plan of it has triangles."""
-    return isinstance(scene, (BallMesh, BoxMesh))
-
-
 def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
     from vfplan.geometry.arcs import fit_arcs
 
-    vertices = []
-    bulges = []
-    strokes = []
-    closed = []
-    for number, run in enumerate(scene.runs):
-        arcs = fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m)
-        vertices.append(arcs.vertices)
-        bulges.append(arcs.bulges)
-        strokes += [number] * len(arcs.bulges)
-        closed.append(arcs.closed)
-    flat = np.vstack(vertices)
+    fits = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
+    counts = [len(fit.bulges) for fit in fits]
     return Pieces(
-        np.column_stack([flat, np.zeros(len(flat))]),
-        np.concatenate(bulges),
-        np.array(strokes, np.int32),
-        np.array(closed),
+        in_space(np.vstack([fit.vertices for fit in fits])),
+        np.concatenate([fit.bulges for fit in fits]),
+        np.repeat(np.arange(len(fits), dtype=np.int32), counts),
+        np.array([fit.closed for fit in fits]),
     )
 
 
@@ -383,17 +318,11 @@ def chosen_points(scene: Scene, choice: Choice) -> Array:
             bend = 1 + R / getattr(scene, "radius", np.inf)
             spacing = choice.spacing_m / np.sqrt(2 * bend)
         return replace(scene, spacing=spacing).points
-    from vfplan.planning.tolerance import sample_curve
-
-    parts = []
-    for run in scene.runs:
-        fine = run.sample(min(1e-4, run.length / 50))
-        fine = np.column_stack([fine, np.zeros(len(fine))])
-        sampled = sample_curve(
-            fine, run.closed, radius_m=R, tolerance_m=choice.sampling_tolerance_m
-        )
-        parts.append(sampled.points)
-    points = np.vstack(parts)
+    points = np.vstack([
+        sample_curve(in_space(run.sample(min(1e-4, run.length / 50))), run.closed, radius_m=R,
+                     tolerance_m=choice.sampling_tolerance_m).points
+        for run in scene.runs
+    ])  # fmt: skip
     # Corners that two runs share stand once.
     nanometres = np.round(points / 1e-9).astype(np.int64)
     return points[np.sort(np.unique(nanometres, axis=0, return_index=True)[1])]
@@ -435,7 +364,7 @@ class Method:
 
     make: Make
     max_work: float = np.inf
-    settings: tuple[tuple[str, Setting], ...] = ()
+    settings: dict[str, Setting] = field(default_factory=dict)
     full_only: bool = False
     slow: bool = False
     needs_shape: bool = False
@@ -459,43 +388,44 @@ def engine_on_arcs(case: Case) -> tuple[Any, dict[str, Any]]:
 
 def exact_engine(case: Case) -> tuple[Any, dict[str, Any]]:
     """Rule "exact" on what the scene is made of: lines and arcs, or triangles."""
-    if is_mesh(case.scene):
+    if isinstance(case.scene, Meshed):
         corners, triangles = case.scene.mesh
         engine = ProxyEngine.on(corners, triangles, R, stiffness=DEFAULT_STIFFNESS)
         return engine, {"triangles": len(triangles)}
     return engine_on_arcs(case)
 
 
-def limited(iterations: int, full_only: bool = False) -> Method:
+def limited(iterations: int, **more: bool) -> Method:
     """Rule "robust" with a limit on its iterations in a tick."""
-    return Method(
-        partial(engine_on_points, max_iterations=iterations),
-        settings=(("max_iterations", iterations),), full_only=full_only,
-    )  # fmt: skip
+    limit = {"max_iterations": iterations}
+    return Method(partial(engine_on_points, **limit), settings=limit, **more)
 
 
-BRUTE = (("search", "brute"),)
+def brute(**rule: str) -> Method:
+    """A rule that looks at every point, every time."""
+    make = partial(engine_on_points, search="brute", **rule)
+    return Method(make, BRUTE_WORK, {"search": "brute"}, full_only=True)
+
+
 METHODS: dict[str, Method] = {
     "robust": Method(engine_on_points),
     "robust, 1 iteration": limited(1),
     "robust, 2 iterations": limited(2, full_only=True),
     "robust, 4 iterations": limited(4),
     "robust, 8 iterations": limited(8, full_only=True),
-    "robust, every point": Method(
-        partial(engine_on_points, search="brute"), BRUTE_WORK, BRUTE, full_only=True
-    ),
-    "robust, not planar": Method(engine_on_points, settings=(("planar", False),), in_space=True),
+    "robust, every point": brute(),
+    "robust, not planar": Method(engine_on_points, settings={"planar": False}, in_space=True),
     "paper": Method(partial(engine_on_points, rule="paper")),
-    "paper, every point": Method(
-        partial(engine_on_points, rule="paper", search="brute"), BRUTE_WORK, BRUTE, full_only=True
-    ),
+    "paper, every point": brute(rule="paper"),
     "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK, slow=True),
     "nearest-point penalty": Method(partial(engine_on_points, kind=NearestPointPenalty)),
     "exact": Method(exact_engine, needs_shape=True),
 }
 
 
-def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Iterator[list[BenchRun]]:
+def proxy_scenes(
+    quick: bool, tolerance_m: float, peers: Sequence[Peer]
+) -> Iterator[list[BenchRun]]:
     """The runs of each scene and route."""
     spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
     for case in cases(quick):
@@ -507,21 +437,18 @@ def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Itera
 
 def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[BenchRun]:
     """The runs of every method on a case in good time, and of the peers."""
-    has_shape = is_drawn(case.scene) or is_mesh(case.scene)
+    has_shape = is_drawn(case.scene) or isinstance(case.scene, Meshed)
     for name, method in METHODS.items():
         method_case: Case | None = case.solid if method.in_space else case
-        if method_case is None or (method.needs_shape and not has_shape):
+        is_late = quick and (method.full_only or (method.slow and case.spacings))
+        if method_case is None or is_late or (method.needs_shape and not has_shape):
             continue
-        if quick and (method.full_only or (method.slow and case.spacings)):
-            continue
-        if len(method_case.scene.points) * len(case.hips) > method.max_work:
-            continue
-        settings: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
-        engine, figures = method.make(method_case)
         points = method_case.scene.points
-        yield engine_run(method_case, name, settings, engine, points, figures)
-    points = case.scene.points
-    axis = case.scene.ignore_axis
+        if len(points) * len(case.hips) <= method.max_work:
+            settings: dict[str, Setting] = {"spacing_m": spacing, **method.settings}
+            engine, figures = method.make(method_case)
+            yield engine_run(method_case, name, settings, engine, points, figures)
+    points, axis = case.scene.points, case.scene.ignore_axis
     for peer in peers:
         parameters = ProxyParameters.make(
             points, rule="paper", ignore_axis=axis, stiffness=DEFAULT_STIFFNESS
@@ -545,19 +472,16 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
     if is_drawn(scene):
         settings["arcs_m"] = DEFAULT_ARCS_M
         engine, figures = engine_on_arcs(case.at(FINE_M))
-    elif is_mesh(scene):
+    elif isinstance(scene, Meshed):
         engine, figures = exact_engine(case)
     elif isinstance(scene, NoisySheet):
         # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
         settings["spacing_m"] = scene.spacing
         points = scene.points
-        engine = ProxyEngine(points, ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS)
+        engine, _ = engine_on_points(case)
     else:
-        settings |= {
-            "spacing_m": choice.spacing_m,
-            "band_m": choice.band_m,
-            "max_iterations": choice.max_iterations,
-        }
+        settings |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m,
+                     "max_iterations": choice.max_iterations}  # fmt: skip
         engine = ProxyEngine(
             points, ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS, band=choice.band_m,
             max_iterations=choice.max_iterations,
@@ -588,8 +512,7 @@ def engine_run(
 
 def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> Record:
     """Every figure of a rendered proxy (T, 3) [m] against the exact one, beside other figures."""
-    truth = case.truth
-    hips = case.hips
+    truth, hips = case.truth, case.hips
     errors = np.linalg.norm(proxy - truth, axis=1)
 
     # The error of the force, and of the ticks that an engine can follow.
@@ -623,9 +546,7 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
         record["lag_rms_m"] = root_mean_square(lag)
         record["friction"] = root_mean_square(lag / depth[in_contact])
 
-    flat = np.ones(3)
-    if case.scene.ignore_axis is not None:
-        flat = np.array([1.0, 1.0, 0.0])
+    flat = np.ones(3) if case.scene.ignore_axis is None else np.array([1.0, 1.0, 0.0])
     nearest, _ = cKDTree(points * flat).query(proxy * flat)
     record["clearance_min_m"] = float(nearest.min() - R)
     return errors_of(errors, **record, **figures)

@@ -3,12 +3,9 @@
 A run is one method with one set of settings on one scene. It is repeated; its error is scored once
 (every method here is deterministic), its time by the median over all repeats.
 
-What a bench says in a sentence a stage: the chosen setting, its error, its time, and the peers'.
-
-The chosen setting is the one that `vfplan plan` takes without options, or that `--tolerance` leads
-to. Ratios to a peer are medians over the scenes that both ran on.
-
-The results of a bench as a table: a header and a key, and units that a person reads.
+What a bench says: a table, and a sentence a stage on the chosen setting, its error, its time, and
+the peers'. The chosen setting is the one that `vfplan plan` takes without options, or that
+`--tolerance` leads to. Ratios to a peer are medians over the scenes that both ran on.
 """
 
 from __future__ import annotations
@@ -16,7 +13,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +64,6 @@ class BenchRun:
     # Whether an outside program does it
     peer: bool = False
 
-    @property
-    def head(self) -> Record:
-        """What a record of it begins with."""
-        return {"scene": self.scene, "method": self.method, "settings": self.settings}
-
 
 def time_us(repeats: list[Array]) -> Record:
     """Median and tail of the parts' times, and how far the repeats' medians spread [µs].
@@ -85,14 +78,11 @@ def time_us(repeats: list[Array]) -> Record:
     times = np.min(repeats, axis=0) if len(repeats[0]) > 1 else np.concatenate(repeats)
     median, p99, p999 = np.quantile(times, [0.5, 0.99, 0.999])
     low, high = np.quantile([np.median(repeat) for repeat in repeats], [0.25, 0.75])
-    return {
-        "time_us_median": float(median),
-        "time_us_p99": float(p99),
-        "time_us_p999": float(p999),
-        "time_us_max": float(times.max()),
-        "time_us_low": float(min(low, median)),
-        "time_us_high": float(max(high, median)),
-    }
+    figures = {
+        "median": median, "p99": p99, "p999": p999, "max": times.max(), "low": min(low, median),
+        "high": max(high, median),
+    }  # fmt: skip
+    return {f"time_us_{name}": float(value) for name, value in figures.items()}
 
 
 def mark_pareto(records: list[Record]) -> None:
@@ -102,21 +92,24 @@ def mark_pareto(records: list[Record]) -> None:
     one of them is smaller. Errors are compared as `comparable_error` rounds them: two programs of
     one rule differ in the last bits.
     """
-    groups: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        groups.setdefault((record["stage"], record["scene"]), []).append(record)
-    for group in groups.values():
+    for group in grouped(records, "stage", "scene").values():
         values = np.array([[comparable_error(r), r["time_us_median"]] for r in group])
         for record, is_on_front in zip(group, non_dominated(values), strict=True):
             record["pareto"] = bool(is_on_front)
 
 
+def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
+    """The records by what they have under some names, in order."""
+    groups: dict[Any, list[Record]] = {}
+    for record in records:
+        groups.setdefault(itemgetter(*names)(record), []).append(record)
+    return groups
+
+
 def comparable_error(record: Record) -> float:
     """The RMS error to six digits, and to a nanometre where it is one in metres."""
     error = float(f"{record['error_rms']:.6g}")
-    if record.get("unit") == "m":
-        error = max(error, SMALLEST_ERROR_M)
-    return error
+    return max(error, SMALLEST_ERROR_M) if record.get("unit") == "m" else error
 
 
 def judge_chosen(records: list[Record], tolerance_m: float) -> None:
@@ -137,19 +130,18 @@ def judge_chosen(records: list[Record], tolerance_m: float) -> None:
             continue
         followed_m = chosen.get("followed_rms_m", 0.0)
         allowed_m = max(followed_m, tolerance_m)
-        times = []
-        for rival in records:
-            if rival["stage"] != chosen["stage"] or rival["scene"] != chosen["scene"]:
-                continue
-            keeps_proxy = rival.get("followed_rms_m", 0.0) <= allowed_m
-            if keeps_surface(rival, tolerance_m) and keeps_proxy:
-                times.append(rival["time_us_median"])
+        times = [
+            rival["time_us_median"]
+            for rival in records
+            if (rival["stage"], rival["scene"]) == (chosen["stage"], chosen["scene"])
+            and keeps_surface(rival, tolerance_m)
+            and rival.get("followed_rms_m", 0.0) <= allowed_m
+        ]
         chosen["meets_tolerance"] = keeps_surface(chosen, tolerance_m)
         if "followed_rms_m" in chosen:
             chosen["follows"] = bool(followed_m <= tolerance_m)
-        chosen["time_over_cheapest"] = None
-        if times:
-            chosen["time_over_cheapest"] = chosen["time_us_median"] / min(times)
+        cheapest = chosen["time_us_median"] / min(times) if times else None
+        chosen["time_over_cheapest"] = cheapest
 
 
 def keeps_surface(record: Record, tolerance_m: float) -> bool:
@@ -195,7 +187,8 @@ def measure_runs(
     records: dict[int, Record] = {}
     refused: list[Record] = []
     for i, bench_run in enumerate(runs):
-        head = {"stage": stage, **bench_run.head}
+        head = {name: getattr(bench_run, name) for name in ("scene", "method", "settings")}
+        head = {"stage": stage, **head}
         try:
             answer, _ = bench_run.run()
             records[i] = head | bench_run.score(answer) | {"unit": bench_run.unit}
@@ -207,19 +200,15 @@ def measure_runs(
     for _ in range(repeats):
         for i in rng.permutation(len(runs)):
             advance(1)
-            if i not in records:
-                continue
-            if len(times[i]) >= FEWEST_REPEATS and spent_s[i] > TIMED_ENOUGH_S:
+            is_slow = i in times and len(times[i]) >= FEWEST_REPEATS and spent_s[i] > TIMED_ENOUGH_S
+            if i not in records or is_slow:
                 continue
             _, us = runs[i].run()
             times[i].append(us)
             spent_s[i] += 1e-6 * us.sum()
     for i, record in records.items():
         record |= time_us(times[i]) | {"repeats": len(times[i])}
-        if runs[i].chosen:
-            record["chosen"] = True
-        if runs[i].peer:
-            record["peer"] = True
+        record |= {name: True for name in ("chosen", "peer") if getattr(runs[i], name)}
     return list(records.values()), refused
 
 
@@ -229,19 +218,29 @@ def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
     return timed_run(engine, hips)
 
 
-PEERS = {
-    "extract": ("hue + thinning", "mask (the paper's)"),
-    "sample": ("the paper's density",),
-    "register": ("bare least squares",),
-    "proxy": ("paper", "nanoflann_peer", "nearest-point penalty"),
-    "plan": ("the paper's: every mask pixel",),
-}
-"""What a user could take instead, by stage: methods that are not this project's own."""
+class StageLook(NamedTuple):
+    """How a stage is shown: a title, what its times are of, and in which unit they are drawn."""
+
+    title: str
+    part: str
+    time_unit: str
+    # What a user could take instead: methods that are not this project's own.
+    peers: tuple[str, ...]
 
 
-def is_tick_stage(stage: str) -> bool:
-    """Whether the times of a stage are those of a tick of the controller, and not of a call."""
-    return stage in ("sample", "proxy")
+LOOKS = {
+    "extract": StageLook("extract: the drawn line, one call a slice", "call", "ms",
+                         ("hue + thinning", "mask (the paper's)")),
+    "sample": StageLook("sample: surface of the cloud, one tick of the engine on it", "tick", "µs",
+                        ("the paper's density",)),
+    "register": StageLook("register: target registration error, one fit", "call", "µs",
+                          ("bare least squares",)),
+    "proxy": StageLook("proxy: against the exact proxy, one tick", "tick", "µs",
+                       ("paper", "nanoflann_peer", "nearest-point penalty")),
+    "plan": StageLook("plan: slice and markers to fixture, one call", "call", "ms",
+                      ("the paper's: every mask pixel",)),
+}  # fmt: skip
+"""Every stage by its name."""
 
 
 def error_text(result: Record, key: str = "error_rms") -> str:
@@ -257,9 +256,7 @@ def time_text(us: float) -> str:
 def summaries(document: dict[str, Any]) -> dict[str, str]:
     """A sentence for each stage of a bench's document that has a chosen setting."""
     # Stage proxy comes last: it is what the controller does a thousand times a second.
-    stages = [stage for stage in document["stages"] if stage != "proxy"]
-    if "proxy" in document["stages"]:
-        stages.append("proxy")
+    stages = sorted(document["stages"], key=lambda stage: stage == "proxy")
     sentences = {}
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
@@ -274,50 +271,37 @@ def stage_sentence(stage: str, chosen: dict[str, Record], results: list[Record])
     worst = max(chosen.values(), key=lambda r: r["error_rms"])
     slowest = max(chosen.values(), key=lambda r: r["time_us_median"])
     median_us = float(np.median([r["time_us_median"] for r in chosen.values()]))
-    part = "call"
+    look = LOOKS[stage]
     tail = ""
-    if is_tick_stage(stage):
-        part = "tick"
+    if look.part == "tick":
         tail_us = max(r["time_us_p999"] for r in chosen.values())
         tail = f" (p99.9 {time_text(tail_us)})"
     sentence = (
         f"{stage}: the chosen setting errs by {error_text(worst)} RMS at most ({worst['scene']}) "
-        f"and takes {time_text(median_us)} a {part} at the median of {len(chosen)} scenes, "
+        f"and takes {time_text(median_us)} a {look.part} at the median of {len(chosen)} scenes, "
         f"{time_text(slowest['time_us_median'])} at most{tail}"
     )
-    peers = list(PEERS[stage])
-    for result in results:
-        if result.get("peer") and result["method"] not in peers:
-            peers.append(result["method"])
-    comparisons = []
-    for peer in peers:
-        comparison = compare_with_peer(peer, chosen, results)
-        if comparison:
-            comparisons.append(comparison)
-    if comparisons:
-        sentence += f". Against it: {'; '.join(comparisons)}"
+    others = [result["method"] for result in results if result.get("peer")]
+    peers = dict.fromkeys([*look.peers, *others])
+    comparisons = [compare_with_peer(peer, chosen, results) for peer in peers]
+    if any(comparisons):
+        sentence += f". Against it: {'; '.join(filter(None, comparisons))}"
     return sentence + "."
 
 
 def compare_with_peer(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
     """How a peer's best setting compares, scene by scene; empty if it did not run."""
-    best: dict[str, Record] = {}
-    for result in results:
-        scene = result["scene"]
-        if result["method"] != method or scene not in chosen:
-            continue
-        if scene not in best or result["error_rms"] < best[scene]["error_rms"]:
-            best[scene] = result
+    mine = [r for r in results if r["method"] == method and r["scene"] in chosen]
+    best = {
+        scene: min(found, key=itemgetter("error_rms"))
+        for scene, found in grouped(mine, "scene").items()
+    }
     if not best:
         return ""
-    times = []
-    for scene, result in best.items():
-        times.append(result["time_us_median"] / chosen[scene]["time_us_median"])
-    worst = max(best.values(), key=lambda r: r["error_rms"])
+    times = [r["time_us_median"] / chosen[scene]["time_us_median"] for scene, r in best.items()]
     ratio = float(np.median(times))
-    speed = f"{three_digits(ratio)} times slower"
-    if ratio < 1:
-        speed = f"{three_digits(1 / ratio)} times faster"
+    worst = max(best.values(), key=lambda r: r["error_rms"])
+    speed = f"{three_digits(max(ratio, 1 / ratio))} times {'faster' if ratio < 1 else 'slower'}"
     return f"{method} is {speed} and errs by {error_text(worst)} RMS at most"
 
 
@@ -341,60 +325,38 @@ def table_lines(
     lines = []
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
-        part = "tick" if is_tick_stage(stage) else "call"
-        header = table_row(
-            "", f"median a {part}", "p99.9", "error RMS", "at most", "method", "settings"
-        )
+        median = f"median a {LOOKS[stage].part}"
+        header = table_row("", median, "p99.9", "error RMS", "at most", "method", "settings")
         lines.append(f"{stage}: " + header.strip())
-        scenes: dict[str, list[dict[str, Any]]] = {}
-        for result in results:
-            scenes.setdefault(result["scene"], []).append(result)
-        for scene, scene_results in scenes.items():
+        for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
-            if not every_setting:
-                scene_results = best_of_each_method(scene_results)
-            for result in sorted(scene_results, key=lambda r: r["time_us_median"]):
-                lines.append(result_row(result))
+            shown = scene_results if every_setting else best_of_each_method(scene_results)
+            lines += map(result_row, sorted(shown, key=lambda r: r["time_us_median"]))
     for refusal in document.get("refused", ()):
         if refusal["stage"] in stages:
-            settings = settings_text(refusal["settings"])
-            lines.append(
-                f"refused: {refusal['scene']}: {refusal['method']} {settings}: {refusal['message']}"
-            )
+            what = f"{refusal['method']} {settings_text(refusal['settings'])}"
+            lines.append(f"refused: {refusal['scene']}: {what}: {refusal['message']}")
     lines += ["", *KEY]
     if not every_setting:
         lines.append(SHORT_KEY)
     return lines
 
 
-def best_of_each_method(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def best_of_each_method(results: list[Record]) -> list[Record]:
     """Of each method the setting that errs least, and every chosen setting."""
-    best: dict[str, dict[str, Any]] = {}
-    for result in results:
-        name = result["method"]
-        if name not in best or result["error_rms"] < best[name]["error_rms"]:
-            best[name] = result
+    methods = grouped(results, "method")
+    best = {name: min(found, key=itemgetter("error_rms")) for name, found in methods.items()}
     return [r for r in results if r.get("chosen") or best[r["method"]] is r]
 
 
-def result_row(result: dict[str, Any]) -> str:
+def result_row(result: Record) -> str:
     """A result as a row of the table."""
-    marks = ""
-    if result["pareto"]:
-        marks += "*"
-    else:
-        marks += " "
+    marks = "*" if result["pareto"] else " "
     if result.get("chosen"):
         marks += ">"
-    return table_row(
-        marks,
-        time_text(result["time_us_median"]),
-        time_text(result["time_us_p999"]),
-        error_text(result),
-        error_text(result, "error_max"),
-        result["method"],
-        settings_text(result["settings"]),
-    )
+    times = [time_text(result[name]) for name in ("time_us_median", "time_us_p999")]
+    errors = [error_text(result, name) for name in ("error_rms", "error_max")]
+    return table_row(marks, *times, *errors, result["method"], settings_text(result["settings"]))
 
 
 def table_row(

@@ -9,17 +9,19 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from importlib import import_module
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from vfplan.bench.peers import Peer
+from vfplan.bench.pipeline import extract_scenes, plan_scenes, register_scenes, sample_scenes
+from vfplan.bench.proxy import proxy_scenes
 from vfplan.bench.record import (
     FEWEST_REPEATS,
     Advance,
+    BenchRun,
     Record,
     judge_chosen,
     mark_pareto,
@@ -32,8 +34,12 @@ from vfplan.io.writing import write_whole
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose
 
-Stage = Literal["extract", "sample", "register", "proxy", "plan"]
-STAGES: tuple[Stage, ...] = get_args(Stage)
+STAGES: dict[str, Callable[..., Iterable[list[BenchRun]]]] = {
+    "extract": extract_scenes, "sample": sample_scenes, "register": register_scenes,
+    "proxy": proxy_scenes, "plan": plan_scenes,
+}  # fmt: skip
+"""The runs of each scene of a stage, from: quick, tolerance [m], peers."""
+
 Bar = Callable[[str, int], AbstractContextManager[Advance]]
 
 REPEATS = 7
@@ -50,7 +56,7 @@ VERSION = "1.0"
 
 
 def bench(
-    stages: Iterable[Stage] = STAGES,
+    stages: Iterable[str] = tuple(STAGES),
     *,
     quick: bool = False,
     tolerance_m: float = FixtureSettings.tolerance_m,
@@ -99,12 +105,7 @@ def bench(
     records: list[Record] = []
     refused: list[Record] = []
     for stage in ordered:
-        module = import_module(f"vfplan.bench.{stage}")
-        if stage == "proxy":
-            scenes = module.scenes(quick, tolerance_m, peers)
-        else:
-            scenes = module.scenes(quick, tolerance_m)
-        for runs in scenes:
+        for runs in STAGES[stage](quick, tolerance_m, peers):
             label = f"{stage}: {runs[0].scene}"
             with progress(label, len(runs) * (1 + repeats)) as advance:
                 measured, unusable = measure_runs(stage, runs, repeats, advance)
@@ -113,18 +114,13 @@ def bench(
     mark_pareto(records)
     judge_chosen(records, tolerance_m)
     document: dict[str, Any] = {
-        "format": FORMAT,
-        "version": VERSION,
-        "stages": ordered,
-        "quick": quick,
-        "tolerance_m": tolerance_m,
-        "budget_us": BUDGET_US,
-        "chosen": dict(vars(choice)),
+        "format": FORMAT, "version": VERSION, "stages": ordered, "quick": quick,
+        "tolerance_m": tolerance_m, "budget_us": BUDGET_US, "chosen": dict(vars(choice)),
         "results": records,
         "peers": [{"name": p.name, "command": p.command, "ran": True} for p in peers],
         "machine": describe_machine(),
         "elapsed_s": time.perf_counter() - started,
-    }
+    }  # fmt: skip
     if refused:
         document["refused"] = refused
     document["summary"] = summaries(document)
@@ -165,36 +161,31 @@ def read_document(path: str | Path) -> dict[str, Any]:
 
     Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
     """
-    where = str(path)
+
+    def refuse(text: str, code: str = "damaged-bench", within: str = "") -> InputError:
+        return InputError(text, where=f"{path}{within}", code=code)
+
     try:
         document = json.loads(read_whole(Path(path), MAX_TEXT_BYTES).decode("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"is not JSON: {error}. Give a bench.json", where=where, code="not-json"
-        ) from None
+        raise refuse(f"is not JSON: {error}. Give a bench.json", "not-json") from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise InputError(
-            f"is no document of format {FORMAT!r}. Give a bench.json", where=where, code="no-bench"
-        )
+        raise refuse(f"is no document of format {FORMAT!r}. Give a bench.json", "no-bench")
     if str(document.get("version", "")).split(".")[0] != VERSION.split(".")[0]:
-        raise InputError(
+        raise refuse(
             f"is of version {document.get('version')!r}, and {VERSION} is read. Measure again",
-            where=where, code="other-version",
-        )  # fmt: skip
+            "other-version",
+        )
     missing = [name for name in NEEDED_KEYS if name not in document]
     if missing:
-        raise InputError(
-            f"lacks {', '.join(missing)}. Measure again", where=where, code="damaged-bench"
-        )
+        raise refuse(f"lacks {', '.join(missing)}. Measure again")
     results = document["results"]
     if not isinstance(results, list) or not results:
-        raise InputError("holds no results. Measure again", where=where, code="damaged-bench")
+        raise refuse("holds no results. Measure again")
     for i, result in enumerate(results):
         fault = fault_of_result(result)
         if fault:
-            raise InputError(
-                f"{fault}. Measure again", where=f"{where}: results[{i}]", code="damaged-bench"
-            )
+            raise refuse(f"{fault}. Measure again", within=f": results[{i}]")
     return document
 
 
@@ -217,17 +208,13 @@ def fault_of_result(result: Any) -> str:
 def describe_machine() -> dict[str, Any]:
     """Processor, cores, system, Python, NumPy; the clock's own cost [µs]."""
     processor = platform.processor() or platform.machine()
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                processor = line.split(":", 1)[1].strip()
-                break
-    except OSError:
-        # Other systems have no such file.
-        pass
-    cores = os.cpu_count()
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
+    # Other systems have no such file.
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        named = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+        processor = named[0] if named else processor
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = os.cpu_count() if affinity is None else len(affinity(0))
     instants = [time.perf_counter_ns() for _ in range(2001)]
     return {
         "processor": processor,

@@ -17,7 +17,7 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, read_bundle, unsealed
-from vfplan.engine.choosing import MAX_TICK_TIME, best_rule, slow_tick_text, worst_tick_time
+from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, worst_tick_time
 from vfplan.errors import BundleError, SceneError, VfplanError
 from vfplan.fixture import Fixture, size_doubt
 

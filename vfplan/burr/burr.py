@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from vfplan.display import MM
-from vfplan.engine.choosing import sampled
 from vfplan.engine.parameters import Vector
-from vfplan.engine.proxy import ProxyEngine, Status
+from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
 from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style

@@ -105,32 +105,25 @@ class Governor:
         mass_kg: float,
         rate_hz: float = 1000.0,
     ) -> None:
-        limits = _core.GovernorLimits()
-        limits.force_max = real_number("force_max_n", force_max_n)
-        limits.stiffness = real_number("stiffness_n_per_m", stiffness_n_per_m)
-        limits.mass = real_number("mass_kg", mass_kg)
-        limits.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
-        self.least_passive_step_n = limits.least_passive_step
-        """The smallest `force_step_n` that is passive with the other settings [N]."""
-        self.least_reversing_step_n = limits.least_reversing_step
-        """The smallest that is also passive when the force turns round at its largest [N]."""
-        limits.force_step = real_number("force_step_n", force_step_n)
-
         steps = torque_limits("torque_step_nm", torque_step_nm)
         maxima = torque_limits("torque_max_nm", torque_max_nm)
         self._limits_torques = steps is not None or maxima is not None
         self._joints = joint_count(steps, maxima)
-        for joint in range(_core.most_joints):
-            limits.set_torque(joint, limit_of_joint(steps, joint), limit_of_joint(maxima, joint))
-        names = {
-            "force_step": "force_step_n",
-            "force_max": "force_max_n",
-            "stiffness": "stiffness_n_per_m",
-            "mass": "mass_kg",
-            "torque_step": "torque_step_nm",
-            "torque_max": "torque_max_nm",
-        }
-        with core_settings(**names):
+        limits = _core.GovernorLimits(
+            force_step=real_number("force_step_n", force_step_n),
+            force_max=real_number("force_max_n", force_max_n),
+            stiffness=real_number("stiffness_n_per_m", stiffness_n_per_m),
+            mass=real_number("mass_kg", mass_kg),
+            period=1 / number("rate_hz", rate_hz, "Hz", above=0.0),
+            torque_step=of_all_joints(steps),
+            torque_max=of_all_joints(maxima),
+        )
+        self.least_passive_step_n = limits.least_passive_step
+        """The smallest `force_step_n` that is passive with the other settings [N]."""
+        self.least_reversing_step_n = limits.least_reversing_step
+        """The smallest that is also passive when the force turns round at its largest [N]."""
+        with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
+                           torque_step="nm", torque_max="nm"):  # fmt: skip
             self._governor = _core.Governor(limits)
         self.reset()
 
@@ -150,8 +143,7 @@ class Governor:
                 f"robot {robot.name!r} has no force_limit_n and force_step_limit_n. Add both to "
                 "the robot file: a governor needs them."
             )
-        torque_max = None
-        torque_step = None
+        torque_max, torque_step = None, None
         if torques:
             if robot.torque_limit_nm is None or robot.torque_step_limit_nm is None:
                 raise SettingError(
@@ -197,13 +189,9 @@ class Governor:
             Arrays of another shape, or no Jacobian though torques are limited.
         """
         wanted = check_hip(force, "force")
-        if jacobian is None:
-            self._check_joints(None)
-            row, self.held_back_n, status = self._governor.step(wanted)
-        else:
-            matrix = real_array(jacobian, "jacobian")
-            self._check_joints(matrix.shape)
-            row, self.held_back_n, status = self._governor.step(wanted, matrix)
+        matrix = () if jacobian is None else (real_array(jacobian, "jacobian"),)
+        self._check_joints(matrix[0].shape if matrix else None)
+        row, self.held_back_n, status = self._governor.step(wanted, *matrix)
         self.status = GovernorStatus(status)
         return row.reshape(3)
 
@@ -214,17 +202,13 @@ class Governor:
     def trace(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Governed:
         """As `run`, with the torques and what was held back in each tick."""
         wanted = check_path(forces, "forces")
-        matrices = None
-        shape = None
-        if jacobians is not None:
-            matrices = real_array(jacobians, "jacobians")
-            if matrices.shape[:1] != (len(wanted),):
-                raise SceneError(
-                    f"jacobians has shape {matrices.shape}. Give one for each force: "
-                    f"({len(wanted)}, 3, n)."
-                )
-            shape = matrices.shape[1:]
-        self._check_joints(shape)
+        matrices = None if jacobians is None else real_array(jacobians, "jacobians")
+        if matrices is not None and matrices.shape[:1] != (len(wanted),):
+            raise SceneError(
+                f"jacobians has shape {matrices.shape}. Give one for each force: "
+                f"({len(wanted)}, 3, n)."
+            )
+        self._check_joints(None if matrices is None else matrices.shape[1:])
         governed = Governed(*self._governor.run(wanted, matrices))
         if len(wanted) > 0:
             self.held_back_n = float(governed.held_back[-1])
@@ -240,13 +224,9 @@ class Governor:
                     "each tick."
                 )
             return
-        if self._joints is not None:
-            wanted = f"{self._joints}"
-            is_good = len(shape) == 2 and shape == (3, self._joints)
-        else:
-            wanted = f"1 to {_core.most_joints}"
-            is_good = len(shape) == 2 and shape[0] == 3 and 1 <= shape[1] <= _core.most_joints
-        if not is_good:
+        allowed = range(1, _core.most_joints + 1) if self._joints is None else [self._joints]
+        if len(shape) != 2 or shape[0] != 3 or shape[1] not in allowed:
+            wanted = f"1 to {_core.most_joints}" if self._joints is None else self._joints
             raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
         self._torque_size = shape[1]
 
@@ -256,9 +236,8 @@ class Governor:
 
         They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
         """
-        if self._torque_size == 0:
-            return np.empty(0)
-        return self._governor.torque(self._torque_size).reshape(self._torque_size)
+        size = self._torque_size
+        return self._governor.torque(size).reshape(size) if size > 0 else np.empty(0)
 
     @property
     def energy_given_j(self) -> float:
@@ -294,10 +273,7 @@ def torque_limits(name: str, values: float | ArrayLike | None) -> Vector | None:
 
 def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
     """The number of joints that the limits are for; `None` where one number holds for all."""
-    counts = set()
-    for limits in (steps, maxima):
-        if limits is not None and limits.ndim == 1:
-            counts.add(len(limits))
+    counts = {len(limits) for limits in (steps, maxima) if limits is not None and limits.ndim == 1}
     if len(counts) > 1:
         raise SettingError(
             f"torque_step_nm and torque_max_nm are of {min(counts)} and {max(counts)} joints. Give "
@@ -306,10 +282,9 @@ def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
     return counts.pop() if counts else None
 
 
-def limit_of_joint(limits: Vector | None, joint: int) -> float:
-    """The limit of one joint [N·m]; infinite where there is none."""
-    if limits is None:
-        return float("inf")
-    if limits.ndim == 0:
-        return float(limits)
-    return float("inf") if joint >= len(limits) else float(limits[joint])
+def of_all_joints(limits: Vector | None) -> Vector:
+    """(16,) the limit of each joint [N·m]; infinite where there is none."""
+    padded = np.full(_core.most_joints, np.inf)
+    if limits is not None:
+        padded[: len(limits) if limits.ndim == 1 else None] = limits
+    return padded

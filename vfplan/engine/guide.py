@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.choosing import check_pieces
 from vfplan.engine.parameters import (
     Vector,
     check_axis,
+    check_pieces,
     check_points,
     core_settings,
     number,
+    one_of,
     real_number,
 )
 from vfplan.engine.proxy import Status, check_hip, check_path
@@ -72,16 +73,9 @@ class GuideTrace:
 
     def first(self) -> GuideStep:
         """The answer of the first tick."""
-        return GuideStep(
-            proxy=self.proxy[0],
-            force=self.force[0],
-            arc_m=self.arc_m[0].item(),
-            lateral_m=self.lateral_m[0].item(),
-            remaining_m=self.remaining_m[0].item(),
-            stroke=self.stroke[0].item(),
-            held=self.held[0].item(),
-            status=Status(int(self.status[0])),
-        )
+        figures = [getattr(self, name)[0].item()
+                   for name in ("arc_m", "lateral_m", "remaining_m", "stroke", "held")]  # fmt: skip
+        return GuideStep(self.proxy[0], self.force[0], *figures, Status(int(self.status[0])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,26 +152,21 @@ class Guide:
         lead_speed: float = 0.02,
         rate_hz: float = 1000.0,
     ) -> None:
-        native = _core.GuideParameters()
-        native.radius = real_number("radius", radius)
-        native.stiffness = real_number("stiffness", stiffness)
-        if ends not in ENDS:
-            raise SettingError(f"ends is {ends!r}. Choose one of {', '.join(ENDS)}.")
-        native.ends = getattr(_core.Ends, ends)
-        if hold not in HOLDS:
-            raise SettingError(f"hold is {hold!r}. Choose one of {', '.join(HOLDS)}.")
-        native.hold = getattr(_core.Hold, hold)
-        native.cut_bends = bool(cut_bends)
-        native.lead_force = real_number("lead_force", lead_force)
-        native.lead_speed = real_number("lead_speed", lead_speed)
-        native.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
+        self.radius = real_number("radius", radius)
+        self.stiffness = real_number("stiffness", stiffness)
+        self.ends = one_of("ends", ends, ENDS)
         self.ignore_axis = check_axis(ignore_axis)
-        if self.ignore_axis is not None:
-            native.set_ignore_axis(self.ignore_axis)
-        self.radius = native.radius
-        self.stiffness = native.stiffness
-        self.ends = ends
-
+        parameters = _core.GuideParameters(
+            radius=self.radius,
+            stiffness=self.stiffness,
+            ends=ends,
+            hold=one_of("hold", hold, HOLDS),
+            cut_bends=bool(cut_bends),
+            ignore_axis=self.ignore_axis,
+            lead_force=real_number("lead_force", lead_force),
+            lead_speed=real_number("lead_speed", lead_speed),
+            period=1 / number("rate_hz", rate_hz, "Hz", above=0.0),
+        )
         if isinstance(points, Pieces):
             if self.ignore_axis is None:
                 raise SettingError(
@@ -190,20 +179,18 @@ class Guide:
             strokes = check_strokes(points)
             closings = check_closed(closed, len(strokes))
             self.closed = tuple(closings)
-            lengths = [len(stroke) for stroke in strokes]
-            curves = (np.vstack(strokes), lengths, closings)
+            curves = (np.vstack(strokes), [len(stroke) for stroke in strokes], closings)
         with core_settings():
             try:
-                self._guide = _core.Guide(*curves, native)
+                self._guide = _core.Guide(*curves, parameters)
             except _core.OutOfRange:
                 raise
             except ValueError as error:
                 # The core names the radius where the tube does not fit the curve.
                 kind = SettingError if "radius" in str(error) else SceneError
                 raise kind(str(error).removeprefix("vfplan: ")) from None
-        tight_bend = self.tight_bend
-        if tight_bend is not None:
-            warnings.warn(tight_bend, stacklevel=2)
+        if self.tight_bend is not None:
+            warnings.warn(self.tight_bend, stacklevel=2)
 
     @classmethod
     def of(cls, fixture: Fixture, *, hold: Hold = "on_entry", cut_bends: bool = True) -> Guide:
@@ -222,15 +209,12 @@ class Guide:
                 "the fixture has no guidance. Plan one with a guide, or render this one with "
                 "vfplan.ProxyEngine.of."
             )
-        is_guide = np.ones(len(fixture.curve.closed), bool)
-        if guidance.stroke is not None:
-            is_guide = np.arange(len(is_guide)) == guidance.stroke
+        numbers = np.arange(len(fixture.curve.closed))
+        is_guide = numbers >= 0 if guidance.stroke is None else numbers == guidance.stroke
         if fixture.pieces is not None and fixture.ignore_axis is not None:
             curves: Any = fixture.pieces.of(is_guide)
         else:
-            curves = [
-                stroke.points for number, stroke in enumerate(fixture.strokes) if is_guide[number]
-            ]
+            curves = [fixture.strokes[number].points for number in np.flatnonzero(is_guide)]
         return cls(
             curves,
             guidance.radius,

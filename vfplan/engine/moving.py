@@ -58,12 +58,7 @@ class MovingFrame:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        names = {
-            "max_age": "max_age_s",
-            "max_speed": "max_speed_m_s",
-            "max_turn": "max_turn_rad_s",
-        }
-        with core_settings(**names):
+        with core_settings(max_age="s", max_speed="m_s", max_turn="rad_s"):
             self._frame = _core.MovingFrame(
                 real_number("max_age_s", max_age_s),
                 real_number("max_speed_m_s", max_speed_m_s),
@@ -101,13 +96,8 @@ class MovingFrame:
         trace = self.run(engine, [t], check_hip(hip)[None])
         if isinstance(trace, GuideTrace):
             return trace.first()
-        return Step(
-            proxy=trace.proxy[0],
-            normal=trace.normal[0],
-            force=trace.force[0],
-            state=int(trace.state[0]),
-            status=Status(int(trace.status[0])),
-        )
+        state, status = int(trace.state[0]), Status(int(trace.status[0]))
+        return Step(trace.proxy[0], trace.normal[0], trace.force[0], state, status)
 
     def run(self, engine: Any, times: ArrayLike, hips: ArrayLike) -> Any:
         """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m]; a `Trace` or `GuideTrace`."""
@@ -185,15 +175,12 @@ def matrices(poses: Vector) -> Vector:
     """(T, 4, 4) the matrices of poses (T, 7): position [m] and unit quaternion w x y z."""
     w, x, y, z = poses[:, 3:].T
     out = np.zeros((len(poses), 4, 4))
-    out[:, 0, 0] = 1 - 2 * (y * y + z * z)
-    out[:, 0, 1] = 2 * (x * y - w * z)
-    out[:, 0, 2] = 2 * (x * z + w * y)
-    out[:, 1, 0] = 2 * (x * y + w * z)
-    out[:, 1, 1] = 1 - 2 * (x * x + z * z)
-    out[:, 1, 2] = 2 * (y * z - w * x)
-    out[:, 2, 0] = 2 * (x * z - w * y)
-    out[:, 2, 1] = 2 * (y * z + w * x)
-    out[:, 2, 2] = 1 - 2 * (x * x + y * y)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    out[:, :3, :3] = np.moveaxis(rows, 2, 0)
     out[:, :3, 3] = poses[:, :3]
     out[:, 3, 3] = 1
     return out
@@ -221,9 +208,10 @@ def _check_rigid(pose: ArrayLike) -> Vector:
 
 def is_rigid(matrix: Vector) -> bool:
     """Whether a matrix (4, 4) is a rotation and a translation within 1e6 m."""
-    if not np.abs(matrix).max() <= MAX_COORDINATE:  # NaN is refused too.
-        return False
     rotation = matrix[:3, :3]
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() >= RIGID_TOLERANCE:
-        return False
-    return False if np.linalg.det(rotation) <= 0 else np.array_equal(matrix[3], [0, 0, 0, 1])
+    return bool(
+        np.abs(matrix).max() <= MAX_COORDINATE  # NaN is refused too.
+        and np.abs(rotation.T @ rotation - np.eye(3)).max() < RIGID_TOLERANCE
+        and np.linalg.det(rotation) > 0
+        and np.array_equal(matrix[3], [0, 0, 0, 1])
+    )

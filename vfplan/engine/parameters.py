@@ -2,6 +2,7 @@
 
 Both engines (`vfplan.ProxyEngine` and the NumPy reference) take their settings from here. A check
 returns the value in the one form that they use, or raises an error with the value and the range.
+The ranges of the engine's parameters stand in C++ (vfplan/parameters.hpp).
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -17,31 +17,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
 from vfplan.errors import SceneError, SettingError, VfplanError
+from vfplan.fixture import Pieces
 
 Vector = NDArray[np.float64]
 
 Rule = Literal["robust", "paper", "exact"]
-Search = Literal["auto", "grid", "brute"]
 RULES: tuple[Rule, ...] = ("robust", "paper")
 """The rules that render points."""
 
 MAX_POINTS = 4_000_000
 """Most points that a bundle may hold (schemas/bundle-2.0.json)."""
 
-MAX_ITERATIONS = 16
-"""Iterations of rule "robust" in a tick, unless a caller says otherwise."""
-
 MAX_COORDINATE = _core.largest_coordinate
 """Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre."""
 
 PAPER_BAND = 10e-6
 """The band of Algorithm 1, r2 - r_c = r_c - r1 [m]."""
-
-EXACT_BAND = _core.curve_band
-"""Band of rule "exact" on lines and arcs, as a share of R: what roundings may take."""
-
-MESH_BAND = _core.mesh_band
-"""The same on triangles, whose corners may come in single precision, as in an STL file."""
 
 FINEST_BAND = _core.finest_band
 """Smallest band as a share of R.
@@ -50,76 +41,20 @@ A squared distance is rounded to 2e-16 of itself, and the smallest step that cou
 of the band. In a finer band the proxy lags, and eq. (1) loses its digits.
 """
 
-ROUNDINGS_A_BAND = _core.roundings_a_band
-"""Smallest band in roundings of the largest coordinate. A hundredth of it is still a hundred."""
-
 UNIT_TOLERANCE = 1e-9
 """How far from 1 the length of a unit vector may be, as in the C++ header parameters.hpp."""
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-@dataclass(frozen=True, eq=False)
-class ProxyParameters:
-    """Table I of the paper, checked; made by `ProxyParameters.make`.
+class ProxyParameters(_core.Parameters):
+    """Table I of the paper, checked; made by `ProxyParameters.make` and never changed.
 
-    Parameters
-    ----------
-    rule
-        "robust", "paper" or "exact".
-    contact_radius, band, point_radius, outer_radius
-        r_c, r2 - r_c, r_v and r3 [m].
-    gain
-        ξ of eq. (5), in (0, 1].
-    stiffness
-        (3,) the diagonal of K [N/m].
-    ignore_axis
-        (3,) unit vector along which the fixture is infinite; `None` in 3-D.
+    The native engine has the fields: `rule`, `contact_radius`, `band`, `point_radius`,
+    `outer_radius` [m], `gain`, `stiffness` (3,) [N/m], `ignore_axis` (3,) or `None`,
+    `max_iterations` and `search`; and what follows from them: `r1`, `r2`, and the distance `R` at
+    which the proxy rests on a point [m].
     """
-
-    rule: Rule
-    contact_radius: float
-    band: float
-    point_radius: float
-    outer_radius: float
-    gain: float
-    stiffness: Vector
-    ignore_axis: Vector | None
-
-    @property
-    def rc(self) -> float:
-        """Contact radius r_c [m]."""
-        return self.contact_radius
-
-    @property
-    def rv(self) -> float:
-        """Radius r_v of each cloud point [m]."""
-        return self.point_radius
-
-    @property
-    def r1(self) -> float:
-        """Inner radius r_c - band [m]."""
-        return self.contact_radius - self.band
-
-    @property
-    def r2(self) -> float:
-        """Outer edge of the contact band, r_c + band [m]."""
-        return self.contact_radius + self.band
-
-    @property
-    def r3(self) -> float:
-        """Neighbour radius [m]."""
-        return self.outer_radius
-
-    @property
-    def xi(self) -> float:
-        """Gain ξ of eq. (5)."""
-        return self.gain
-
-    @property
-    def R(self) -> float:
-        """Distance r_c + r_v at which the proxy rests on a point [m]."""
-        return self.contact_radius + self.point_radius
 
     @classmethod
     def make(
@@ -133,6 +68,9 @@ class ProxyParameters:
         ignore_axis: str | ArrayLike | None = None,
         outer_radius: float | None = None,
         gain: float = 1.0,
+        *,
+        max_iterations: int | None = None,
+        search: Literal["auto", "grid", "brute"] = "auto",
     ) -> ProxyParameters:
         """Check every setting, and choose those that were not given.
 
@@ -156,6 +94,10 @@ class ProxyParameters:
             r3 [m] > r2, at most 2e6; `None`: 2 r_c.
         gain
             ξ in (0, 1].
+        max_iterations
+            Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
+        search
+            "grid", "brute" (every point, every time) or "auto": a grid where it is faster.
 
         Raises
         ------
@@ -165,80 +107,66 @@ class ProxyParameters:
             Points that are no finite (N, 3) cloud.
         """
         points = check_points(points)
-        if rule not in get_args(Rule):
-            raise SettingError(f"rule is {rule!r}. Choose one of {', '.join(get_args(Rule))}.")
-        rc = real_number("contact_radius", contact_radius)
-        rv = real_number("point_radius", point_radius)
+        rule = one_of("rule", rule, get_args(Rule))
+        radius = real_number("contact_radius", contact_radius)
+        around = real_number("point_radius", point_radius)
         axis = check_axis(ignore_axis)
-
-        largest = float(np.abs(points).max())
-        rounding_band = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * largest
-        if rule == "exact" and axis is not None:
-            band = max(EXACT_BAND * (rc + rv), rounding_band)
-        elif rule == "exact":
-            band = max(MESH_BAND * (rc + rv), rounding_band)
-        elif band is None and rule == "paper":
-            band = PAPER_BAND
+        outer = 2 * radius if outer_radius is None else real_number("outer_radius", outer_radius)
+        if rule == "exact" or (band is None and rule != "paper"):
+            band = default_band(points, radius, around, axis, rule)
         elif band is None:
-            band = default_band(points, rc, rv, axis)
-        band = real_number("band", band)
-        if outer_radius is None:
-            outer_radius = 2 * rc
-        r3 = real_number("outer_radius", outer_radius)
-        xi = real_number("gain", gain)
-        parameters = cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
+            band = PAPER_BAND
+        parameters = cls(
+            contact_radius=radius,
+            band=real_number("band", band),
+            point_radius=around,
+            outer_radius=outer,
+            gain=real_number("gain", gain),
+            stiffness=check_stiffness(stiffness),
+            ignore_axis=axis,
+            rule=rule,
+            search=one_of("search", search, ("auto", "grid", "brute")),
+            max_iterations=check_iterations(max_iterations),
+        )
         with core_settings():
-            _core.check(parameters.native(), points)
-        return parameters
-
-    def native(self, iterations: int | None = None, search: str = "auto") -> _core.Parameters:
-        """The parameters as the native engine takes them.
-
-        `iterations` is the most in a tick; `None`: `MAX_ITERATIONS`. Raises `SettingError` for
-        another search, and for iterations that are no integer of at least 1.
-        """
-        if search not in get_args(Search):
-            raise SettingError(
-                f"search is {search!r}. Choose one of {', '.join(get_args(Search))}."
-            )
-        parameters = _core.Parameters()
-        parameters.rule = getattr(_core.Rule, self.rule)
-        parameters.contact_radius = self.contact_radius
-        parameters.band = self.band
-        parameters.point_radius = self.point_radius
-        parameters.outer_radius = self.outer_radius
-        parameters.gain = self.gain
-        parameters.set_stiffness(self.stiffness)
-        if self.ignore_axis is not None:
-            parameters.set_ignore_axis(self.ignore_axis)
-        parameters.max_iterations = check_iterations(iterations)
-        parameters.search = getattr(_core.Search, search)
+            _core.check(parameters, points)
         return parameters
 
 
-def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
+def default_band(
+    points: Vector,
+    contact_radius: float,
+    point_radius: float,
+    axis: Vector | None,
+    rule: Rule = "robust",
+) -> float:
     """The paper's band of 10 µm, or how deep a ball of r_c + r_v sinks between the points [m].
 
     `vfplan::band_for` of the C++ header cloud/band.hpp computes it. For even points it is the depth
     of the dimple between them; noise, pixels' stairs and gaps need more. It is at least 1e-8 R and
-    at most r_c / 2.
+    at most r_c / 2. Of rule "exact" it is what roundings need.
     """
-    parameters = _core.Parameters()
-    parameters.contact_radius = rc
-    parameters.point_radius = rv
-    if axis is not None:
-        parameters.set_ignore_axis(axis)
+    parameters = _core.Parameters(
+        contact_radius=contact_radius, point_radius=point_radius, ignore_axis=axis, rule=rule
+    )
     with core_settings():
         return _core.band_for(points, parameters)
 
 
+def one_of(name: str, value: Any, names: tuple[str, ...]) -> Any:
+    """The value, which is one of some names; raises `SettingError` for anything else."""
+    if value not in names:
+        raise SettingError(f"{name} is {value!r}. Choose one of {', '.join(names)}.")
+    return value
+
+
 def check_iterations(value: int | None) -> int:
-    """Iterations in a tick, at most 1e6; `None`: `MAX_ITERATIONS`.
+    """Iterations in a tick, at most 1e6; `None`: 16.
 
     Raises `SettingError` for anything that is no integer of at least 1.
     """
     if value is None:
-        return MAX_ITERATIONS
+        return 16
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise SettingError(f"max_iterations is {value!r}. Give an integer of at least 1.")
     return min(int(value), 10**6)
@@ -255,6 +183,59 @@ def check_points(points: ArrayLike) -> Vector:
     return cloud
 
 
+def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, NDArray[np.int32]]:
+    """Points (N, 3) [m] and triangles (K, 3), rows of points, as the engine takes them.
+
+    Raises `SceneError` for shapes that do not fit, and for rows that are not there.
+    """
+    points = check_points(points)
+    rows = np.asarray(triangles)
+    if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0 or rows.dtype.kind not in "iu":
+        raise SceneError(
+            f"triangles has shape {rows.shape} and type {rows.dtype}. Give three numbers of points "
+            "a row: (K, 3) integers."
+        )
+    if rows.min() < 0 or rows.max() >= len(points):
+        raise SceneError(
+            f"triangles name points {rows.min()} to {rows.max()}. The cloud has points 0 to "
+            f"{len(points) - 1}: give numbers of these."
+        )
+    return points, np.ascontiguousarray(rows, dtype=np.int32)
+
+
+def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDArray[np.uint8]]:
+    """Vertices (V, 3) [m], bulges (V,), strokes (V,) and closed (S,) as the engine takes them.
+
+    Raises
+    ------
+    SceneError
+        Shapes that do not fit, a bulge beyond a half circle, or strokes that are not numbered 0, 1,
+        ... in order.
+    """
+    vertices = check_points(pieces.vertices)
+    count = len(vertices)
+    bulges = np.array(pieces.bulges, np.float64)
+    stroke = np.asarray(pieces.stroke)
+    closed = np.asarray(pieces.closed)
+    if bulges.shape != (count,) or stroke.shape != (count,):
+        raise SceneError(
+            f"bulges has shape {bulges.shape} and stroke {stroke.shape}. Give one of each for the "
+            f"{count} vertices."
+        )
+    largest = float(np.abs(bulges).max())
+    if not largest <= 1:  # NaN is refused too.
+        raise SceneError(
+            f"a bulge is {largest:g}. Give bulges of at most 1, which is a half circle.",
+            numbers={"bulge": largest},
+        )
+    is_ordered = np.isin(np.diff(stroke), (0, 1)).all()
+    if not is_ordered or stroke[0] != 0 or stroke[-1] != len(closed) - 1:
+        raise SceneError(
+            f"strokes of vertices are not in order. Number them from 0 to {len(closed) - 1}."
+        )
+    return vertices, bulges, stroke.astype(np.int32), closed.astype(np.uint8)
+
+
 def check_stiffness(stiffness: float | ArrayLike) -> Vector:
     """The diagonal of K as (3,) [N/m], every entry above 0; raises `SettingError` for others."""
     entries = setting_array(stiffness, "stiffness")
@@ -268,7 +249,7 @@ def check_stiffness(stiffness: float | ArrayLike) -> Vector:
             f"stiffness is {diagonal.tolist()} N/m. Give finite values above 0.",
             numbers={"stiffness_n_per_m": diagonal.tolist()},
         )
-    return read_only(diagonal)
+    return diagonal
 
 
 def check_axis(axis: str | ArrayLike | None) -> Vector | None:
@@ -282,7 +263,7 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
     if isinstance(axis, str):
         if axis not in AXES:
             raise SettingError(f"ignore_axis is {axis!r}. Give None, x, y, z or a direction (3,).")
-        return read_only(np.array(AXES[axis]))
+        return np.array(AXES[axis])
     direction = setting_array(axis, "ignore_axis")
     if direction.shape != (3,):
         raise SettingError(f"ignore_axis has shape {direction.shape}. Give x, y and z: (3,).")
@@ -293,10 +274,10 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
             numbers={"ignore_axis": direction.tolist()},
         )
     if largest < 2 and abs(float(np.linalg.norm(direction)) - 1) < UNIT_TOLERANCE:
-        return read_only(direction.copy())
+        return direction.copy()
     # Scaled first, so that the norm neither overflows nor underflows.
     direction = direction / largest
-    return read_only(direction / np.linalg.norm(direction))
+    return direction / np.linalg.norm(direction)
 
 
 def setting_array(values: ArrayLike, name: str) -> Vector:
@@ -359,27 +340,15 @@ def number(
         Anything else. The message has the value and the range, `numbers` the value by its name.
     """
     checked = real_number(name, value)
-    is_allowed = math.isfinite(checked)
-    bounds = []
-    if above is not None:
-        is_allowed &= checked > above
-        bounds.append(f"above {above:g}")
-    if least is not None:
-        is_allowed &= checked >= least
-        bounds.append(f"at least {least:g}")
-    if most is not None:
-        is_allowed &= checked <= most
-        bounds.append(f"at most {most:g}")
-    if is_allowed:
+    is_above = above is None or checked > above
+    is_within = (least is None or checked >= least) and (most is None or checked <= most)
+    if math.isfinite(checked) and is_above and is_within:
         return checked
-
-    if unit:
-        unit = f" {unit}"
-    wanted = "a finite value"
-    if above is not None:
-        wanted = f"a value {' and '.join(bounds)}{unit}"
-    elif bounds:
-        wanted = f"a value of {' and '.join(bounds)}{unit}"
+    limits = (("above", above), ("at least", least), ("at most", most))
+    bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
+    unit = f" {unit}" if unit else ""
+    of = "of " if above is None else ""
+    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
     if why:
         wanted += f" ({why})"
     raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
@@ -395,16 +364,16 @@ def real_number(name: str, value: Any) -> float:
 
 
 @contextmanager
-def core_settings(**names: str) -> Iterator[None]:
+def core_settings(**units: str) -> Iterator[None]:
     """Raise what the core finds out of its range as `SettingError`, with the core's own sentences.
 
-    `names` says how a caller calls a parameter of the core, where it is not by the same name.
+    `units` says of the core's parameters which unit the caller's name of each ends with.
     """
     try:
         yield
     except _core.OutOfRange as error:
         message, name, value = error.args
-        given = names.get(name, name)
+        given = f"{name}_{units[name]}" if name in units else name
         raise SettingError(message.replace(name, given, 1), numbers={given: value}) from None
 
 
@@ -415,9 +384,3 @@ def core_errors(kind: type[VfplanError]) -> Iterator[None]:
         yield
     except ValueError as error:
         raise kind(str(error.args[0]).removeprefix("vfplan: ")) from None
-
-
-def read_only(array: Vector) -> Vector:
-    """The array, which nobody may change from now on."""
-    array.flags.writeable = False
-    return array

@@ -1,33 +1,35 @@
-"""`ProxyEngine`: the native engine as a Python object.
+"""`ProxyEngine`: the native engine as a Python object, and which rule it renders a fixture with.
 
-Everything is checked here (`vfplan.engine.parameters`) and then handed to C++. A tick computes
-nothing in Python.
+Everything is checked here and in `vfplan.engine.parameters`, and then handed to C++. A tick
+computes nothing in Python.
 
-What an engine answers with, and the checks of the positions that it is given.
+The format allows any radius above 0, a stiffness of 0, and any band below R. float64 serves a
+narrower range (docs/engine.md). A bundle outside that range is sound, but no robot renders it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntFlag
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine import choosing
 from vfplan.engine.parameters import (
     ProxyParameters,
     Rule,
-    Search,
     Vector,
+    check_pieces,
     check_points,
     check_range,
+    check_triangles,
     core_errors,
     real_array,
 )
 from vfplan.errors import SceneError, SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture, Pieces
 
 
@@ -102,21 +104,10 @@ class Trace:
     @classmethod
     def of(cls, steps: list[Step]) -> Trace:
         """The trace of steps that follow each other."""
-        count = len(steps)
-        trace = cls(
-            proxy=np.empty((count, 3)),
-            normal=np.empty((count, 3)),
-            force=np.empty((count, 3)),
-            state=np.empty(count, np.int8),
-            status=np.empty(count, np.uint8),
-        )
-        for row, step in enumerate(steps):
-            trace.proxy[row] = step.proxy
-            trace.normal[row] = step.normal
-            trace.force[row] = step.force
-            trace.state[row] = step.state
-            trace.status[row] = step.status
-        return trace
+        rows = [np.reshape([getattr(step, name) for step in steps], (-1, 3))
+                for name in ("proxy", "normal", "force")]  # fmt: skip
+        states = np.array([step.state for step in steps], np.int8)
+        return cls(*rows, states, np.array([step.status for step in steps], np.uint8))
 
 
 def check_path(hips: ArrayLike, name: str = "hips") -> Vector:
@@ -144,30 +135,167 @@ def check_hip(hip: ArrayLike, name: str = "hip", *, finite: bool = False) -> Vec
     return position
 
 
-def check_edit(
-    remove: ArrayLike | None, add: ArrayLike | None
-) -> tuple[NDArray[np.uint32], Vector]:
-    """Numbers of points to remove (n,) and points to add (m, 3) [m].
+MAX_TICK_TIME = _core.most_tick_work
+"""Longest tick that a loop of 1 kHz can wait for [s]."""
 
-    Raises `SceneError` for what cannot be such numbers or points.
+MAX_BAND_SHARE = 0.01
+"""Largest band of a cloud that is no finding, as a share of R.
+
+A wider band shows that the points are rough or far apart. The tool may sink by that much.
+"""
+
+
+def check_renderable(fixture: Fixture) -> ProxyParameters:
+    """The parameters with which rule "robust" renders a fixture.
+
+    Raises
+    ------
+    SceneError
+        A fixture without rendering parameters, or with some that are outside the engine's ranges.
+        The message has the value and the range.
     """
-    if remove is None:
-        remove = []
-    removed = np.asarray(remove)
-    if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
+    if fixture.rendering is None:
         raise SceneError(
-            f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of the "
-            "points as (n,) integers."
+            "the bundle has no rendering parameters. `vfplan register` makes a fixture of a curve."
         )
-    if removed.size > 0 and (removed.min() < 0 or removed.max() >= 2**32):
-        raise SceneError(
-            f"remove holds {removed.min()} to {removed.max()}. Give numbers of points, which begin "
-            "with 0."
+    try:
+        return ProxyParameters.make(
+            fixture.points, band=fixture.band, max_iterations=fixture.max_iterations,
+            **settings_of(fixture),
+        )  # fmt: skip
+    except SettingError as error:
+        raise SceneError(f"no engine renders it: {error.message}", numbers=error.numbers) from error
+
+
+def settings_of(fixture: Fixture) -> dict[str, Any]:
+    """The parameters that a fixture gives to the engine of any rule."""
+    names = ("contact_radius", "point_radius", "stiffness", "ignore_axis")
+    return {name: getattr(fixture, name) for name in names}
+
+
+def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
+    """What rule "exact" renders: lines and arcs across an axis, triangles in space, or nothing."""
+    if fixture.rendering is None or fixture.region is None:
+        return None
+    if fixture.ignore_axis is not None:
+        return "curve" if fixture.region.pieces else None
+    return "mesh" if fixture.mesh is not None and fixture.guidance is None else None
+
+
+def best_rule(fixture: Fixture) -> Rule:
+    """The rule that comes nearest to what is forbidden; "robust" where all strokes guide.
+
+    It is "exact" where lines and arcs across an axis are known. It is also "exact" for a mesh that
+    has so few triangles around any place that a tick fits into 1 kHz. The controller chooses in the
+    same way (`vfplan::by_triangles`).
+
+    Raises `SceneError` for a mesh that no engine takes.
+    """
+    shape = exact_shape(fixture)
+    if shape is None:
+        return "robust"
+    if shape == "curve":
+        return "exact"
+    parameters = check_renderable(fixture)
+    triangles = check_triangles(fixture.points, fixture.mesh)
+    return "exact" if _core.by_triangles(*triangles, parameters) else "robust"
+
+
+def sampled(fixture: Fixture) -> Fixture:
+    """A mesh with the samples that rules "robust" and "paper" render, and that edits number.
+
+    The corners keep their numbers. Samples of the triangles follow them until no place of a
+    triangle is farther than `sample_radius` from one. The triangles between the samples replace
+    those of the mesh, so that the certificate of the result is that of its samples. A fixture that
+    asks for no samples comes back as it is.
+
+    Raises `SceneError` for more samples than a bundle may hold.
+    """
+    if fixture.mesh is None or fixture.sample_radius is None:
+        return fixture
+    surface = check_triangles(fixture.points, fixture.mesh)
+    with core_errors(SceneError):
+        points, mesh = _core.sampled(*surface, fixture.sample_radius)
+    registration = fixture.registration
+    if registration is not None:
+        # The errors are those of the corners alone.
+        registration = replace(registration, tre_m=None)
+    return replace(
+        fixture, points=points, mesh=mesh, sigma=None, registration=registration, sample_radius=None
+    )
+
+
+def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
+    """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
+    return fixture if rule == "exact" else sampled(fixture)
+
+
+def mesh_findings(fixture: Fixture) -> list[Finding]:
+    """What a person should know of a cloud or mesh before a robot renders it.
+
+    Raises `SceneError` for a rendering that no engine takes.
+
+    Returns
+    -------
+    list of Finding
+        `mesh-coarse`: facets that are felt, because the body for which they stand would be more
+        than R / 20 away from them. `band-wide`: a band above `MAX_BAND_SHARE` where points are
+        rendered.
+    """
+    if fixture.rendering is None:
+        return []
+    findings = []
+    radius = fixture.contact_radius + fixture.point_radius
+    rule = best_rule(fixture)
+    if rule == "exact" and exact_shape(fixture) == "mesh":
+        triangles = check_triangles(fixture.points, fixture.mesh)
+        count, sagitta = _core.coarse_facets(*triangles, check_renderable(fixture))
+        if count > 0:
+            text = (
+                f"The mesh has {count} facets that are too coarse to be smoothed: the body they "
+                f"stand for is up to {1e3 * sagitta:.3g} mm away from them, and at most "
+                f"{50 * radius:.3g} mm (R / 20) can be smoothed. The tool will feel their edges. "
+                "Import a finer mesh."
+            )
+            findings.append(doubt("mesh-coarse", "import", text))
+    if rule == "robust" and fixture.band > MAX_BAND_SHARE * radius:
+        text = (
+            f"The band is {1e3 * fixture.band:.3g} mm, {100 * fixture.band / radius:.2g} % of R: "
+            "the points are rough or far apart, and the tool may sink by that much. Import denser "
+            "or smoother points."
         )
-    added = np.empty((0, 3))
-    if add is not None and np.size(add) > 0:
-        added = check_points(add)
-    return np.ascontiguousarray(removed, dtype=np.uint32), added
+        findings.append(note("band-wide", "import", text))
+    return findings
+
+
+def worst_tick_time(fixture: Fixture, rule: Rule | None = None) -> float:
+    """The longest time that a tick may take [s], with the best rule unless one is given.
+
+    It is 3 us and 2.2 times the worst that a search over the fixture finds, but no more than what
+    follows from counts (`tick_time_bound` in the C++ header tick_time.hpp, docs/engine.md). The
+    search counts what a tick does and does not time it, so the result is the same everywhere.
+
+    Raises `SceneError` for a rendering that no engine takes.
+    """
+    parameters = check_renderable(fixture)
+    rule = rule or best_rule(fixture)
+    if rule != "exact":
+        return _core.tick_work(check_points(sampled(fixture).points), parameters)
+    if exact_shape(fixture) == "mesh":
+        return _core.tick_work(*check_triangles(fixture.points, fixture.mesh), parameters)
+    return _core.tick_work(*check_pieces(fixture.region.pieces), parameters)
+
+
+def slow_tick_text(fixture: Fixture, rule: Rule | None = None) -> str | None:
+    """Why a loop of 1 kHz cannot wait for a fixture's ticks; `None` where it can."""
+    seconds = worst_tick_time(fixture, rule)
+    if seconds <= MAX_TICK_TIME:
+        return None
+    return (
+        f"a tick may take {1e6 * seconds:.0f} us, and at most {1e6 * MAX_TICK_TIME:.0f} us are "
+        "given at 1 kHz: too many points or pieces around one place, or max_iterations too high. "
+        "Give fewer points there, or a smaller max_iterations."
+    )
 
 
 TOO_MANY_CHANGES = "4096 changes wait for a step, and no more can. Let the engine step first."
@@ -184,10 +312,8 @@ class ProxyEngine:
         (N, 3) cloud [m].
     contact_radius, band, point_radius, stiffness, rule, ignore_axis, outer_radius, gain
         Table I; see `ProxyParameters.make`.
-    max_iterations
-        Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
-    search
-        "grid", "brute" (every point, every time) or "auto": a grid where it is faster.
+    max_iterations, search
+        As `ProxyParameters.make`, and by name only.
     simd_width
         2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The result
         has the same bits.
@@ -207,44 +333,19 @@ class ProxyEngine:
     _is_editable = False  # Whether the native engine takes edits.
 
     def __init__(
-        self,
-        points: ArrayLike,
-        contact_radius: float = 5e-3,
-        band: float | None = None,
-        point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
-        rule: Rule = "robust",
-        ignore_axis: str | ArrayLike | None = None,
-        outer_radius: float | None = None,
-        gain: float = 1.0,
-        *,
-        max_iterations: int | None = None,
-        search: Search = "auto",
-        simd_width: int | None = None,
+        self, points: ArrayLike, *table: Any, simd_width: int | None = None, **settings: Any
     ) -> None:
-        if rule == "exact":
-            raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
         cloud = check_points(points)
-        self.parameters = ProxyParameters.make(
-            cloud,
-            contact_radius=contact_radius,
-            band=band,
-            point_radius=point_radius,
-            stiffness=stiffness,
-            rule=rule,
-            ignore_axis=ignore_axis,
-            outer_radius=outer_radius,
-            gain=gain,
-        )
-        width = 0  # The core takes 0 for the processor's widest.
-        if simd_width is not None:
-            if not isinstance(simd_width, int | np.integer) or simd_width not in (2, 4, 8):
-                raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
-            width = int(simd_width)
-        native = self.parameters.native(max_iterations, search)
+        self.parameters = ProxyParameters.make(cloud, *table, **settings)
+        if self.rule == "exact":
+            raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
+        is_width = isinstance(simd_width, int | np.integer) and simd_width in (2, 4, 8)
+        if simd_width is not None and not is_width:
+            raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
+        width = int(simd_width or 0)  # The core takes 0 for the processor's widest.
         self._points = len(cloud)
-        self._source = (cloud.copy(), native, width)
-        self._engine = _core.Engine(cloud, native, width)
+        self._source = (cloud.copy(), width)
+        self._engine = _core.Engine(cloud, self.parameters, width)
 
     @classmethod
     def of(
@@ -256,7 +357,7 @@ class ProxyEngine:
         ----------
         rule
             `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
-            own band. Of a mesh, rules "robust" and "paper" render samples (`choosing.sampled`).
+            own band. Of a mesh, rules "robust" and "paper" render samples (`sampled`).
         offline
             Takes ticks of any length, for a replay or a study, which can wait.
 
@@ -266,54 +367,35 @@ class ProxyEngine:
             No rendering, or one that no engine takes; strokes that guide; rule "exact" without what
             it renders; so much around one place that a tick may take too long for 1 kHz.
         """
-        choosing.check_renderable(fixture)
+        check_renderable(fixture)
         if fixture.guidance is not None:
             raise SceneError(
                 "the fixture guides. Make its guide with vfplan.Guide.of, and an engine of "
                 "fixture.forbidden."
             )
-        if rule is None:
-            rule = choosing.best_rule(fixture)
-        shape = choosing.exact_shape(fixture)
+        rule = rule or best_rule(fixture)
+        shape = exact_shape(fixture)
         if rule == "exact" and shape is None:
             raise SceneError(
                 "rule 'exact' needs a curve of pieces and an axis, or a mesh without one. Take "
                 "rule 'robust' for this fixture."
             )
-        fixture = choosing.as_rendered(fixture, rule)
-        if not offline:
-            text = choosing.slow_tick_text(fixture, rule)
-            if text is not None:
-                raise SceneError(text)
-        if rule == "exact" and shape == "curve":
-            return cls.along(
-                fixture.pieces,
-                contact_radius=fixture.contact_radius,
-                point_radius=fixture.point_radius,
-                stiffness=fixture.stiffness,
-                ignore_axis=fixture.ignore_axis,
-            )
-        if rule == "exact":
-            return cls.on(
-                fixture.points,
-                fixture.mesh,
-                contact_radius=fixture.contact_radius,
-                point_radius=fixture.point_radius,
-                stiffness=fixture.stiffness,
-            )
-        band = None if rule == "paper" else fixture.band
-        engine = cls(
-            fixture.points,
-            contact_radius=fixture.contact_radius,
-            band=band,
-            point_radius=fixture.point_radius,
-            stiffness=fixture.stiffness,
-            rule=rule,
-            ignore_axis=fixture.ignore_axis,
-            max_iterations=fixture.max_iterations,
-        )
-        engine._real_time = not offline
-        return engine
+        fixture = as_rendered(fixture, rule)
+        slow = None if offline else slow_tick_text(fixture, rule)
+        if slow is not None:
+            raise SceneError(slow)
+        settings = settings_of(fixture)
+        if rule != "exact":
+            engine = cls(
+                fixture.points, band=None if rule == "paper" else fixture.band, rule=rule,
+                max_iterations=fixture.max_iterations, **settings,
+            )  # fmt: skip
+            engine._real_time = not offline
+            return engine
+        if shape == "curve":
+            return cls.along(fixture.pieces, **settings)
+        del settings["ignore_axis"]
+        return cls.on(fixture.points, fixture.mesh, **settings)
 
     @classmethod
     def along(
@@ -329,15 +411,14 @@ class ProxyEngine:
 
         The settings are those of the class, and an axis must be ignored. Raises as the class does.
         """
-        shape = choosing.check_pieces(pieces)
+        shape = check_pieces(pieces)
         if ignore_axis is None:
             raise SettingError(
                 "ignore_axis is None, and lines and arcs are planar. Name the axis across which "
                 "they lie."
             )
-        return cls._with_shape(
-            shape, contact_radius, point_radius, stiffness, ignore_axis, outer_radius
-        )
+        table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
+        return cls._with_shape(shape, table)
 
     @classmethod
     def on(
@@ -354,35 +435,18 @@ class ProxyEngine:
         `points` are the corners (N, 3) [m], and `triangles` (K, 3) are rows of them. The settings
         are those of the class. Raises as the class does.
         """
-        shape = choosing.check_triangles(points, triangles)
-        return cls._with_shape(shape, contact_radius, point_radius, stiffness, None, outer_radius)
+        table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
+        return cls._with_shape(check_triangles(points, triangles), table)
 
     @classmethod
-    def _with_shape(
-        cls,
-        shape: tuple[Any, ...],
-        contact_radius: float,
-        point_radius: float,
-        stiffness: float | ArrayLike,
-        ignore_axis: str | ArrayLike | None,
-        outer_radius: float | None,
-    ) -> ProxyEngine:
+    def _with_shape(cls, shape: tuple[Any, ...], table: tuple[Any, ...]) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        corners = shape[0]
-        parameters = ProxyParameters.make(
-            corners,
-            contact_radius=contact_radius,
-            point_radius=point_radius,
-            stiffness=stiffness,
-            rule="exact",
-            ignore_axis=ignore_axis,
-            outer_radius=outer_radius,
-        )
+        parameters = ProxyParameters.make(shape[0], *table)
         engine = cls.__new__(cls)
-        engine._points = len(corners)
+        engine._points = len(shape[0])
         engine._source = None
-        engine._engine = _core.Engine(*shape, parameters.native())
-        engine.parameters = replace(parameters, band=engine._engine.band)
+        engine._engine = _core.Engine(*shape, parameters)
+        engine.parameters = ProxyParameters(parameters, band=engine._engine.band)
         return engine
 
     @property
@@ -398,17 +462,15 @@ class ProxyEngine:
     @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need, and how much of it. What it needed has no key."""
-        report = {}
-        if self.parameters.ignore_axis is not None:
-            report["coordinates"] = self._points  # One of three of each point.
-        if self.parameters.point_radius == 0:
-            report["point_radius"] = 1
         stiffness = self.parameters.stiffness
-        if np.all(stiffness == stiffness[0]):
-            report["stiffness_axes"] = 2
-        if self._engine.cells == 0:
-            report["grid"] = 1
-        return report
+        counts = {
+            # One of three of each point.
+            "coordinates": 0 if self.parameters.ignore_axis is None else self._points,
+            "point_radius": int(self.parameters.point_radius == 0),
+            "stiffness_axes": 2 if np.all(stiffness == stiffness[0]) else 0,
+            "grid": int(self._engine.cells == 0),
+        }
+        return {name: count for name, count in counts.items() if count > 0}
 
     @property
     def bytes(self) -> int:
@@ -505,14 +567,14 @@ class ProxyEngine:
             raise SceneError("edit: rule 'exact' renders no points to edit. Take rule 'robust'.")
         if self._is_editable:
             return
-        points, native, width = self._source
-        native.search = _core.Search.editable
-        if self._real_time and _core.tick_work(points, native) > choosing.MAX_TICK_TIME:
+        points, width = self._source
+        parameters = ProxyParameters(self.parameters, search="editable")
+        if self._real_time and _core.tick_work(points, parameters) > MAX_TICK_TIME:
             raise SceneError(
                 "edit: so dense a cloud is thinned for 1 kHz, and a thinned one cannot be edited. "
                 "Make the engine with offline=True, or of fewer points."
             )
-        if not self._engine.exchange(_core.Engine(points, native, width)):
+        if not self._engine.exchange(_core.Engine(points, parameters, width)):
             raise SceneError(f"edit: {TOO_MANY_CHANGES}")
         self._source = None
         self._is_editable = True
@@ -524,3 +586,26 @@ class ProxyEngine:
         Less R it is the clearance.
         """
         return self._engine.distance(check_path(positions))
+
+
+def check_edit(
+    remove: ArrayLike | None, add: ArrayLike | None
+) -> tuple[NDArray[np.uint32], Vector]:
+    """Numbers of points to remove (n,) and points to add (m, 3) [m].
+
+    Raises `SceneError` for what cannot be such numbers or points.
+    """
+    removed = np.asarray([] if remove is None else remove)
+    if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
+        raise SceneError(
+            f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of the "
+            "points as (n,) integers."
+        )
+    if removed.size > 0 and (removed.min() < 0 or removed.max() >= 2**32):
+        raise SceneError(
+            f"remove holds {removed.min()} to {removed.max()}. Give numbers of points, which begin "
+            "with 0."
+        )
+    is_empty = add is None or np.size(add) == 0
+    added = np.empty((0, 3)) if is_empty else check_points(add)
+    return np.ascontiguousarray(removed, dtype=np.uint32), added

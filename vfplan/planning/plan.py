@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vfplan.engine.choosing import slow_tick_text
+from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import InputError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, size_doubt

@@ -172,7 +172,12 @@ def render(
         ignore_axis=axis,
     )
     rendering = Rendering(
-        parameters.stiffness, parameters.rc, parameters.band, parameters.rv, axis, max_iterations
+        parameters.stiffness,
+        parameters.contact_radius,
+        parameters.band,
+        parameters.point_radius,
+        axis,
+        max_iterations,
     )
 
     # Where the curve is known as lines and arcs, the choice is that of the points alone.

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.choosing import best_rule, check_renderable
 from vfplan.engine.moving import MovingFrame, matrices
 from vfplan.engine.parameters import Vector
-from vfplan.engine.proxy import Status, Trace
+from vfplan.engine.proxy import Status, Trace, best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place

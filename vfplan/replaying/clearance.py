@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.engine.choosing import exact_shape
 from vfplan.engine.parameters import Rule
+from vfplan.engine.proxy import exact_shape
 from vfplan.fixture import Fixture, Pieces
 from vfplan.geometry import ROUNDING, ROUNDING_M
 from vfplan.session.result import TickBlock, concatenate_ticks

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.choosing import check_renderable, sampled
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
-from vfplan.engine.proxy import Trace
+from vfplan.engine.proxy import Trace, check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import dots, row_norms

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vfplan.engine.choosing import as_rendered, best_rule
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.proxy import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place

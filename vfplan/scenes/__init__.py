@@ -11,7 +11,6 @@ is the error a user sees.
 
 from __future__ import annotations
 
-from vfplan.scenes.base import Drawn, Scene, travel
 from vfplan.scenes.scenes import (
     Bend,
     Channel,
@@ -19,15 +18,18 @@ from vfplan.scenes.scenes import (
     Corner,
     Cylinder,
     DoubleSheet,
+    Drawn,
     Omega,
     Point,
+    Scene,
     Segment,
     Sheet,
     Sphere,
     Teapot,
     ThreeWalls,
     Wedge,
-)
+    travel,
+)  # fmt: skip
 
 SCENES: dict[str, type[Scene]] = {
     scene.name: scene

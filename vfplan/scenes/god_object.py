@@ -72,8 +72,7 @@ def slide(
     """
     # Lengths are in R, so that all tolerances are relative.
     scale = 1.0 / radius
-    x = proxy * scale
-    target = hip * scale
+    x, target = proxy * scale, hip * scale
     view = _look_scaled(pieces, x, scale)
     if view.distance.min() < 1 - 1e-9:
         distance_m = float(view.distance.min() * radius)
@@ -108,9 +107,7 @@ def slide(
             y_view = _look_scaled(pieces, y, scale)
         is_free = y_view.distance.min() > 1 - 1e-12
         if is_free and np.linalg.norm(y - target) < np.linalg.norm(x - target):
-            x = y
-            view = y_view
-            stride = min(2 * stride, STRIDE)
+            x, view, stride = y, y_view, min(2 * stride, STRIDE)
             yield x * radius
         else:
             stride /= 4
@@ -145,8 +142,7 @@ def sensitivity(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: 
         return 1.0
     force, _ = nnls(view.normal[active].T, pull)
     is_pushing = force > 1e-9 * force.max(initial=0.0)
-    active = active[is_pushing]
-    force = force[is_pushing]
+    active, force = active[is_pushing], force[is_pushing]
 
     # An orthonormal basis (K, 3) of the directions across all active normals.
     _, size, basis = np.linalg.svd(view.normal[active])
@@ -201,12 +197,9 @@ def _exact_minimum(
     active = np.flatnonzero(weight > 1e-12)
     if active.size == 0:
         # Nothing holds the proxy: it is at the HIP.
-        y = hip
-        holds = True
+        y, holds = hip, True
     else:
-        y = x
-        force = weight[active]
-        count = active.size
+        y, force, count = x, weight[active], active.size
         error = np.full(3 + count, np.inf)
         for _ in range(MAX_NEWTON_STEPS):
             normal = view.normal[active]

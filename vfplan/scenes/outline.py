@@ -1,17 +1,17 @@
-"""Drawn outlines as chains of straight segments and circular arcs.
+"""Exact geometry that scenes are made of: pieces, and drawn outlines of segments and arcs.
 
-Nodes with tangents are joined by biarcs: two arcs that meet with one tangent. Length, curvature
-and every offset of such a chain are known exactly, and points can be set at exact arc lengths.
+A set of pieces (segments, arcs, rectangles, spheres) answers `look(x)`: for each piece the distance
+from x, its gradient and its Hessian. The free space of a proxy of radius R is where every distance
+is at least R.
 
-Exact geometry that scenes are made of: segments, arcs, rectangles and spheres.
-
-A set of pieces answers `look(x)`: for each piece the distance from x, its gradient and its Hessian.
-The free space of a proxy of radius R is where every distance is at least R.
+An outline is a chain of straight segments and circular arcs. Nodes with tangents are joined by
+biarcs: two arcs that meet with one tangent. Length, curvature and every offset of such a chain are
+known exactly, and points can be set at exact arc lengths.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
@@ -64,8 +64,7 @@ class Segments:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        if self.endless:
-            x = x * [1.0, 1.0, 0.0]
+        x = x * [1.0, 1.0, 0.0] if self.endless else x
         nearest, along = nearest_on_segments(self.a, self.b, x)
         flat = [along]
         if self.endless:
@@ -141,11 +140,9 @@ class Arcs:
         half = np.abs(self.sweep) / 2
         inner = np.abs(angle) < half
         to = middle + np.clip(angle, -half, half)
-        nearest = np.zeros((len(self.radius), 3))
-        nearest[:, 0] = self.centre[:, 0] + self.radius * np.cos(to)
-        nearest[:, 1] = self.centre[:, 1] + self.radius * np.sin(to)
-        flat = np.zeros((len(self.radius), 1, 3))
-        flat[:, 0, 2] = 1.0
+        turned = np.column_stack([np.cos(to), np.sin(to)])
+        nearest = in_space(self.centre + self.radius[:, None] * turned)
+        flat = np.tile([0.0, 0.0, 1.0], (len(self.radius), 1, 1))
         look = from_nearest(np.array([x[0], x[1], 0.0]), nearest, flat)
         # On the arc itself the distance is that from the centre, less the radius.
         r = np.hypot(away[:, 0], away[:, 1])
@@ -206,8 +203,7 @@ class Run:
     def sample(self, spacing: float) -> Vector:
         """(N, 2) points at equal arc lengths, as close to `spacing` as both ends allow."""
         count = max(1, round(self.length / spacing))
-        point_count = count if self.closed else count + 1
-        s = np.arange(point_count) * (self.length / count)
+        s = np.arange(count if self.closed else count + 1) * (self.length / count)
         edges = np.concatenate([[0.0], np.cumsum([link.length for link in self.links])])
         which = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(self.links) - 1)
         points = np.empty((len(s), 2))
@@ -218,10 +214,7 @@ class Run:
 
 def links_of(runs: tuple[Run, ...]) -> list[Link]:
     """The links of all runs, one after the other."""
-    links: list[Link] = []
-    for run in runs:
-        links += run.links
-    return links
+    return [link for run in runs for link in run.links]
 
 
 def distance(runs: tuple[Run, ...], x: Vector) -> Vector:
@@ -239,32 +232,26 @@ def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
 
 def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     """The exact geometry of an outline in the plane z = 0; arcs are cut at π / 4."""
-    starts = []
-    ends = []
-    arcs = []
+    arcs, starts, ends = [], [], []
     for link in links_of(runs):
         if not link.sweep:
-            starts.append([*link.a, 0.0])
-            ends.append([*link.b, 0.0])
+            starts.append(link.a)
+            ends.append(link.b)
             continue
         count = int(np.ceil(abs(link.sweep) / (np.pi / 4)))
         sweep = link.sweep / count
-        for i in range(count):
-            arcs.append((link.centre, link.radius, link.start + i * sweep, sweep))
+        arcs += [(link.centre, link.radius, link.start + i * sweep, sweep) for i in range(count)]
     exact: list[Pieces] = []
     if starts:
-        exact.append(Segments(np.array(starts), np.array(ends), endless=True))
+        exact.append(Segments(in_space(starts), in_space(ends), endless=True))
     if arcs:
-        centre, radius, start, sweep = map(np.array, zip(*arcs, strict=True))
-        exact.append(Arcs(centre, radius, start, sweep))
+        exact.append(Arcs(*map(np.array, zip(*arcs, strict=True))))
     return tuple(exact)
 
 
 def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     """The outline as a fixture's pieces, a stroke a run; arcs are cut at a half circle."""
-    vertices = []
-    bulges = []
-    stroke = []
+    vertices, bulges, stroke = [], [], []
     for i, run in enumerate(runs):
         for link in run.links:
             count = max(1, int(np.ceil(abs(link.sweep) / np.pi - 1e-9)))
@@ -274,13 +261,13 @@ def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
             vertices.append(run.links[-1].b)
             bulges.append(0.0)
         stroke += [i] * (len(vertices) - len(stroke))
-    flat = np.array(vertices)
-    return curve.Pieces(
-        np.column_stack([flat, np.zeros(len(flat))]),
-        np.array(bulges),
-        np.array(stroke, np.int32),
-        np.array([run.closed for run in runs]),
-    )
+    closed = np.array([run.closed for run in runs])
+    return curve.Pieces(in_space(vertices), np.array(bulges), np.array(stroke, np.int32), closed)
+
+
+def in_space(flat: Vector) -> Vector:
+    """(K, 3) places (K, 2) in the plane z = 0."""
+    return np.pad(flat, ((0, 0), (0, 1)))
 
 
 def segment(a: Vector, b: Vector) -> Link:
@@ -291,16 +278,14 @@ def segment(a: Vector, b: Vector) -> Link:
 def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
     """A circular link: from the angle `start` on by `sweep` [rad]."""
     centre = np.asarray(centre, float)
-    end = start + sweep
-    a = centre + radius * np.array([np.cos(start), np.sin(start)])
-    b = centre + radius * np.array([np.cos(end), np.sin(end)])
+    a, b = (centre + radius * np.array([np.cos(angle), np.sin(angle)])
+            for angle in (start, start + sweep))  # fmt: skip
     return Link(a, b, centre, radius, start, sweep)
 
 
 def polyline(*corners: Vector) -> tuple[Run, ...]:
     """Straight runs from corner to corner (2,) [m]."""
-    runs = [Run((segment(a, b),)) for a, b in pairwise(corners)]
-    return tuple(runs)
+    return tuple(Run((segment(a, b),)) for a, b in pairwise(corners))
 
 
 def smooth(nodes: Vector) -> Run:
@@ -339,8 +324,8 @@ def biarc(p0: Vector, t0: Vector, p1: Vector, t1: Vector) -> list[Link]:
     joint = (p0 + p1 + d * (t0 - t1)) / 2
     first = _arc_from(p0, t0, joint)
     second = _arc_from(p1, -t1, joint)
-    return [first, Link(second.b, second.a, second.centre, second.radius,
-                        second.start + second.sweep, -second.sweep)]  # fmt: skip
+    turned = {"start": second.start + second.sweep, "sweep": -second.sweep}
+    return [first, replace(second, a=second.b, b=second.a, **turned)]
 
 
 def _arc_from(p: Vector, tangent: Vector, q: Vector) -> Link:
@@ -349,7 +334,7 @@ def _arc_from(p: Vector, tangent: Vector, q: Vector) -> Link:
     chord = q - p
     side = chord @ normal
     if abs(side) < ROUNDING * np.hypot(*chord):
-        return Link(p, q, np.zeros(2), 0.0, 0.0, 0.0)
+        return segment(p, q)
     signed = (chord @ chord) / (2 * side)
     centre = p + signed * normal
     start = float(np.arctan2(*(p - centre)[::-1]))

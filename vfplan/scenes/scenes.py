@@ -1,21 +1,205 @@
-"""Scenes drawn in the plane: circle, cylinder, bends, channel, the paper's Ω and a teapot.
+"""Scenes: a cloud, its exact geometry, the exact proxy, and scripted HIP paths.
 
-Scenes in space: point, segment, the sheet of Experiment 1, double sheet, sphere, three walls.
+First what every scene offers, then those drawn in the plane, then those in space.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vfplan.engine.parameters import Vector
+from vfplan import fixture
+from vfplan.engine.parameters import Vector, check_stiffness
+from vfplan.engine.proxy import check_path
 from vfplan.errors import SettingError
-from vfplan.scenes import outline
-from vfplan.scenes.base import Drawn, Scene, corners_mm
-from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres
+from vfplan.scenes import god_object, outline
+from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres, in_space
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(ABC):
+    """A cloud with a known truth.
+
+    Parameters
+    ----------
+    spacing
+        Distance between neighbouring points [m].
+    """
+
+    spacing: float = 0.5e-3
+    name: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        """Every scene is a dataclass as this one is, and has its class's name: "double-sheet"."""
+        dataclass(frozen=True, eq=False)(cls)
+        if "name" not in vars(cls):
+            cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
+
+    def __post_init__(self) -> None:
+        if not 0 < self.spacing < 1:
+            raise SettingError(f"spacing is {self.spacing:g} m. Give more than 0 and less than 1 m")
+
+    @cached_property
+    @abstractmethod
+    def points(self) -> Vector:
+        """(N, 3) cloud [m]."""
+
+    @cached_property
+    @abstractmethod
+    def pieces(self) -> tuple[Pieces, ...]:
+        """The exact geometry that the cloud samples."""
+
+    @property
+    @abstractmethod
+    def routes(self) -> dict[str, Vector]:
+        """Corners (K, 3) [m] of each scripted HIP path, the first one free of contact."""
+
+    @property
+    def ignore_axis(self) -> str | None:
+        """What the engine is to be given: "z" for a scene in the plane."""
+        return None
+
+    def path(self, route: str, speed: float = 0.05, rate: float = 1000.0) -> Vector:
+        """(T, 3) HIP positions along a route, `speed` [m/s] sampled at `rate` [Hz]."""
+        if route not in self.routes:
+            raise SettingError(f"route is {route!r}. Give one of {', '.join(self.routes)}")
+        return travel(self.routes[route], speed, rate)
+
+    def truth(self, hips: ArrayLike, radius: float = 5e-3, start: Vector | None = None) -> Vector:
+        """The exact proxy (T, 3) [m] for each HIP (T, 3) [m], one after the other.
+
+        The minimum of |x - HIP| over the positions at least `radius` = r_c + r_v from the exact
+        geometry, reached by sliding from where the proxy was; `start` or the first HIP begins.
+
+        Raises
+        ------
+        SceneError
+            The start lies inside the fixture.
+        """
+        path = check_path(hips)
+        proxy = np.asarray(start, float) if start is not None else path[0]
+        flat = self._flat
+        out = np.empty_like(path)
+        for i, hip in enumerate(path):
+            pieces = self.pieces_between(proxy * flat, hip * flat, radius)
+            proxy = god_object.follow(pieces, proxy * flat, hip * flat, radius)
+            out[i] = proxy + hip * (1 - flat)
+        return out
+
+    def sensitivity(self, hips: ArrayLike, truth: Vector, radius: float = 5e-3) -> Vector:
+        """(T,) how far the exact proxy moves for a small step of the HIP, over that step's length.
+
+        See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
+        """
+        flat = self._flat
+        values = []
+        for proxy, hip in zip(truth * flat, check_path(hips) * flat, strict=True):
+            pieces = self.pieces_between(proxy, hip, radius)
+            values.append(god_object.sensitivity(pieces, proxy, hip, radius))
+        return np.array(values)
+
+    def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
+        """The pieces that a proxy (3,) can meet on its path to a HIP (3,); here all of them."""
+        return self.pieces
+
+    def force(self, hips: ArrayLike, proxy: Vector, stiffness: ArrayLike = 1000.0) -> Vector:
+        """Eq. (8) for HIPs and proxies (T, 3): the exact force (T, 3) [N]."""
+        return (proxy - check_path(hips)) * self._flat * check_stiffness(stiffness)
+
+    def clearance(self, x: Vector) -> Vector:
+        """(T,) distance of the positions x (T, 3) from the exact geometry [m]."""
+        flat = x * self._flat
+        views = [god_object.look(self.pieces_between(place, place, 0.0), place) for place in flat]
+        return np.array([view.distance.min() for view in views])
+
+    @property
+    def _flat(self) -> Vector:
+        """(3,) 1 for each coordinate of a position that counts, else 0."""
+        return np.array([1.0, 1.0, 0.0]) if self.along_z else np.ones(3)
+
+    @property
+    def along_z(self) -> bool:
+        """Whether the exact geometry is endless along z."""
+        return False
+
+
+class Drawn(Scene):
+    """A scene drawn in the plane z = 0 and endless along z.
+
+    Parameters
+    ----------
+    extrude
+        0: points in the plane, the engine ignores z. Above 0: a cloud of that height [m] around
+        z = 0, rows `spacing` apart, for an engine in 3-D.
+    """
+
+    extrude: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.extrude < 1:
+            raise SettingError(f"extrude is {self.extrude:g} m. Give at least 0 and less than 1 m")
+
+    @cached_property
+    @abstractmethod
+    def runs(self) -> tuple[outline.Run, ...]:
+        """The outline."""
+
+    @cached_property
+    def points(self) -> Vector:
+        """(N, 3) cloud [m]."""
+        flat = outline.sample(self.runs, self.spacing)
+        half = round(self.extrude / self.spacing / 2)
+        heights = np.arange(-half, half + 1) * self.spacing
+        return np.column_stack([np.tile(flat, (len(heights), 1)), np.repeat(heights, len(flat))])
+
+    @cached_property
+    def pieces(self) -> tuple[Pieces, ...]:
+        """The exact outline."""
+        return outline.pieces(self.runs)
+
+    @cached_property
+    def lines_and_arcs(self) -> fixture.Pieces:
+        """The exact outline as rule "exact" takes it."""
+        return outline.lines_and_arcs(self.runs)
+
+    def clearance(self, x: Vector) -> Vector:
+        """See `Scene.clearance`; all positions at once."""
+        return outline.distance(self.runs, x[:, :2])
+
+    @property
+    def ignore_axis(self) -> str | None:
+        """ "z" when the cloud is flat."""
+        return None if self.extrude else "z"
+
+    @property
+    def along_z(self) -> bool:
+        """Always: the outline is endless along z."""
+        return True
+
+
+def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
+    """(T, 3) positions on straight lines between corners (K, 3), `speed` [m/s] at `rate` [Hz].
+
+    Both ends belong to the path; the last step may be shorter.
+    """
+    if not (speed > 0 and rate > 0):
+        raise SettingError(f"speed is {speed:g} m/s at {rate:g} Hz. Give both above 0")
+    edges = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    s = np.append(np.arange(0.0, edges[-1], speed / rate), edges[-1])
+    return np.column_stack([np.interp(s, edges, line) for line in np.asarray(corners, float).T])
+
+
+def corners_mm(*points: tuple[float, ...]) -> Vector:
+    """The corners of a path in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
+    rows = [[*point, 0.0][:3] for point in points]
+    return np.array(rows) * 1e-3
 
 
 class Circle(Drawn):
@@ -42,10 +226,11 @@ class Circle(Drawn):
         round_ = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
         outer = self.radius + 5e-3
         free = np.array([[outer + 5e-3, 0, 0]])
-        outside = [free, (outer - deep)[:, None] * round_, free]
         inner = max(self.radius - 5e-3, 0.0)
-        inside = [0 * free, (inner + deep)[:, None] * round_, 0 * free]
-        return {"outside": np.vstack(outside), "inside": np.vstack(inside)}
+        return {
+            "outside": np.vstack([free, (outer - deep)[:, None] * round_, free]),
+            "inside": np.vstack([0 * free, (inner + deep)[:, None] * round_, 0 * free]),
+        }
 
 
 class Cylinder(Circle):
@@ -102,10 +287,7 @@ class Wedge(Bend):
         # In front of the edge the path goes round it, where the proxy does not jump.
         corner = at(-2, 2), at(-2, -2), at(2, -2)
         over = corners_mm(at(-12, 15), at(1, 15), *corner, at(15, 1), at(15, -12))
-        return {
-            "over": over,
-            "back": over[::-1],
-        }
+        return {"over": over, "back": over[::-1]}
 
 
 class Corner(Bend):
@@ -139,10 +321,8 @@ class Channel(Drawn):
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Both walls."""
-        a = np.array([-self.length / 2, 0])
-        b = -a
-        up = np.array([0, self.width / 2])
-        return (*outline.polyline(a + up, b + up), *outline.polyline(a - up, b - up))
+        a, up = np.array([-self.length / 2, 0]), np.array([0, self.width / 2])
+        return (*outline.polyline(a + up, up - a), *outline.polyline(a - up, -a - up))
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -179,19 +359,19 @@ class Omega(Drawn):
 
         # The line moved to its left, without what lies closer to another part of it.
         distance = 3e-3
-        moved = np.vstack([outside(run.sample(2.5e-4), -distance) for run in self.runs])
-        moved = _in_space(moved)
+        moved = [outside(run.sample(2.5e-4), -distance) for run in self.runs]
+        moved = in_space(np.vstack(moved))
         moved = moved[self.clearance(moved) > (1 - 1e-3) * distance]
 
-        start = corners_mm((-60, 10))
-        end = corners_mm((60, 10))
-        enter = corners_mm((0, -15), (0, 5))
-        leave = corners_mm((0, -15))
+        def between(start: Vector, line: Vector, end: Vector) -> Vector:
+            return np.vstack([corners_mm(start), line, corners_mm(end)])
+
         return {
-            "beside": np.vstack([start, moved, end]),
-            "over": np.vstack([start, _in_space(line), end]),
-            "inside": np.vstack([enter, _in_space(ring[5:-5]), leave]),
-        }
+            "beside": between((-60, 10), moved, (60, 10)),
+            "over": between((-60, 10), in_space(line), (60, 10)),
+            "inside": np.vstack([corners_mm((0, -15), (0, 5)), in_space(ring[5:-5]),
+                                 corners_mm((0, -15))]),
+        }  # fmt: skip
 
 
 _SPOUT_MM = [(34, 0), (45, 8), (53, 22), (64, 29), (75, 36), (84, 50), (96, 63)]
@@ -217,19 +397,13 @@ class Teapot(Drawn):
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Counter-clockwise from the right end of the base."""
-        scale = self.width / 184
-        lid = list(_LID_MM)
-        for x, y in reversed(_LID_MM[:-1]):
-            # The lid is its own mirror image.
-            lid.append((-x, y))
-        lines = []
-        for line_mm in (_SPOUT_MM, _SPOUT_TOP_MM, lid, _HANDLE_MM):
-            lines.append(np.array(line_mm) * scale)
+        # The lid is its own mirror image.
+        lid = [*_LID_MM, *((-x, y) for x, y in reversed(_LID_MM[:-1]))]
+        lines = [np.array(line_mm) * (self.width / 184)
+                 for line_mm in (_SPOUT_MM, _SPOUT_TOP_MM, lid, _HANDLE_MM)]  # fmt: skip
         runs: list[Run] = []
-        for i, line in enumerate(lines):
-            following = lines[(i + 1) % len(lines)]
-            runs.append(outline.smooth(line))
-            runs += outline.polyline(line[-1], following[0])
+        for line, following in zip(lines, [*lines[1:], lines[0]], strict=True):
+            runs += [outline.smooth(line), *outline.polyline(line[-1], following[0])]
         return tuple(runs)
 
     @property
@@ -240,8 +414,8 @@ class Teapot(Drawn):
         over = line[line[:, 1] > 0.05 * self.width / 0.184]
         start = np.array([[0.6 * self.width, 0.05, 0.0]])
         return {
-            "around": np.vstack([below, _in_space(line), _in_space(line[:5]), below]),
-            "over": np.vstack([start, _in_space(over), start * [-1, 1, 1]]),
+            "around": np.vstack([below, in_space(line), in_space(line[:5]), below]),
+            "over": np.vstack([start, in_space(over), start * [-1, 1, 1]]),
         }
 
 
@@ -250,10 +424,6 @@ def outside(line: Vector, by: float) -> Vector:
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1)[:, None]
     return line + by * np.column_stack([along[:, 1], -along[:, 0]])
-
-
-def _in_space(flat: Vector) -> Vector:
-    return np.column_stack([flat, np.zeros(len(flat))])
 
 
 class Point(Scene):
@@ -331,10 +501,8 @@ class Walls(Scene):
     @cached_property
     def points(self) -> Vector:
         """(N, 3) [m], edges included."""
-        grids = []
-        for corner, u, v in zip(*self.squares, strict=True):
-            grids.append(grid(corner, u, v, self.spacing))
-        return np.vstack(grids)
+        squares = zip(*self.squares, strict=True)
+        return np.vstack([grid(corner, u, v, self.spacing) for corner, u, v in squares])
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
@@ -357,11 +525,8 @@ class Sheet(Walls):
         """Press, slide and lift off on each side, and off an edge."""
         slide = corners_mm((-20, 15, -13), (-20, -10, -13), (21, -8, 17), (21, 15, 17))
         edge = corners_mm((20, 12, 3), (35, 1, 3), (60, 1, 3), (60, 12, 3))
-        return {
-            "front": self.centre + slide,
-            "back": self.centre - slide,
-            "edge": self.centre + edge,
-        }
+        paths = {"front": slide, "back": -slide, "edge": edge}
+        return {name: self.centre + path for name, path in paths.items()}
 
 
 class DoubleSheet(Walls):
@@ -381,8 +546,7 @@ class DoubleSheet(Walls):
     @property
     def squares(self) -> tuple[Vector, Vector, Vector]:
         """Below and above."""
-        h = self.side / 2
-        g = self.gap / 2
+        h, g = self.side / 2, self.gap / 2
         corner = np.array([[-h, -g, -h], [-h, g, -h]])
         return corner, np.array([[2 * h, 0, 0]] * 2), np.array([[0, 0, 2 * h]] * 2)
 
@@ -457,7 +621,6 @@ class ThreeWalls(Walls):
         """Into the corner along the diagonal, and along a wall and an edge into it."""
         return {
             "diagonal": corners_mm((14, 15, 16), (-6, -5, -4), (14, 15, 16)),
-            "edge": corners_mm(
-                (25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4), (15, 15, 15)
-            ),
-        }
+            "edge": corners_mm((25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4),
+                               (15, 15, 15)),
+        }  # fmt: skip

@@ -1,22 +1,19 @@
 """The closed loop: the largest stable K of a scene and rule, and a press at the K in question.
 
-The largest stable stiffness, found by bisection on an energy criterion.
-
-A mass at rest against the fixture is struck lightly. The energy above rest (kinetic, spring and
-hand together) dies down in a stable loop and grows in an unstable one. The loop counts as stable
-when the mean energy over the last eighth of the run is neither above the mean over the first
-eighth nor above twice the energy of the blow.
+The largest K is found by bisection on an energy criterion. A mass at rest against the fixture is
+struck lightly. The energy above rest (kinetic, spring and hand together) dies down in a stable loop
+and grows in an unstable one. The loop counts as stable when the mean energy over the last eighth of
+the run is neither above the mean over the first eighth nor above twice the energy of the blow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from vfplan.engine.parameters import Rule
+from vfplan.engine.parameters import Rule, Vector
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Fixture, Pieces
 from vfplan.robot import Robot
@@ -30,6 +27,7 @@ from vfplan.stability.loop import (
     run_until_still,
     simulate,
     spectral_radius,
+    stable_edge,
 )
 
 PRESS_DEPTH = 0.05
@@ -94,33 +92,28 @@ class EngineMaker:
     """
 
     def __init__(self, rule: Rule, band: float | None = None) -> None:
-        self.rule = rule
-        self.band = band
-        self.contact: Contact | None = None
+        self.rule, self.band = rule, band
+        self.points: Vector | None = None
         self.engine: ProxyEngine | None = None
 
     def __call__(self, contact: Contact) -> ProxyEngine:
         """An engine of 1 N/m on the contact's cloud."""
-        if self.contact is None or self.contact.points is not contact.points:
+        if self.points is not contact.points:
+            self.points = contact.points
             self.engine = engine_for(contact, self.rule, self.band)
-            self.contact = contact
         return self.engine
 
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
+    axis = contact.ignore_axis
     if rule != "exact":
         return ProxyEngine(
-            contact.points,
-            contact.radius,
-            band,
-            stiffness=1.0,
-            rule=rule,
-            ignore_axis=contact.ignore_axis,
+            contact.points, contact.radius, band, stiffness=1.0, rule=rule, ignore_axis=axis
         )
     if isinstance(contact.exact_shape, Pieces):
         return ProxyEngine.along(
-            contact.exact_shape, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
+            contact.exact_shape, contact.radius, stiffness=1.0, ignore_axis=axis
         )
     return ProxyEngine.on(contact.points, contact.exact_shape, contact.radius, stiffness=1.0)
 
@@ -138,40 +131,24 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     if exact == 0.0:
         return LargestStiffness(0.0, 0.0)
     ticks = run_length(robot, exact)
-    low, high = bracket(contact, robot, engine, exact, ticks)
-    if high == 0.0:
-        return LargestStiffness(0.0, exact)
-    if math.isinf(high):
-        return LargestStiffness(low, exact, is_above_search=True)
-    while high > (1 + RESOLUTION) * low:
-        middle = math.sqrt(low * high)
-        if is_stable(contact, robot, engine, middle, ticks):
-            low = middle
-        else:
-            high = middle
-    return LargestStiffness(low, exact)
 
+    def holds(stiffness: float) -> bool:
+        return is_stable(contact, robot, engine, stiffness, ticks)
 
-def bracket(
-    contact: Contact, robot: Robot, engine: Engine, exact: float, ticks: int
-) -> tuple[float, float]:
-    """A stable K and an unstable one, a factor of 2 apart [N/m].
-
-    The second is infinite where no K up to `MAX_RATIO` is unstable. Both are 0 where none down to
-    `RESOLUTION` is stable.
-    """
+    # A stable K and an unstable one, a factor of 2 apart.
     low = FIRST_GUESS * exact
-    if is_stable(contact, robot, engine, low, ticks):
-        while low < MAX_RATIO * exact:
-            if not is_stable(contact, robot, engine, 2 * low, ticks):
-                return low, 2 * low
+    if holds(low):
+        while holds(2 * low):
             low *= 2
-        return low, math.inf
-    while low > RESOLUTION * exact:
+            if low >= MAX_RATIO * exact:
+                return LargestStiffness(low, exact, is_above_search=True)
+    else:
         low /= 2
-        if is_stable(contact, robot, engine, low, ticks):
-            return low, 2 * low
-    return 0.0, 0.0
+        while not holds(low):
+            if low <= RESOLUTION * exact:
+                return LargestStiffness(0.0, exact)
+            low /= 2
+    return LargestStiffness(stable_edge(low, 2 * low, holds, RESOLUTION), exact)
 
 
 def run_length(robot: Robot, exact: float) -> int:
@@ -180,10 +157,8 @@ def run_length(robot: Robot, exact: float) -> int:
     At least 16 periods of the oscillation and 400 ticks, and at most `MAX_TICKS`.
     """
     growth = spectral_radius(Plant.of(robot), 1.005 * exact, robot.delay_ticks)
-    ticks = math.inf
-    if growth > 1:
-        # The energy grows with the square of the motion.
-        ticks = math.log(1.05) / (2 * math.log(growth))
+    # The energy grows with the square of the motion.
+    ticks = math.log(1.05) / (2 * math.log(growth)) if growth > 1 else math.inf
     period = 2 * math.pi * math.sqrt(robot.mass_kg / exact) * robot.rate_hz
     return int(min(max(ticks, 16 * period, 400), MAX_TICKS))
 
@@ -197,15 +172,12 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
     amplitude = BLOW * PRESS_DEPTH * contact.radius
     speed = amplitude * math.sqrt((stiffness + hand.stiffness) / robot.mass_kg)
     blow_energy = 0.5 * robot.mass_kg * speed * speed
-    velocity = speed * contact.push_direction
-    motion = simulate(engine, robot, hand, stiffness, still, velocity, ticks)
+    motion = simulate(engine, robot, hand, stiffness, still, speed * contact.push_direction, ticks)
 
     # Energy above that of the pressed mass at rest.
-    rest_energy = motion.energy[0] - blow_energy
-    energy = motion.energy - rest_energy
+    energy = motion.energy - (motion.energy[0] - blow_energy)
     eighth = ticks // 8
-    first = energy[:eighth].mean()
-    last = energy[-eighth:].mean()
+    first, last = energy[:eighth].mean(), energy[-eighth:].mean()
     return bool(last <= first and last <= 2 * blow_energy)
 
 
@@ -284,12 +256,12 @@ def closed_loop_case(
     if robot.damping_n_s_per_m == 0.0:
         detail = "without damping no sampled spring is stable, however soft"
         return [CaseResult(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
-    weakest = weakest_contact(places, robot, EngineMaker(rule, band))
-    if weakest is None:
+    contacts_tried, make_engine = list(places), EngineMaker(rule, band)
+    if not contacts_tried:
         detail = "no ball of the contact radius fits beside any point tried"
         return [CaseResult(case, "fail", detail, unit="N/m", values={"places": 0})]
-    largest = weakest.largest
-    pressed = press(weakest.contact, robot, weakest.engine, min(stiffness, 0.5 * largest.measured))
+    contact, largest = weakest_contact(contacts_tried, robot, make_engine)
+    pressed = press(contact, robot, make_engine(contact), min(stiffness, 0.5 * largest.measured))
 
     min_ratio = MIN_RATIO
     is_good = largest.ratio >= MIN_RATIO
@@ -297,26 +269,17 @@ def closed_loop_case(
         min_ratio = 1 - FLAT_TOLERANCE
         is_good = abs(largest.ratio - 1) <= FLAT_TOLERANCE or largest.is_above_search
     values = {
-        "scene": scene,
-        "rule": rule,
-        "k_exact_n_per_m": largest.exact,
-        "ratio": largest.ratio,
-        "places": weakest.places,
-        **asdict(pressed),
-    }
+        "scene": scene, "rule": rule, "k_exact_n_per_m": largest.exact, "ratio": largest.ratio,
+        "places": len(contacts_tried), **asdict(pressed),
+    }  # fmt: skip
     if pressed.limited_ticks is None:
         del values["limited_ticks"]
     return [
         CaseResult(
-            case,
-            outcome_of(is_good, rule),
-            closed_loop_detail(largest, pressed),
-            min_ratio * largest.exact,
-            largest.measured,
-            "N/m",
-            values,
+            case, outcome_of(is_good, rule), closed_loop_detail(largest, pressed),
+            min_ratio * largest.exact, largest.measured, "N/m", values,
         )
-    ]
+    ]  # fmt: skip
 
 
 def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
@@ -330,39 +293,23 @@ def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class WeakestContact:
-    """The contact that bears the least K, its engine, and how many contacts were tried."""
-
-    largest: LargestStiffness
-    contact: Contact
-    engine: Engine
-    places: int
-
-
 def weakest_contact(
-    places: Iterable[Contact], robot: Robot, make_engine: EngineMaker
-) -> WeakestContact | None:
-    """The contact that bears the least K; `None` without any contact.
+    places: list[Contact], robot: Robot, make_engine: EngineMaker
+) -> tuple[Contact, LargestStiffness]:
+    """The one of some contacts that bears the least K, and what it bears.
 
     A contact that is stable at the least K so far is not bisected.
     """
-    weakest = None
-    count = 0
-    for contact in places:
-        count += 1
+    weakest = places[0]
+    lowest = largest_stiffness(weakest, robot, make_engine(weakest))
+    for contact in places[1:]:
         engine = make_engine(contact)
-        if weakest is not None:
-            lowest = weakest.largest
-            ticks = run_length(robot, lowest.exact)
-            if is_stable(contact, robot, engine, lowest.measured, ticks):
-                continue
-        largest = largest_stiffness(contact, robot, engine)
-        if weakest is None or largest.measured < weakest.largest.measured:
-            weakest = WeakestContact(largest, contact, engine, count)
-    if weakest is None:
-        return None
-    return WeakestContact(weakest.largest, weakest.contact, weakest.engine, count)
+        ticks = run_length(robot, lowest.exact)
+        if not is_stable(contact, robot, engine, lowest.measured, ticks):
+            largest = largest_stiffness(contact, robot, engine)
+            if largest.measured < lowest.measured:
+                weakest, lowest = contact, largest
+    return weakest, lowest
 
 
 def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Press:
@@ -389,14 +336,9 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
     rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
     rest_s = rest_tick / robot.rate_hz if rest_tick < len(depth) - quarter else None
     overshoot = float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0
-    work = (motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum()
-    return Press(
-        energy_j=float(work),
-        limit_cycle_m=float(np.ptp(depth[-quarter:])),
-        rest_s=rest_s,
-        overshoot=overshoot,
-        limited_ticks=motion.limited_ticks,
-    )
+    work = float((motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum())
+    limit_cycle = float(np.ptp(depth[-quarter:]))
+    return Press(work, limit_cycle, rest_s, overshoot, motion.limited_ticks)
 
 
 def press_length(robot: Robot, stiffness: float) -> int:
@@ -404,10 +346,7 @@ def press_length(robot: Robot, stiffness: float) -> int:
 
     At least 400 and at most `MAX_TICKS`. The robot's damping must be above 0.
     """
-    mass = robot.mass_kg
-    damping = robot.damping_n_s_per_m
-    if damping * damping < 4 * mass * stiffness:
-        time_constant = 2 * mass / damping
-    else:
-        time_constant = damping / stiffness
+    mass, damping = robot.mass_kg, robot.damping_n_s_per_m
+    oscillates = damping * damping < 4 * mass * stiffness
+    time_constant = 2 * mass / damping if oscillates else damping / stiffness
     return int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_TICKS))

@@ -1,6 +1,6 @@
 """The contacts of a study: a cloud, a place on it, and the walls that hold the proxy there.
 
-One case of a stability study: what was expected, and what was measured.
+Also the result of one case: what was expected, and what was measured.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import scenes
-from vfplan.engine.choosing import as_rendered, exact_shape
 from vfplan.engine.parameters import Vector, check_axis
+from vfplan.engine.proxy import as_rendered, exact_shape
 from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3
@@ -111,14 +111,9 @@ def three_walls() -> Iterator[Contact]:
 def channel() -> Iterator[Contact]:
     """A channel that is 5 µm wider than the proxy, pressed against one wall."""
     scene = scenes.Channel()
-    yield Contact(
-        scene.points,
-        (RADIUS - scene.width / 2) * -Y,
-        -Y[None],
-        scene.ignore_axis,
-        start_distance=0.0,
-        exact_shape=scene.lines_and_arcs,
-    )
+    touch = (RADIUS - scene.width / 2) * -Y
+    yield Contact(scene.points, touch, -Y[None], scene.ignore_axis, start_distance=0.0,
+                  exact_shape=scene.lines_and_arcs)  # fmt: skip
 
 
 def point() -> Iterator[Contact]:
@@ -135,37 +130,23 @@ def double_sheet() -> Iterator[Contact]:
 def omega() -> Iterator[Contact]:
     """The paper's Ω: over its top, inside its ring, and in the sharp corner at its foot."""
     scene = scenes.Omega()
-    shape = scene.lines_and_arcs
-    top = np.array([0.0, 74.5e-3, 0.0])
-    side = np.array([35e-3, 44e-3, 0.0])
-    yield from contacts_beside(scene.points, top, scene.ignore_axis, RADIUS, shape)
-    yield from contacts_beside(scene.points, side, scene.ignore_axis, RADIUS, shape)
+    shape, axis = scene.lines_and_arcs, scene.ignore_axis
+    for place in ([0.0, 74.5e-3, 0.0], [35e-3, 44e-3, 0.0]):
+        yield from contacts_beside(scene.points, np.array(place), axis, RADIUS, shape)
 
     # At the foot the ball comes down at 30 degrees above the ground.
     foot = np.array([14e-3, 0.0, 0.0])
     outward = np.array([np.cos(np.pi / 6), 0.5, 0.0])
     touch = first_touch(scene.points, foot + 14e-3 * outward, -outward, RADIUS)
     if touch is not None:
-        yield Contact(
-            scene.points,
-            touch,
-            outward[None],
-            scene.ignore_axis,
-            needs_spring=True,
-            exact_shape=shape,
-        )
+        yield Contact(scene.points, touch, outward[None], axis, needs_spring=True,
+                      exact_shape=shape)  # fmt: skip
 
 
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
-    "flat": flat,
-    "convex": convex,
-    "corner": corner,
-    "three-walls": three_walls,
-    "channel": channel,
-    "point": point,
-    "double-sheet": double_sheet,
-    "omega": omega,
-}
+    "flat": flat, "convex": convex, "corner": corner, "three-walls": three_walls,
+    "channel": channel, "point": point, "double-sheet": double_sheet, "omega": omega,
+}  # fmt: skip
 """Every scene of contact by its name."""
 
 SCENES_WITH_CURVE = ("channel", "omega")
@@ -225,15 +206,8 @@ def contacts_beside(
     for outward in (normal, -normal):
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
-            yield Contact(
-                points,
-                touch + height,
-                outward[None],
-                ignore_axis,
-                radius,
-                needs_spring=True,
-                exact_shape=exact_shape,
-            )
+            yield Contact(points, touch + height, outward[None], ignore_axis, radius,
+                          needs_spring=True, exact_shape=exact_shape)  # fmt: skip
 
 
 def first_touch(points: Vector, start: Vector, direction: Vector, radius: float) -> Vector | None:
@@ -260,9 +234,7 @@ def cloud_normal(points: Vector, axis: Vector | None) -> Vector:
 
     Its largest component is above 0. For a single point it is any direction across the axis.
     """
-    spread = np.zeros((3, 3))
-    if len(points) > 1:
-        spread = np.cov(points.T)
+    spread = np.cov(points.T) if len(points) > 1 else np.zeros((3, 3))
     if axis is not None:
         # The cloud is endless along the axis, so that its spread there must never be the least.
         spread = spread + (1.0 + np.trace(spread)) * np.outer(axis, axis)
@@ -305,15 +277,9 @@ class CaseResult:
 
     def as_dict(self) -> dict[str, Any]:
         """The result as `vfplan stability --json` reports it."""
-        return {
-            "case": self.case,
-            "outcome": self.outcome,
-            "detail": self.detail,
-            "limit": self.limit,
-            "measured": self.measured,
-            "unit": self.unit,
-            **self.values,
-        }
+        figures = dict(vars(self))
+        values = figures.pop("values")
+        return figures | values
 
 
 def outcome_of(is_good: bool, rule: str = "robust") -> Outcome:

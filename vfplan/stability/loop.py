@@ -1,10 +1,8 @@
-"""The closed loop: a hand pushes a point mass against a fixture through the real engine.
+"""A hand pushes a point mass against a fixture through the real engine, and what theory says of it.
 
 A tick has five steps. The robot measures its position, the engine answers, the force is delayed
 and limited, the robot holds it, and the mass moves by the exact solution of its motion. A robot
 without quantum, delay, limits or friction skips that step.
-
-What theory says of a mass that a sampled spring holds: exact discretisation and bounds on K.
 
 The plant is a mass with viscous damping, and with the spring of a hand where a scene needs one:
 m ẍ + b ẋ + k_h x = F. The robot holds F over each tick (zero-order hold). The motion from tick to
@@ -16,7 +14,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -89,8 +88,7 @@ class Plant:
         """
         from scipy.linalg import expm
 
-        if t is None:
-            t = self.period
+        t = self.period if t is None else t
         # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is
         # then a number without a unit.
         alpha = self.damping * t / self.mass
@@ -154,20 +152,26 @@ def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> 
     number("damping * period / mass", decay, "", least=MIN_DECAY, most=MAX_DECAY)
 
     def is_stable(stiffness: float) -> bool:
-        hand = hand_share * stiffness
-        if hand == 0.0:
-            hand = plant.hand
-        held = Plant(plant.mass, plant.damping, plant.period, hand)
+        held = replace(plant, hand=hand_share * stiffness or plant.hand)
         return spectral_radius(held, stiffness, delay_ticks) < STABLE_RADIUS
 
     # A stable and an unstable K around the linear bound, then the edge between them.
-    low = linear_bound(plant, delay_ticks)
-    high = low
+    low = high = linear_bound(plant, delay_ticks)
     while not is_stable(low):
         low /= 2
     while is_stable(high):
         high *= 2
-    while high - low > BOUND_RESOLUTION * high:
+    return stable_edge(low, high, is_stable, BOUND_RESOLUTION)
+
+
+def stable_edge(
+    low: float, high: float, is_stable: Callable[[float], bool], resolution: float
+) -> float:
+    """The largest stable K found between a stable and an unstable one [N/m].
+
+    It is `resolution`, relative to K, from one that is not stable.
+    """
+    while high > (1 + resolution) * low:
         middle = math.sqrt(low * high)
         if is_stable(middle):
             low = middle
@@ -269,11 +273,7 @@ def simulate(
     previous_force = None
     limited_ticks = 0
 
-    positions = np.empty((ticks, 3))
-    velocities = np.empty((ticks, 3))
-    proxies = np.empty((ticks, 3))
-    spring_forces = np.empty((ticks, 3))
-    held_forces = np.empty((ticks, 3))
+    positions, velocities, proxies, spring_forces, held_forces = np.empty((5, ticks, 3))
     for tick in range(ticks):
         measured = x
         if robot.quantum_m is not None:
@@ -293,17 +293,13 @@ def simulate(
             force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
             limited_ticks += is_limited
         if robot.force_step_limit_n is not None:
-            if previous_force is None:
-                previous_force = force
-            force, is_limited = limit_change(force, previous_force, robot.force_step_limit_n)
+            base = force if previous_force is None else previous_force
+            force, is_limited = limit_change(force, base, robot.force_step_limit_n)
             limited_ticks += is_limited
             previous_force = force
 
-        positions[tick] = x
-        velocities[tick] = v
-        proxies[tick] = step.proxy
-        spring_forces[tick] = spring_force
-        held_forces[tick] = force
+        positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
+        spring_forces[tick], held_forces[tick] = spring_force, force
 
         net = force + hand.force_at(x)
         if robot.friction_n is None:
@@ -317,8 +313,7 @@ def simulate(
     spring_energy = 0.5 * (spring_forces * (proxies - positions)).sum(axis=1)
     kinetic_energy = 0.5 * robot.mass_kg * (velocities * velocities).sum(axis=1)
     energy = kinetic_energy + spring_energy + hand.potential_at(positions)
-    has_limits = robot.force_limit_n is not None or robot.force_step_limit_n is not None
-    if not has_limits:
+    if robot.force_limit_n is None and robot.force_step_limit_n is None:
         limited_ticks = None
     return LoopMotion(positions, velocities, proxies, held_forces, energy, limited_ticks)
 
@@ -370,12 +365,8 @@ def slide_with_friction(
     displacement, v
         (3,) displacement over the tick [m] and velocity after it [m/s].
     """
-    displacement = np.empty(3)
-    v_after = np.empty(3)
-    for axis in range(3):
-        displacement[axis], v_after[axis] = slide_along_axis(
-            plant, friction, float(v[axis]), float(net[axis])
-        )
+    axes = [slide_along_axis(plant, friction, float(v[k]), float(net[k])) for k in range(3)]
+    displacement, v_after = np.transpose(axes)
     return displacement, v_after
 
 
@@ -390,25 +381,16 @@ def slide_along_axis(plant: Plant, friction: float, v: float, net: float) -> tup
         if v == 0.0 and abs(force) <= friction:
             # The mass sticks: held force and hand together cannot move it.
             return displacement, 0.0
-        direction = np.sign(v)
-        if v == 0.0:
-            direction = np.sign(force)
+        direction = np.sign(force if v == 0.0 else v)
         drive = force - direction * friction
         moved, v_after = plant.transition(remaining) @ [v, drive]
         if v_after * direction >= 0.0 or v == 0.0:
             return displacement + moved, v_after
 
         # The mass halts before the tick ends. The rest of the tick begins at rest.
-        halt = brentq(
-            velocity_after, 0.0, remaining, args=(plant, v, drive), xtol=1e-16 * remaining,
-            rtol=1e-15,
-        )  # fmt: skip
+        halt = brentq(lambda t, v=v, drive=drive: (plant.transition(t) @ [v, drive])[1],
+                      0.0, remaining, xtol=1e-16 * remaining, rtol=1e-15)  # fmt: skip
         displacement += (plant.transition(halt) @ [v, drive])[0]
         v = 0.0
         remaining -= halt
     return displacement, v
-
-
-def velocity_after(t: float, plant: Plant, v: float, drive: float) -> float:
-    """The velocity [m/s] `t` [s] after a velocity `v` [m/s] under a driving force `drive` [N]."""
-    return (plant.transition(t) @ [v, drive])[1]

@@ -1,7 +1,4 @@
-"""The whole study: which cases run, in how many processes, and the report.
-
-The gate: is a fixture's K safe with a robot?
-"""
+"""Is a fixture's K safe with a robot? The gate, and the whole study with its report."""
 
 from __future__ import annotations
 
@@ -18,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.choosing import best_rule, check_renderable
 from vfplan.engine.parameters import RULES, Rule, number
+from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.processes import worker_processes
@@ -85,16 +82,13 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
             "a fixture with `vfplan plan`."
         )
     check_renderable(fixture)
-    axis = fixture.ignore_axis
-    across = np.eye(3)
-    if axis is not None:
-        across = np.eye(3) - np.outer(axis, axis)
+    axis = np.zeros(3) if fixture.ignore_axis is None else fixture.ignore_axis
+    across = np.eye(3) - np.outer(axis, axis)
     region = float(np.linalg.eigvalsh(across @ np.diag(fixture.stiffness) @ across).max())
     if fixture.guidance is None:
         return region
-    if len(fixture.forbidden) == 0:
-        return fixture.guidance.stiffness
-    return fixture.guidance.stiffness + region
+    guide = fixture.guidance.stiffness
+    return guide + region if len(fixture.forbidden) > 0 else guide
 
 
 def judge(
@@ -102,15 +96,10 @@ def judge(
 ) -> StabilityVerdict:
     """The verdict on K [N/m] from closed-loop results: the least of them decides."""
     measured = [result.measured for result in results if result.measured is not None]
+    figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
+    k_max = min(measured, default=0.0)
     return StabilityVerdict(
-        robot=robot.name,
-        mass_kg=robot.mass_kg,
-        damping_n_s_per_m=robot.damping_n_s_per_m,
-        rate_hz=robot.rate_hz,
-        delay_ticks=robot.delay_ticks,
-        k_n_per_m=stiffness,
-        k_max_n_per_m=min(measured, default=0.0),
-        margin=safety_factor,
+        robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
     )
 
 
@@ -186,16 +175,8 @@ class Study:
         table = csv.writer(out, lineterminator="\n")
         table.writerow(["case", "outcome", "limit", "measured", "unit", "detail"])
         for row in self.rows:
-            table.writerow(
-                [
-                    row.case,
-                    row.outcome,
-                    csv_number(row.limit),
-                    csv_number(row.measured),
-                    row.unit,
-                    row.detail,
-                ]
-            )
+            figures = [csv_number(row.limit), csv_number(row.measured)]
+            table.writerow([row.case, row.outcome, *figures, row.unit, row.detail])
         return out.getvalue()
 
     def as_text(self, every_case: bool = False) -> str:
@@ -210,12 +191,10 @@ class Study:
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
         lines = [verdict_text(self.verdict), summary]
-        for row in self.rows:
-            if every_case or row.outcome == "fail":
-                lines.append(f"{row.outcome:8}{row.case}: {row.detail}")
+        shown = self.rows if every_case else self.failed
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in shown]
         if every_case:
-            for case, reason in self.skipped.items():
-                lines.append(f"left out {case}: {reason}")
+            lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
         return "\n".join(lines)
 
 
@@ -259,26 +238,22 @@ def study(
     """
     check_robot(robot)
     number("margin", safety_factor, "", least=1.0)
-    rendered_stiffness = DEFAULT_STIFFNESS
-    if fixture is not None:
-        rendered_stiffness = largest_rendered_stiffness(fixture)
-    if stiffness is None:
-        stiffness = rendered_stiffness
-    else:
-        stiffness = number("stiffness", stiffness, "N/m", above=0.0)
+    rendered = DEFAULT_STIFFNESS if fixture is None else largest_rendered_stiffness(fixture)
+    if stiffness is not None:
+        rendered = number("stiffness", stiffness, "N/m", above=0.0)
+    stiffness = rendered
 
     # Which cases run, and why the others do not.
-    parts = set(parts)
-    tasks: list[Task] = []
-    skipped: dict[str, str] = {}
-    for rule, on in pairs_of_rule_and_scene(fixture):
-        tasks.append(partial(closed_loop_case, on, rule, robot, stiffness))
-    skipped |= skipped_scenes("closed-loop", fixture)
-    if not parts or "passivity" in parts:
-        for rule, on in pairs_of_rule_and_scene(fixture):
-            tasks.append(partial(passivity_cases, on, rule, stiffness))
+    parts = set(parts) or set(PARTS)
+    pairs = pairs_of_rule_and_scene(fixture)
+    tasks: list[Task] = [
+        partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs
+    ]
+    skipped = skipped_scenes("closed-loop", fixture)
+    if "passivity" in parts:
+        tasks += [partial(passivity_cases, on, rule, stiffness) for rule, on in pairs]
         skipped |= skipped_scenes("passivity", fixture)
-    if not parts or "extremes" in parts:
+    if "extremes" in parts:
         tasks += extreme_tasks(fixture, full)
         skipped |= skipped_extremes(full)
 
@@ -293,15 +268,10 @@ def study(
 def check_robot(robot: Robot) -> None:
     """Raise `SettingError` for a figure of the robot that is not finite or out of range."""
     number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
-    number("mass_kg", robot.mass_kg, "kg", above=0.0)
-    number("rate_hz", robot.rate_hz, "Hz", above=0.0)
-    limits = (
-        ("friction_n", robot.friction_n, "N"),
-        ("quantum_m", robot.quantum_m, "m"),
-        ("force_limit_n", robot.force_limit_n, "N"),
-        ("force_step_limit_n", robot.force_step_limit_n, "N"),
-    )
-    for name, value, unit in limits:
+    units = {"mass_kg": "kg", "rate_hz": "Hz", "friction_n": "N", "quantum_m": "m",
+             "force_limit_n": "N", "force_step_limit_n": "N"}  # fmt: skip
+    for name, unit in units.items():
+        value = getattr(robot, name)
         if value is not None:
             number(name, value, unit, above=0.0)
 
@@ -311,20 +281,15 @@ def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
-    scene_names = scenes_for(fixture)[0]
-    pairs: list[tuple[Rule, Fixture | str]] = []
-    for rule in RULES:
-        if fixture is not None:
-            pairs.append((rule, fixture))
-        for name in scene_names:
-            pairs.append((rule, name))
-
+    bundle = [] if fixture is None else [fixture]
+    names = scenes_for(fixture)[0]
+    pairs: list[tuple[Rule, Fixture | str]] = [
+        (rule, on) for rule in RULES for on in (*bundle, *names)
+    ]
     if fixture is not None and best_rule(fixture) == "exact":
         pairs.append(("exact", fixture))
     if fixture is None or fixture.mesh is None:
-        for name in scene_names:
-            if name in contacts.SCENES_WITH_CURVE:
-                pairs.append(("exact", name))
+        pairs += [("exact", name) for name in names if name in contacts.SCENES_WITH_CURVE]
     return pairs
 
 
@@ -335,12 +300,11 @@ def skipped_scenes(part: str, fixture: Fixture | None) -> dict[str, str]:
 
 def extreme_tasks(fixture: Fixture | None, full: bool) -> list[Task]:
     """One task for the short cases, and one for the long cases, which share a run."""
-    short_cases = [case for case in CASES if not case.full]
-    tasks: list[Task] = [partial(run_extreme_cases, short_cases, fixture)]
-    if full:
-        long_cases = [case for case in CASES if case.full]
-        tasks.append(partial(run_extreme_cases, long_cases, fixture))
-    return tasks
+    lengths = (False, True) if full else (False,)
+    return [
+        partial(run_extreme_cases, [case for case in CASES if case.full is is_long], fixture)
+        for is_long in lengths
+    ]
 
 
 def skipped_extremes(full: bool) -> dict[str, str]:
@@ -353,14 +317,9 @@ def skipped_extremes(full: bool) -> dict[str, str]:
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
     """The results of all tasks in their order, run in `jobs` processes."""
     results = []
-    if jobs == 1:
-        for task in tasks:
-            results += task()
-            done(1)
-        return results
-    with worker_processes(jobs) as pool:
-        for task_results in pool.map(call, tasks):
-            results += task_results
+    with nullcontext() if jobs == 1 else worker_processes(jobs) as pool:
+        for rows in map(call, tasks) if pool is None else pool.map(call, tasks):
+            results += rows
             done(1)
     return results
 
@@ -372,12 +331,12 @@ def rows_on_stiffness(rows: list[CaseResult], rules: Iterable[Rule]) -> list[Cas
 
 def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
     """The K [N/m] that each rule bore in all scenes that were run."""
-    stiffness = {}
+    borne = {}
     for rule in ALL_RULES:
-        for row in rows_on_stiffness(rows, (rule,)):
-            if row.measured is not None:
-                stiffness[rule] = min(row.measured, stiffness.get(rule, row.measured))
-    return stiffness
+        measured = [row.measured for row in rows_on_stiffness(rows, (rule,))]
+        if any(value is not None for value in measured):
+            borne[rule] = min(value for value in measured if value is not None)
+    return borne
 
 
 def csv_number(value: float | None) -> str:

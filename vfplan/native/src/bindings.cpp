@@ -1,7 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of the native engine. No logic here.
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 
 #include "strokes.hpp"
@@ -17,6 +16,8 @@ void bind_bundle(nb::module_& m);
 void bind_picture(nb::module_& m);
 
 namespace {
+
+using vfplan::Parameters;
 
 using Numbers32 = nb::ndarray<const std::uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
@@ -46,7 +47,7 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
                 const Names&... names) {
     m.def(
         "tick_work",
-        [shape](const Args&... args, const vfplan::Parameters& p) {
+        [shape](const Args&... args, const Parameters& p) {
             const Shape made = shape(args...);
             nb::gil_scoped_release release;
             return vfplan::tick_time_bound(made, p);
@@ -54,7 +55,7 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
         names..., "parameters"_a);
     m.def(
         "proven_tick_work",
-        [shape](const Args&... args, const vfplan::Parameters& p) {
+        [shape](const Args&... args, const Parameters& p) {
             const Shape made = shape(args...);
             nb::gil_scoped_release release;
             return vfplan::proven_tick_time(made, p);
@@ -62,7 +63,7 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
         names..., "parameters"_a);
     engine.def(
         "__init__",
-        [shape](Engine* self, const Args&... args, const vfplan::Parameters& p) {
+        [shape](Engine* self, const Args&... args, const Parameters& p) {
             const Shape made = shape(args...);
             nb::gil_scoped_release release;
             new (self) Engine(made, p);
@@ -159,37 +160,89 @@ NB_MODULE(_core, m) {
         .value("brute", vfplan::Search::brute)
         .value("editable", vfplan::Search::editable);
 
-    nb::class_<vfplan::Parameters>(m, "Parameters", "Table I, SI")
-        .def(nb::init<>())
-        .def_rw("contact_radius", &vfplan::Parameters::contact_radius)
-        .def_rw("band", &vfplan::Parameters::band)
-        .def_rw("point_radius", &vfplan::Parameters::point_radius)
-        .def_rw("outer_radius", &vfplan::Parameters::outer_radius)
-        .def_rw("gain", &vfplan::Parameters::gain)
-        .def_rw("rule", &vfplan::Parameters::rule)
-        .def_rw("search", &vfplan::Parameters::search)
-        .def_rw("max_iterations", &vfplan::Parameters::max_iterations)
-        .def("set_stiffness", [](vfplan::Parameters& p, const Row& k) { p.stiffness = vec(k); })
-        .def("set_ignore_axis",
-             [](vfplan::Parameters& p, const Row& a) { p.ignore_axis = vec(a); });
+    const Parameters usual;
+    nb::class_<Parameters>(m, "Parameters", "Table I, SI")
+        .def(
+            "__init__",
+            [](Parameters* self, double contact_radius, double band, double point_radius,
+               double outer_radius, double gain, const std::optional<Row>& stiffness,
+               const std::optional<Row>& ignore_axis, const nb::str& rule, const nb::str& search,
+               int max_iterations) {
+                new (self) Parameters{contact_radius,
+                                      band,
+                                      point_radius,
+                                      outer_radius,
+                                      gain,
+                                      vec(stiffness).value_or(Parameters{}.stiffness),
+                                      vec(ignore_axis),
+                                      named<vfplan::Rule>(rule),
+                                      named<vfplan::Search>(search),
+                                      max_iterations};
+            },
+            nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
+            "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
+            "gain"_a = usual.gain, "stiffness"_a = nb::none(), "ignore_axis"_a = nb::none(),
+            "rule"_a = "robust", "search"_a = "auto", "max_iterations"_a = usual.max_iterations)
+        .def(
+            "__init__",
+            [](Parameters* self, const Parameters& other, const std::optional<double>& band,
+               const std::optional<nb::str>& search) {
+                new (self) Parameters(other);
+                self->band = band.value_or(other.band);
+                if (search) self->search = named<vfplan::Search>(*search);
+            },
+            "other"_a, nb::kw_only(), "band"_a = nb::none(), "search"_a = nb::none(),
+            "as others, but for the band or the search")
+        .def_ro("contact_radius", &Parameters::contact_radius, "r_c [m]")
+        .def_ro("band", &Parameters::band, "r2 - r_c = r_c - r1 [m]")
+        .def_ro("point_radius", &Parameters::point_radius, "r_v [m]")
+        .def_ro("outer_radius", &Parameters::outer_radius, "r3 [m]")
+        .def_ro("gain", &Parameters::gain, "xi of eq. (5)")
+        .def_ro("max_iterations", &Parameters::max_iterations, "of rule robust, a tick")
+        .def_prop_ro(
+            "rule", [](const Parameters& p) { return name_of(p.rule); },
+            nb::sig("def rule(self) -> str"))
+        .def_prop_ro(
+            "search", [](const Parameters& p) { return name_of(p.search); },
+            nb::sig("def search(self) -> str"))
+        .def_prop_ro(
+            "stiffness", [](const Parameters& p) { return fixed_row(p.stiffness); },
+            nb::sig("def stiffness(self) -> numpy.typing.NDArray"), "(3,) the diagonal of K [N/m]")
+        .def_prop_ro(
+            "ignore_axis",
+            [](const Parameters& p) {
+                return p.ignore_axis ? fixed_row(*p.ignore_axis) : nb::none();
+            },
+            nb::sig("def ignore_axis(self) -> numpy.typing.NDArray | None"),
+            "(3,) unit vector along which the fixture is infinite; None in space")
+        .def_prop_ro("r1", &Parameters::r1, "r_c - band [m]")
+        .def_prop_ro("r2", &Parameters::r2, "r_c + band [m]")
+        .def_prop_ro("R", &Parameters::R, "r_c + r_v, where the proxy rests on a point [m]");
 
     m.def(
         "check",
-        [](const vfplan::Parameters& p, const Rows& points) {
+        [](const Parameters& p, const Rows& points) {
             vfplan::check(p);
             vfplan::check_resolved(p, points.data(), points.shape(0));
         },
         "parameters"_a, "points"_a, "OutOfRange where an engine takes no such parameters");
     m.def(
         "band_for",
-        [](const Rows& points, const vfplan::Parameters& p) {
+        [](const Rows& points, const Parameters& p) {
             nb::gil_scoped_release release;
-            return vfplan::band_for(points.data(), points.shape(0), p);
+            const double* xyz = points.data();
+            const std::size_t n = points.shape(0);
+            if (p.rule != vfplan::Rule::exact) return vfplan::band_for(xyz, n, p);
+            if (!p.ignore_axis) return vfplan::mesh::MeshRule::band(p, {xyz, n, nullptr, 0});
+            vfplan::Stroke stroke;
+            stroke.vertices.assign(xyz, xyz + 3 * n);
+            return vfplan::curve::CurveRule::band(p, {stroke});
         },
-        "points"_a, "parameters"_a, "the band that a cloud asks for [m]");
+        "points"_a, "parameters"_a,
+        "the band that a cloud asks for; of rule exact, what roundings need [m]");
     m.def(
         "thinned",
-        [](const Rows& points, const vfplan::Parameters& p) {
+        [](const Rows& points, const Parameters& p) {
             using namespace vfplan;
             return p.ignore_axis
                        ? rows(thinned(
@@ -199,28 +252,28 @@ NB_MODULE(_core, m) {
         "points"_a, "parameters"_a, "what rule robust looks at, and what it lends of the band [m]");
     m.def(
         "tick_work",
-        [](const Rows& points, const vfplan::Parameters& p) {
+        [](const Rows& points, const Parameters& p) {
             nb::gil_scoped_release release;
             return vfplan::tick_time_bound(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
     m.def(
         "proven_tick_work",
-        [](const Rows& points, const vfplan::Parameters& p) {
+        [](const Rows& points, const Parameters& p) {
             nb::gil_scoped_release release;
             return vfplan::proven_tick_time(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick is proven to take at most [s]");
     m.def(
         "by_triangles",
-        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
+        [](const Rows& points, const Triples& triangles, const Parameters& p) {
             nb::gil_scoped_release release;
             return vfplan::by_triangles(surface(points, triangles), p);
         },
         "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
     m.def(
         "coarse_facets",
-        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
+        [](const Rows& points, const Triples& triangles, const Parameters& p) {
             nb::gil_scoped_release release;
             const vfplan::mesh::Surface s = surface(points, triangles);
             vfplan::mesh::check(s);
@@ -250,9 +303,6 @@ NB_MODULE(_core, m) {
     m.attr("largest_radius") = vfplan::largest_radius;
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
-    m.attr("roundings_a_band") = vfplan::roundings_a_band;
-    m.attr("curve_band") = vfplan::curve::CurveRule::roundings;
-    m.attr("mesh_band") = vfplan::mesh::MeshRule::roundings;
     m.attr("most_tick_work") = vfplan::max_tick_time;
 
     m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
@@ -262,7 +312,7 @@ NB_MODULE(_core, m) {
     engine
         .def(
             "__init__",
-            [](Engine* self, const Rows& points, const vfplan::Parameters& p, int width) {
+            [](Engine* self, const Rows& points, const Parameters& p, int width) {
                 nb::gil_scoped_release release;
                 new (self)
                     Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));

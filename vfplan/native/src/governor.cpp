@@ -3,12 +3,12 @@
 // The Python face of the governor. No logic here.
 #include "vfplan/governor.hpp"
 
-#include <nanobind/stl/optional.h>
-
 #include "numpy.hpp"
 
 namespace {
 
+using Joints = nb::ndarray<const double, nb::shape<vfplan::GovernorLimits::max_joints>,
+                           nb::c_contig, nb::device::cpu>;
 using Jacobian = nb::ndarray<const double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
 using Jacobians = nb::ndarray<const double, nb::shape<-1, 3, -1>, nb::c_contig, nb::device::cpu>;
 
@@ -46,18 +46,23 @@ void bind_governor(nb::module_& m) {
     using vfplan::Governor, vfplan::GovernorLimits;
     m.attr("most_joints") = GovernorLimits::max_joints;
     nb::class_<GovernorLimits>(m, "GovernorLimits", "what an arm takes, SI")
-        .def(nb::init<>())
-        .def_rw("force_step", &GovernorLimits::force_step)
-        .def_rw("force_max", &GovernorLimits::force_max)
-        .def_rw("stiffness", &GovernorLimits::stiffness)
-        .def_rw("mass", &GovernorLimits::mass)
-        .def_rw("period", &GovernorLimits::period)
+        .def(
+            "__init__",
+            [](GovernorLimits* self, double force_step, double force_max, double stiffness,
+               double mass, double period, const Joints& torque_step, const Joints& torque_max) {
+                new (self) GovernorLimits;
+                self->force_step = force_step;
+                self->force_max = force_max;
+                self->stiffness = stiffness;
+                self->mass = mass;
+                self->period = period;
+                std::copy_n(torque_step.data(), GovernorLimits::max_joints, self->torque_step);
+                std::copy_n(torque_max.data(), GovernorLimits::max_joints, self->torque_max);
+            },
+            nb::kw_only(), "force_step"_a, "force_max"_a, "stiffness"_a, "mass"_a, "period"_a,
+            "torque_step"_a, "torque_max"_a)
         .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step)
-        .def_prop_ro("least_reversing_step", &GovernorLimits::least_reversing_step)
-        .def("set_torque", [](GovernorLimits& limits, int joint, double step, double max) {
-            limits.torque_step[joint] = step;
-            limits.torque_max[joint] = max;
-        });
+        .def_prop_ro("least_reversing_step", &GovernorLimits::least_reversing_step);
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())
         .def("reset", &Governor::reset)

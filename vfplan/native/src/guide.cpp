@@ -35,17 +35,27 @@ void bind_guide(nb::module_& m) {
     nb::enum_<vfplan::Hold>(m, "Hold")
         .value("at_once", vfplan::Hold::at_once)
         .value("on_entry", vfplan::Hold::on_entry);
+    const GuideParameters usual;
     nb::class_<GuideParameters>(m, "GuideParameters", "How a guide holds the tip, SI")
-        .def(nb::init<>())
-        .def_rw("radius", &GuideParameters::radius)
-        .def_rw("stiffness", &GuideParameters::stiffness)
-        .def_rw("ends", &GuideParameters::ends)
-        .def_rw("hold", &GuideParameters::hold)
-        .def_rw("cut_bends", &GuideParameters::cut_bends)
-        .def_rw("lead_force", &GuideParameters::lead_force)
-        .def_rw("lead_speed", &GuideParameters::lead_speed)
-        .def_rw("period", &GuideParameters::period)
-        .def("set_ignore_axis", [](GuideParameters& p, const Row& a) { p.ignore_axis = vec(a); });
+        .def(
+            "__init__",
+            [](GuideParameters* self, double radius, double stiffness, const nb::str& ends,
+               const nb::str& hold, bool cut_bends, const std::optional<Row>& ignore_axis,
+               double lead_force, double lead_speed, double period) {
+                new (self) GuideParameters{radius,
+                                           stiffness,
+                                           named<vfplan::Ends>(ends),
+                                           named<vfplan::Hold>(hold),
+                                           cut_bends,
+                                           vec(ignore_axis),
+                                           lead_force,
+                                           lead_speed,
+                                           period};
+            },
+            nb::kw_only(), "radius"_a = usual.radius, "stiffness"_a = usual.stiffness,
+            "ends"_a = "stop", "hold"_a = "at_once", "cut_bends"_a = usual.cut_bends,
+            "ignore_axis"_a = nb::none(), "lead_force"_a = usual.lead_force,
+            "lead_speed"_a = usual.lead_speed, "period"_a = usual.period);
     nb::class_<Guide>(m, "Guide")
         .def(
             "__init__",

@@ -5,9 +5,11 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 
 #include <atomic>
 #include <cstring>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -28,6 +30,30 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
 }
 
 inline vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
+
+inline std::optional<vfplan::Vec3> vec(const std::optional<Row>& r) {
+    return r ? std::optional(vec(*r)) : std::nullopt;
+}
+
+// A position or direction (3,) that Python reads and cannot change.
+inline nb::object fixed_row(const vfplan::Vec3& x) {
+    auto row = array<double>(3, 1);
+    std::memcpy(row.data(), x.c, sizeof x.c);
+    nb::object out = nb::cast(row);
+    out.attr("flags").attr("writeable") = false;
+    return out;
+}
+
+// The member of a bound enumeration that has this name.
+template <class E>
+E named(const nb::str& name) {
+    return nb::cast<E>(nb::type<E>().attr(name));
+}
+
+template <class E>
+nb::object name_of(E member) {
+    return nb::cast(member).attr("name");
+}
 
 /// Holds what one thread serves; a call while another is under way is refused.
 class ExclusiveUse {
