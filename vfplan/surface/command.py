@@ -18,7 +18,7 @@ from vfplan.cli.options import (
     options_in_order,
     output_option,
     settings_from_options,
-)
+)  # fmt: skip
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -57,10 +57,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     settings = settings_from_options(SurfaceSettings, options)
     with announce_if_slow("meshing"):
         result = surface(
-            *sources,
-            structure=options["structure"],
-            colour=options["colour"],
-            settings=settings,
+            *sources, structure=options["structure"], colour=options["colour"], settings=settings
         )
     with outputs(output, picture_out) as (path, picture):
         write_fixture(result.fixture, path)
@@ -72,12 +69,10 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     if result.report["open_edges"]:
         verdict = f"meshed, with {result.report['open_edges']} open edges"
     return CommandResult(
-        result.report,
-        f"{surface_text(result.report)}\nwrote {output}",
-        findings=result.findings,
-        verdict=verdict,
+        result.report, f"{surface_text(result.report)}\nwrote {output}",
+        findings=result.findings, verdict=verdict,
         next_step=f"{register_command(output)} --model rigid",
-    )
+    )  # fmt: skip
 
 
 def surface_text(report: dict[str, Any]) -> str:
