@@ -125,7 +125,7 @@ def test_slicer_target_of_image_markers(write):
 
 
 def test_real_slicer_files(shared_data):
-    from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
+    from vfplan.markers.correspondences import parse_fcsv, parse_mrk_json
 
     folder = shared_data / "markers_slicer"
     l1 = parse_fcsv((folder / "L1.fcsv").read_bytes().decode(), "L1.fcsv")

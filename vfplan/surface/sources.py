@@ -309,7 +309,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
 
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
-    from vfplan.markers.slicer import lps_points, markups_of
+    from vfplan.markers.correspondences import lps_points, markups_of
     from vfplan.vectors.curve import FINE_M, VectorDrawing
 
     rings = []

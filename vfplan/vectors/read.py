@@ -20,7 +20,7 @@ from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.dataset import is_dicom
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole
 from vfplan.io.table import split_rows
-from vfplan.markers.slicer import fcsv_points, lps_points, markups_of
+from vfplan.markers.correspondences import fcsv_points, lps_points, markups_of
 from vfplan.vectors import imagej
 from vfplan.vectors.curve import (
     FINE_M,
