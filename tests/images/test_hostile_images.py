@@ -111,7 +111,7 @@ def test_a_page_of_many_is_read_alone(tmp_path):
 def test_what_is_written_is_what_the_header_says(suffix):
     image = np.zeros((7, 13, 3), np.uint8)
     data = cv2.imencode(suffix, image)[1].tobytes()
-    assert read_header(data, "a", max_pixels=1000).pages == 1
+    assert read_header(data, max_pixels=1000).pages == 1
 
 
 LARGE = """

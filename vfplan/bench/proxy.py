@@ -53,7 +53,7 @@ from vfplan.scenes.outline import Rectangles
 from vfplan.scenes.scenes import Sheet, Sphere, Walls
 from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
-from vfplan.vectors.read import FINE_M
+from vfplan.vectors.curve import FINE_M
 
 Triangles = NDArray[np.int32]
 FACE_CUTS = 25

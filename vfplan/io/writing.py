@@ -93,9 +93,8 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
     temporary = hidden_name(path, "tmp")
     try:
         if path.is_dir():
-            raise OutputError(
-                "is a directory. Name a file", where=str(path), code="output-is-folder"
-            )
+            text = "is a directory. Name a file"
+            raise OutputError(text, where=str(path), code="output-is-folder")
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=str(path), code="output-exists")
         with create(temporary, mode) as file, ExitStack() as cleanup:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, note
-from vfplan.io.table import Table, parse_number, parse_table, read_text, split_rows
+from vfplan.io.files import Table, parse_number, parse_table, read_text, split_rows
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20

@@ -262,7 +262,7 @@ def read_nrrd(path: Path) -> LabelVolume:
     require_size(size)
     voxels = data[end:]
     if compression := COMPRESSIONS[encoding]:
-        voxels = decompress(voxels, compression, where, size)
+        voxels = decompress(voxels, compression, size)
     if len(voxels) != size:
         raise InputError(
             f"holds {len(voxels)} bytes of voxels, and its header says {size}. Export it again.",
@@ -352,7 +352,7 @@ def read_nifti(path: Path) -> LabelVolume:
     with requires_extra("reading NIfTI needs nibabel", "surface", where):
         import nibabel
     if data.startswith(GZIP):
-        data = decompress(data, "gzip", where, max_nifti_bytes(first_decompressed(data)))
+        data = decompress(data, "gzip", max_nifti_bytes(first_decompressed(data)))
     kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     log = logging.getLogger("nibabel.global")
     level = log.level
