@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from vfplan.errors import CurveError
-from vfplan.geometry.arcs import find_corners, fit_arcs
+from vfplan.geometry.lines import find_corners, fit_arcs
 
 TOLERANCE = 1e-6
 

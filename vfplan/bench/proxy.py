@@ -353,7 +353,7 @@ def is_mesh(scene: Scene) -> bool:
 
 def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
-    from vfplan.geometry.arcs import fit_arcs
+    from vfplan.geometry.lines import fit_arcs
 
     vertices = []
     bulges = []

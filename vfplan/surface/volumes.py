@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
+from vfplan.geometry.lines import plane_normal
 from vfplan.io.files import (
     MAX_DECOMPRESSED_BYTES,
     MAX_SETTINGS_BYTES,
@@ -147,7 +148,7 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     across = volume.slice_axis
     steps = volume.T_lps_voxel[:3, :3]
     first, second = (axis for axis in range(3) if axis != across)
-    normal = np.cross(steps[:, first], steps[:, second])
+    normal = plane_normal(steps[:, (first, second)])
     layer, label = volume.places[chosen]
     slices = np.moveaxis(volume.layers[layer], across, 2)
     rings: list[Array] = []
