@@ -19,6 +19,15 @@ from vfplan.session.read import read_session
 from vfplan.vectors.read import read_vector_curve
 
 
+def failing(number):
+    """What a system call is on a disk that does not let it."""
+
+    def replacement(*args, **named):
+        raise OSError(number, os.strerror(number))
+
+    return replacement
+
+
 @pytest.fixture
 def calls(monkeypatch):
     """What is asked of the disk, in order: ("fsync", name), ("replace", name), ("link", name)."""
@@ -75,11 +84,8 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(links, monkeypatch, tmp_p
         fsync(descriptor)
         target.write_bytes(b"theirs")
 
-    def refused(*args, **given):
-        raise PermissionError(errno.EPERM, "Operation not permitted")
-
     monkeypatch.setattr(os, "fsync", late)
-    monkeypatch.setattr(os, "link", link if links else refused)
+    monkeypatch.setattr(os, "link", link if links else failing(errno.EPERM))
     with refuses(OutputError, "output-exists"):
         write_whole(target, [b"ours"], overwrite=False)
     assert target.read_bytes() == b"theirs"
@@ -87,10 +93,7 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(links, monkeypatch, tmp_p
 
 
 def test_without_hard_links_files_are_written_all_the_same(monkeypatch, tmp_path):
-    def refused(*args, **given):
-        raise PermissionError(errno.EPERM, "Operation not permitted")
-
-    monkeypatch.setattr(os, "link", refused)
+    monkeypatch.setattr(os, "link", failing(errno.EPERM))
     write_whole(tmp_path / "a", [b"1"], overwrite=False)
     move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=False)
     (tmp_path / "a").write_bytes(b"2")
@@ -126,24 +129,11 @@ def test_the_longest_name_a_file_may_have_can_be_written(tmp_path):
 def test_a_failed_fsync_leaves_the_old_files_and_nothing_else(monkeypatch, tmp_path):
     old = tmp_path / "a.h5"
     old.write_bytes(b"old")
-
-    def full(descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", failing(errno.ENOSPC))
     with refuses(OutputError, "output-not-written", errno=errno.ENOSPC), outputs(old) as (path,):
         path.write_bytes(b"new")
     assert old.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.h5"]
-
-
-def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
-    def refused(*args, **kwargs):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("vfplan.cli.outputs.create", refused)
-    with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
-        pass
 
 
 def test_a_name_too_long_is_an_output_error(tmp_path):
@@ -152,17 +142,12 @@ def test_a_name_too_long_is_an_output_error(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+CURVES = [(read_vector_curve, end, InputError) for end in (".csv", ".mrk.json", ".fcsv", ".roi")]
 READERS = [
-    (read_image, ".png", ImageError),
-    (read_vector_curve, ".csv", InputError),
-    (read_vector_curve, ".mrk.json", InputError),
-    (read_vector_curve, ".fcsv", InputError),
-    (read_vector_curve, ".roi", InputError),
-    (read_markers, ".csv", MarkerError),
-    (read_session, ".csv", SessionError),
-    (read_session, ".bag", SessionError),
+    *CURVES, (read_image, ".png", ImageError), (read_markers, ".csv", MarkerError),
+    (read_session, ".csv", SessionError), (read_session, ".bag", SessionError),
     (read_robot, ".toml", InputError),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("read", "suffix", "kind"), READERS)
@@ -213,13 +198,10 @@ def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
 
 def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypatch, tmp_path):
     """Not by the hidden name, whose removal fails as well."""
-
-    def read_only(path, *rest, **more):
-        raise OSError(errno.EROFS, "Read-only file system", str(path))
-
+    read_only = failing(errno.EROFS)
     monkeypatch.setattr("vfplan.cli.outputs.create", read_only)
     monkeypatch.setattr("pathlib.Path.unlink", read_only)
-    with pytest.raises(OutputError) as error, outputs(tmp_path / "a.h5"):
+    with pytest.raises(OutputError, match="Read-only") as error, outputs(tmp_path / "a.h5"):
         pass
     assert error.value.where == str(tmp_path / "a.h5")
 

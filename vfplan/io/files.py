@@ -17,6 +17,7 @@ import math
 import os
 import re
 import stat
+import weakref
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -144,22 +145,18 @@ class OpenedFile:
 
     def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:
         with opened_file(path, kind) as file:
-            self.descriptor = os.dup(file.fileno())
-        self._kind = kind
-        self._where = str(path)
+            self._descriptor = os.dup(file.fileno())
+        weakref.finalize(self, os.close, self._descriptor)
+        self._kind, self._where = kind, str(path)
         self._stamp = self._size_and_time()
-
-    def __del__(self) -> None:
-        if hasattr(self, "descriptor"):
-            os.close(self.descriptor)
 
     def fileno(self) -> int:
         """The descriptor, under the name that every Python file has for it."""
-        return self.descriptor
+        return self._descriptor
 
     def view(self) -> BinaryIO:
         """A stream over the whole file, with a position of its own."""
-        return stream_over(self.descriptor, self)
+        return stream_over(self._descriptor, self)
 
     def sha256(self) -> str:
         """SHA-256 of the file's bytes, hexadecimal."""
@@ -174,7 +171,7 @@ class OpenedFile:
             raise self._kind(text, where=self._where, code="file-changed")
 
     def _size_and_time(self) -> tuple[int, int]:
-        status = os.fstat(self.descriptor)
+        status = os.fstat(self._descriptor)
         return status.st_size, status.st_mtime_ns
 
 
@@ -308,17 +305,16 @@ def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = numpy_format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
-    size_bytes, read_header = (
-        (2, numpy_format.read_array_header_1_0) if version == (1, 0)
-        else (4, numpy_format.read_array_header_2_0)
-    )  # fmt: skip
-    size = stream.read(size_bytes)
+    is_first = version == (1, 0)
+    size = stream.read(2 if is_first else 4)
     length = int.from_bytes(size, "little")
     if length > MAX_HEADER_BYTES:
         raise ValueError(f"the header is longer than {MAX_HEADER_BYTES} bytes")
     header = io.BytesIO(size + stream.read(length))
     try:
-        return read_header(header)
+        if is_first:
+            return numpy_format.read_array_header_1_0(header)
+        return numpy_format.read_array_header_2_0(header)
     except Exception as error:  # NumPy parses the header as Python source.
         first_line = str(error)[:80].partition("\n")[0]
         raise ValueError(f"the header is none: {first_line}") from None
@@ -457,14 +453,14 @@ def require_length(
 
 
 def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
-    present = [separator for separator in SEPARATORS if separator in header_line]
+    present = [separator for separator in SEPARATORS if separator in header_line] or [","]
     if len(present) > 1:
         names = " and ".join(SEPARATORS[separator] for separator in present)
-        raise kind(
-            f"the header holds {names}: {header_line[:80]!r}. Separate the columns by one of them",
-            where=place, code="separator-ambiguous",
-        )  # fmt: skip
-    return present[0] if present else ","
+        text = (
+            f"the header holds {names}: {header_line[:80]!r}. Separate the columns by one of them"
+        )
+        raise kind(text, where=place, code="separator-ambiguous")
+    return present[0]
 
 
 def split_rows(
@@ -478,10 +474,9 @@ def split_rows(
     try:
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
-        raise kind(
-            f"is no CSV: {error}. Save the table again as CSV",
-            where=f"{where}, line {reader.line_num}", code="table-broken",
-        ) from None  # fmt: skip
+        text = f"is no CSV: {error}. Save the table again as CSV"
+        place = f"{where}, line {reader.line_num}"
+        raise kind(text, where=place, code="table-broken") from None
 
 
 def parse_number(value: object, what: str, where: str, kind: type[InputError]) -> float:
@@ -576,9 +571,8 @@ def open_number_table(
         kinds of separators, too many columns, a wanted column that is missing or there twice.
     """
     listed = ", ".join(wanted)
+    line, first = 0, b"\n"
     with open_stream() as stream:
-        first = stream.readline(MAX_LINE_BYTES + 1)
-        line = 1
         while first and not first.strip():
             first = stream.readline(MAX_LINE_BYTES + 1)
             line += 1
@@ -608,10 +602,8 @@ def open_number_table(
     for column in wanted:
         count = columns.count(column)
         if count == 0:
-            raise kind(
-                f"column {column!r} is missing from the header {header[:70]!r}. Give {listed}",
-                where=place, code="column-missing",
-            )  # fmt: skip
+            text = f"column {column!r} is missing from the header {header[:70]!r}. Give {listed}"
+            raise kind(text, where=place, code="column-missing")
         if count > 1:
             text = f"column {column!r} occurs {count} times. Leave one"
             raise kind(text, where=place, code="column-doubled")

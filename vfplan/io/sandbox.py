@@ -11,7 +11,6 @@ environment (`python -I`). It forks a child for each reading and ends with the p
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import json
 import logging
@@ -26,11 +25,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +35,9 @@ from numpy.typing import NDArray
 from vfplan import errors
 from vfplan.errors import InputError, OutputError, VfplanError, requires_extra
 from vfplan.io.files import OpenedFile, stream_over, to_json_types
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 MEMORY_BYTES = 768 << 20
 """Bytes that a reader may take beyond what it shares with the helper. The libraries that are
@@ -214,19 +214,14 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                arguments = list(request["args"])
-                if request["file"]:
-                    arguments.insert(0, stream_over(descriptors[1]))
+                files = [stream_over(descriptors[1])] if request["file"] else []
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))
                 _set_soft_limit(resource.RLIMIT_DATA, MEMORY_BYTES)
                 _extend_time(request["step_s"])
-                for result in function(*arguments):
-                    if isinstance(result, tuple):
-                        _send_arrays(pipe, result)
-                    else:
-                        _send(pipe, {"value": result})
+                for result in function(*files, *request["args"]):
+                    _send_result(pipe, result)
                     _extend_time(request["step_s"])
                 _send(pipe, {"end": True})
             except VfplanError as error:
@@ -252,10 +247,13 @@ def _set_soft_limit(limit: int, value: int) -> None:
     resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
 
 
-def _send_arrays(pipe: BinaryIO, arrays: tuple[np.ndarray, ...]) -> None:
-    types = [a.dtype.str if a.dtype.str in _ARRAY_TYPES else "<f8" for a in arrays]
-    shapes = [[dtype, array.shape] for dtype, array in zip(types, arrays, strict=True)]
-    contents = [np.ascontiguousarray(a, t).tobytes() for a, t in zip(arrays, types, strict=True)]
+def _send_result(pipe: BinaryIO, result: Any) -> None:
+    if not isinstance(result, tuple):
+        _send(pipe, {"value": result})
+        return
+    types = [a.dtype.str if a.dtype.str in _ARRAY_TYPES else "<f8" for a in result]
+    shapes = [[dtype, array.shape] for dtype, array in zip(types, result, strict=True)]
+    contents = [np.ascontiguousarray(a, t).tobytes() for a, t in zip(result, types, strict=True)]
     _send(pipe, {"arrays": shapes}, *contents)
 
 
@@ -279,6 +277,10 @@ def worker_processes(
     They import nothing from the current folder. An exception in the block, and thus a signal, ends
     them at once, whatever they do.
     """
+    # Here and not above, because whoever reads a file in the sandbox needs none of it.
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import active_children, get_context
+
     others = set(active_children())
     safe_path_before = os.environ.get(SAFE_PATH)
     # Python is started by -c, which would look for modules in the current folder.
@@ -306,6 +308,8 @@ def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
     # On Linux the system ends this process when the program ends, also by SIGKILL (prctl's
     # PR_SET_PDEATHSIG). Elsewhere a killed program leaves its workers waiting.
     if sys.platform == "linux":
+        import ctypes
+
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
     if initializer is not None:
         initializer(*args)

@@ -90,15 +90,13 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
 
     Keeps the promises of `write_whole`, and raises as it does.
     """
-    temporary = hidden_name(path, "tmp")
     try:
         if path.is_dir():
             text = "is a directory. Name a file"
             raise OutputError(text, where=str(path), code="output-is-folder")
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=str(path), code="output-exists")
-        with create(temporary, mode) as file, ExitStack() as cleanup:
-            cleanup.callback(remove_quietly, temporary)
+        with unfinished(path, mode) as (temporary, file):
             yield file
             file.flush()
             move_into_place([(temporary, path)], overwrite=overwrite)
@@ -106,20 +104,32 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
         raise not_written(path, error) from error
 
 
+@contextmanager
+def unfinished(path: Path, mode: int) -> Iterator[tuple[Path, BinaryIO]]:
+    """A new file under a hidden name beside `path`, which is removed at the end of the block."""
+    temporary = hidden_name(path, "tmp")
+    with create(temporary, mode) as file:
+        try:
+            yield temporary, file
+        finally:
+            remove_quietly(temporary)
+
+
 def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
     """Write several files, each (path, bytes, mode): all of them or none.
 
     Raises OutputError: as `move_into_place`
     """
-    moves = [(hidden_name(path, "tmp"), path) for path, _, _ in files]
-    with ExitStack() as cleanup:
-        for (temporary, path), (_, data, mode) in zip(moves, files, strict=True):
+    moves = []
+    with ExitStack() as stack:
+        for path, data, mode in files:
             try:
-                with create(temporary, mode) as file:
-                    cleanup.callback(remove_quietly, temporary)
-                    file.write(data)
+                temporary, file = stack.enter_context(unfinished(path, mode))
+                file.write(data)
+                file.flush()
             except OSError as error:
                 raise not_written(path, error) from error
+            moves.append((temporary, path))
         move_into_place(moves, overwrite=overwrite)
 
 

@@ -26,7 +26,7 @@ from vfplan.io.files import (
     decompress,
     first_decompressed,
     read_bytes,
-)
+)  # fmt: skip
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
