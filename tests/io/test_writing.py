@@ -171,14 +171,18 @@ def test_no_more_is_read_than_allowed(tmp_path):
         read_image(path)
 
 
+def old_and_new(folder):
+    """Files a and b in a folder, and what is to be moved onto them."""
+    for name in ("a", "b"):
+        (folder / name).write_text(f"old {name}")
+        (folder / f"new {name}").write_text(f"new {name}")
+    return [(folder / f"new {name}", folder / name) for name in ("a", "b")]
+
+
 def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
     """From the second rename on all fails: the first old file is where the message says."""
-    moves = []
-    for name in "ab":
-        (tmp_path / name).write_text(f"old {name}")
-        (tmp_path / f"new {name}").write_text("new")
-        moves.append((tmp_path / f"new {name}", tmp_path / name))
-    FailingDisk(monkeypatch, 5)  # two fsyncs, two names of old files and one rename work
+    moves = old_and_new(tmp_path)
+    failing_disk(monkeypatch, 5)  # two fsyncs, two names of old files and one rename work
     with refuses(OutputError, "not-put-back") as refusal:
         move_into_place(moves, overwrite=True)
     (kept,) = [path for path in tmp_path.iterdir() if str(path) in refusal.value.message]
@@ -206,39 +210,35 @@ def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypa
     assert error.value.where == str(tmp_path / "a.h5")
 
 
-class FailingDisk:
-    """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only."""
+def failing_disk(monkeypatch, nth):
+    """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only.
 
-    def __init__(self, monkeypatch, nth):
-        self.calls = 0
-        for name in ("replace", "link", "fsync"):
-            monkeypatch.setattr(os, name, self.failing(getattr(os, name), nth))
+    Returns a list that grows by an entry a call.
+    """
+    calls = []
+    for name in ("replace", "link", "fsync"):
+        real = getattr(os, name)
 
-    def failing(self, call, nth):
-        def replacement(*args, **named):
-            self.calls += 1
-            if self.calls > nth:
-                raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-            return call(*args, **named)
+        def call(*args, real=real, **named):
+            calls.append(args)
+            return (real if len(calls) <= nth else failing(errno.EROFS))(*args, **named)
 
-        return replacement
+        monkeypatch.setattr(os, name, call)
+    return calls
 
 
 @pytest.mark.parametrize("nth", range(9))
 def test_no_old_file_is_lost_where_everything_fails_from_some_call_on(nth, tmp_path):
     """It is under its name, or under the one that the message says."""
-    for name in ("a", "b"):
-        (tmp_path / name).write_text(f"old {name}")
-        (tmp_path / f"new {name}").write_text(f"new {name}")
-    moves = [(tmp_path / f"new {name}", tmp_path / name) for name in ("a", "b")]
+    moves = old_and_new(tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        disk = FailingDisk(patch, nth)
+        calls = failing_disk(patch, nth)
         try:
             move_into_place(moves, overwrite=True)
         except OutputError:
-            assert nth < disk.calls
+            assert nth < len(calls)
         else:
-            assert nth >= disk.calls
+            assert nth >= len(calls)
             return
     left = [path.read_text() for path in tmp_path.iterdir()]
     assert "old a" in left

@@ -273,12 +273,11 @@ def test_bad_slicer_files_are_refused_by_name(write, suffix, message, text):
 
 def test_two_files_for_one_side_and_one_file_for_two(write):
     image, robot, both = write("i.csv", IMAGE), write("r.csv", ROBOT), write("b.csv", BOTH)
-    with pytest.raises(MarkerError, match="both files hold image positions"):
-        read_markers(image, image)
-    with pytest.raises(MarkerError, match="holds only robot_base positions"):
-        read_markers(robot)
-    with pytest.raises(MarkerError, match="holds both sides already"):
-        read_markers(both, robot)
+    for files, words in (((image, image), "both files hold image positions"),
+                         ((robot,), "holds only robot_base positions"),
+                         ((both, robot), "holds both sides already")):  # fmt: skip
+        with pytest.raises(MarkerError, match=words):
+            read_markers(*files)
 
 
 def test_a_table_may_end_its_lines_with_cr_alone(write):
@@ -290,11 +289,10 @@ def test_a_table_may_end_its_lines_with_cr_alone(write):
 
 def test_unreadable_files(write, tmp_path):
     robot = write("r.csv", ROBOT)
-    for path, message in (
-        (tmp_path / "none.csv", "cannot be read"),
-        (tmp_path, "cannot be read|suffix"),
-        (write("a.csv", b"\xff\xfe\x00l\x00"), "not UTF-8 or UTF-16"),
-        (write("a.xlsx", IMAGE), "suffix '.xlsx'"),
-    ):
+    write("a.csv", b"\xff\xfe\x00l\x00")
+    write("a.xlsx", IMAGE)
+    said = {"none.csv": "cannot be read", ".": "cannot be read|suffix",
+            "a.csv": "not UTF-8 or UTF-16", "a.xlsx": "suffix '.xlsx'"}  # fmt: skip
+    for name, message in said.items():
         with pytest.raises(MarkerError, match=message):
-            read_markers(path, robot)
+            read_markers(tmp_path / name, robot)

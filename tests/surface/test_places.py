@@ -75,11 +75,8 @@ def test_outlines_of_a_leaning_gantry_give_the_bone_itself(tmp_path):
 
 
 def label_maps(tmp_path, grid, labels):
-    return [
-        bones.write_seg(tmp_path / "g.dcm", labels, grid),
-        bones.write_nrrd(tmp_path / "g.seg.nrrd", labels, grid),
-        bones.write_nifti(tmp_path / "g.nii.gz", labels, grid),
-    ]
+    writers = {"dcm": bones.write_seg, "seg.nrrd": bones.write_nrrd, "nii.gz": bones.write_nifti}
+    return [write(tmp_path / f"g.{end}", labels, grid) for end, write in writers.items()]
 
 
 def outline_places(made):

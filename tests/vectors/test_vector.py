@@ -57,10 +57,9 @@ LOOP = [(10, 40), (60, 40), (60, 10), (30, 10), (30, 70)]
     [
         (LOOP, r"itself first at \(30\.\d, 40\.0\) px, over \d px"),
         ([(10, 10), (60, 10), (10, 11)], "over 7. px"),
-        ([(10, 10), (60, 10), (60, 12), (10, 12)], None),
-        ([(10, 10), (60, 10), (20, 25)], None),
+        ([(10, 10), (60, 10), (60, 12), (10, 12)], None), ([(10, 10), (60, 10), (20, 25)], None),
     ],
-)
+)  # fmt: skip
 def test_a_curve_that_meets_itself_is_told_with_its_place(tmp_path, points, told):
     for given in (points, points[::-1]):
         warnings = read_vector_curve(polyline(tmp_path, given)).warnings

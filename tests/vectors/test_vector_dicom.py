@@ -90,14 +90,13 @@ def test_a_graphic_beside_the_curve_that_is_no_line_is_refused_by_name(tmp_path)
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ([graphic(units="DISPLAY")], "DISPLAY units"),
+        ([], "no drawing"), ([graphic(units="DISPLAY")], "DISPLAY units"),
         ([graphic(LINE[:2], "CIRCLE")], "CIRCLE of 2 points"),
-        ([], "no drawing"),
         ([graphic([(1.0, 1.0), (1.0, 1.0)])], "different points"),
         ([graphic([(1.0, np.nan), (1.0, 2.0)])], "not finite"),
         ([graphic([(1.0, 1.0), (1.0, 2.0)])] * 2, "none was chosen"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_curve_is_refused_by_name(tmp_path, given, words):
     with pytest.raises(CurveError, match=words):
         read_vector_curve(state(tmp_path, *given))
@@ -109,10 +108,10 @@ def test_a_state_is_taken_on_the_image_it_names_alone(tmp_path):
     stroke = made.extraction.strokes[0]
     assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 0.03
     assert made.warnings == ()
-    with pytest.raises(CurveError, match=r"other image\(s\), the first 9\.9"):
-        extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image="9.9"))
-    with pytest.raises(CurveError, match="on frame 2, not 1"):
-        extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), frames=[2]))
+    for given, words in (({"image": "9.9"}, r"other image\(s\), the first 9\.9"),
+                         ({"frames": [2]}, "on frame 2, not 1")):  # fmt: skip
+        with pytest.raises(CurveError, match=words):
+            extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), **given))
     made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image=None))
     assert made.warnings == ()
 
