@@ -284,7 +284,7 @@ BUSY = (
     + """
 import sys, time
 from vfplan.cli.run import CommandResult, command
-from vfplan.io.processes import worker_processes
+from vfplan.io.sandbox import worker_processes
 
 def main():
     @command("long")

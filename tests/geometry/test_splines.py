@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from vfplan.geometry import filters
-from vfplan.geometry.lines import smoothing_spline, solve_banded, spline_through
+from vfplan.geometry.lines import ring_of, smoothing_spline, solve_banded, spline_through
 
 MODES = {"symmetric": "reflect", "edge": "nearest", "wrap": "wrap"}
 COUNTS = [2, 3, 4, 5, 31, 32, 33, 64, 65, 700]
@@ -19,22 +19,15 @@ def walk(count, dimension=2):
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_spline_through_points_is_scipys(count):
-    points = walk(count, 3)
-    at = np.linspace(-1, count, 5 * count)
+@pytest.mark.parametrize("kind", ["not-a-knot", "periodic"])
+def test_spline_through_points_is_scipys(count, kind):
+    is_ring = kind == "periodic" and count > 2
+    points = ring_of(walk(count, 3), is_ring)
+    at = np.linspace(0 if is_ring else -1, count, 5 * count)
+    theirs = CubicSpline(np.arange(len(points)), points, bc_type=kind if is_ring else "not-a-knot")
     for derivative in (0, 1, 2):
-        expected = CubicSpline(np.arange(count), points)(at, derivative)
-        assert spline_through(points)(at, derivative) == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize("count", COUNTS[1:])
-def test_periodic_spline_is_scipys(count):
-    points = walk(count, 3)
-    points = np.vstack([points, points[:1]])
-    at = np.linspace(0, count, 5 * count)
-    for derivative in (0, 1, 2):
-        expected = CubicSpline(np.arange(count + 1), points, bc_type="periodic")(at, derivative)
-        assert spline_through(points, True)(at, derivative) == pytest.approx(expected, abs=1e-12)
+        ours = spline_through(points, is_ring)(at, derivative)
+        assert ours == pytest.approx(theirs(at, derivative), abs=1e-12)
 
 
 @pytest.mark.parametrize("count", COUNTS[3:])

@@ -9,7 +9,7 @@ import pytest
 
 CODE = """
 import os, time
-from vfplan.io.processes import worker_processes
+from vfplan.io.sandbox import worker_processes
 if __name__ == "__main__":
     with worker_processes(2) as pool:
         print(*{pool.submit(os.getpid).result() for _ in range(1)}, flush=True)

@@ -19,6 +19,15 @@ from vfplan.session.read import read_session
 from vfplan.vectors.read import read_vector_curve
 
 
+def failing(number):
+    """What a system call is on a disk that does not let it."""
+
+    def replacement(*args, **named):
+        raise OSError(number, os.strerror(number))
+
+    return replacement
+
+
 @pytest.fixture
 def calls(monkeypatch):
     """What is asked of the disk, in order: ("fsync", name), ("replace", name), ("link", name)."""
@@ -56,10 +65,13 @@ def test_outputs_are_on_the_disk_before_and_after_their_rename(calls, tmp_path):
 
 
 def test_a_replacement_is_one_rename(calls, tmp_path):
+    """Until it is on the disk, the old file has a second name."""
     (tmp_path / "a").write_bytes(b"old")
     write_whole(tmp_path / "a", [b"new"], overwrite=True)
-    assert calls[1:] == [("replace", "a"), ("fsync", tmp_path.name)]
+    assert [what for what, _ in calls] == ["fsync", "link", "replace", "fsync"]
+    assert calls[2:] == [("replace", "a"), ("fsync", tmp_path.name)]
     assert (tmp_path / "a").read_bytes() == b"new"
+    assert os.listdir(tmp_path) == ["a"]
 
 
 @pytest.mark.parametrize("links", [True, False], ids=["links", "no_links"])
@@ -72,11 +84,8 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(links, monkeypatch, tmp_p
         fsync(descriptor)
         target.write_bytes(b"theirs")
 
-    def refused(*args, **given):
-        raise PermissionError(errno.EPERM, "Operation not permitted")
-
     monkeypatch.setattr(os, "fsync", late)
-    monkeypatch.setattr(os, "link", link if links else refused)
+    monkeypatch.setattr(os, "link", link if links else failing(errno.EPERM))
     with refuses(OutputError, "output-exists"):
         write_whole(target, [b"ours"], overwrite=False)
     assert target.read_bytes() == b"theirs"
@@ -84,15 +93,12 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(links, monkeypatch, tmp_p
 
 
 def test_without_hard_links_files_are_written_all_the_same(monkeypatch, tmp_path):
-    def refused(*args, **given):
-        raise PermissionError(errno.EPERM, "Operation not permitted")
-
-    monkeypatch.setattr(os, "link", refused)
+    monkeypatch.setattr(os, "link", failing(errno.EPERM))
     write_whole(tmp_path / "a", [b"1"], overwrite=False)
-    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=False).commit()
+    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=False)
     (tmp_path / "a").write_bytes(b"2")
-    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=True).rollback()
-    assert (tmp_path / "b").read_bytes() == b"1"
+    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=True)
+    assert (tmp_path / "b").read_bytes() == b"2"
     assert os.listdir(tmp_path) == ["b"]
 
 
@@ -123,24 +129,11 @@ def test_the_longest_name_a_file_may_have_can_be_written(tmp_path):
 def test_a_failed_fsync_leaves_the_old_files_and_nothing_else(monkeypatch, tmp_path):
     old = tmp_path / "a.h5"
     old.write_bytes(b"old")
-
-    def full(descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", failing(errno.ENOSPC))
     with refuses(OutputError, "output-not-written", errno=errno.ENOSPC), outputs(old) as (path,):
         path.write_bytes(b"new")
     assert old.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.h5"]
-
-
-def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
-    def refused(*args, **kwargs):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("vfplan.cli.outputs.create", refused)
-    with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
-        pass
 
 
 def test_a_name_too_long_is_an_output_error(tmp_path):
@@ -149,17 +142,12 @@ def test_a_name_too_long_is_an_output_error(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+CURVES = [(read_vector_curve, end, InputError) for end in (".csv", ".mrk.json", ".fcsv", ".roi")]
 READERS = [
-    (read_image, ".png", ImageError),
-    (read_vector_curve, ".csv", InputError),
-    (read_vector_curve, ".mrk.json", InputError),
-    (read_vector_curve, ".fcsv", InputError),
-    (read_vector_curve, ".roi", InputError),
-    (read_markers, ".csv", MarkerError),
-    (read_session, ".csv", SessionError),
-    (read_session, ".bag", SessionError),
+    *CURVES, (read_image, ".png", ImageError), (read_markers, ".csv", MarkerError),
+    (read_session, ".csv", SessionError), (read_session, ".bag", SessionError),
     (read_robot, ".toml", InputError),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("read", "suffix", "kind"), READERS)
@@ -183,59 +171,23 @@ def test_no_more_is_read_than_allowed(tmp_path):
         read_image(path)
 
 
-@pytest.mark.parametrize("links", [True, False])
-def test_a_rename_that_keeps_failing_leaves_the_old_files_under_their_names(
-    monkeypatch, tmp_path, links
-):
-    """The first rename works, the second and all later ones do not, nor links where there are none.
-
-    Both old files stand under their names, whole, and nothing else is left.
-    """
-    olds = [tmp_path / "a", tmp_path / "b"]
-    moves = []
-    for k, old in enumerate(olds):
-        old.write_bytes(b"old %d" % k)
-        (tmp_path / f"new{k}").write_bytes(b"new")
-        moves.append((tmp_path / f"new{k}", old))
-    real, count = os.replace, []
-
-    def failing(source, target):
-        count.append(target)
-        if len(count) > 1:
-            raise OSError(errno.EIO, "Input/output error")
-        real(source, target)
-
-    def no_link(*names, **given):
-        raise OSError(errno.EPERM, "Operation not permitted")
-
-    monkeypatch.setattr(os, "replace", failing)
-    if not links:
-        monkeypatch.setattr(os, "link", no_link)
-    with pytest.raises(OutputError):
-        move_into_place(moves, overwrite=True)
-    assert len(count) >= 3, "putting the first one back was tried by a rename, too"
-    assert [old.read_bytes() for old in olds] == [b"old 0", b"old 1"]
-    assert sorted(os.listdir(tmp_path)) == ["a", "b", "new1"]
+def old_and_new(folder):
+    """Files a and b in a folder, and what is to be moved onto them."""
+    for name in ("a", "b"):
+        (folder / name).write_text(f"old {name}")
+        (folder / f"new {name}").write_text(f"new {name}")
+    return [(folder / f"new {name}", folder / name) for name in ("a", "b")]
 
 
 def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
-    old, new = tmp_path / "a", tmp_path / "new"
-    old.write_bytes(b"old")
-    new.write_bytes(b"new")
-    placed = move_into_place([(new, old)], overwrite=True)
-
-    def failing(*names, **given):
-        raise OSError(errno.EROFS, "Read-only file system")
-
-    for name in ("replace", "link"):
-        monkeypatch.setattr(os, name, failing)
-    monkeypatch.setattr("shutil.copy2", failing)
-    with pytest.raises(OutputError) as error:
-        placed.rollback()
-    assert error.value.code == "not-put-back"
-    (kept,) = [path for path in tmp_path.iterdir() if path.suffix == ".old"]
-    assert kept.read_bytes() == b"old"
-    assert str(kept) in error.value.message
+    """From the second rename on all fails: the first old file is where the message says."""
+    moves = old_and_new(tmp_path)
+    failing_disk(monkeypatch, 5)  # two fsyncs, two names of old files and one rename work
+    with refuses(OutputError, "not-put-back") as refusal:
+        move_into_place(moves, overwrite=True)
+    (kept,) = [path for path in tmp_path.iterdir() if str(path) in refusal.value.message]
+    assert kept.read_text() == "old a"
+    assert (tmp_path / "b").read_text() == "old b"
 
 
 def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
@@ -250,67 +202,44 @@ def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
 
 def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypatch, tmp_path):
     """Not by the hidden name, whose removal fails as well."""
-
-    def read_only(path, *rest, **more):
-        raise OSError(errno.EROFS, "Read-only file system", str(path))
-
+    read_only = failing(errno.EROFS)
     monkeypatch.setattr("vfplan.cli.outputs.create", read_only)
     monkeypatch.setattr("pathlib.Path.unlink", read_only)
-    with pytest.raises(OutputError) as error, outputs(tmp_path / "a.h5"):
+    with pytest.raises(OutputError, match="Read-only") as error, outputs(tmp_path / "a.h5"):
         pass
     assert error.value.where == str(tmp_path / "a.h5")
 
 
-class FailingDisk:
-    """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only."""
+def failing_disk(monkeypatch, nth):
+    """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only.
 
-    def __init__(self, monkeypatch, nth):
-        self.calls = 0
-        for name in ("replace", "link", "fsync"):
-            monkeypatch.setattr(os, name, self.failing(getattr(os, name), nth))
+    Returns a list that grows by an entry a call.
+    """
+    calls = []
+    for name in ("replace", "link", "fsync"):
+        real = getattr(os, name)
 
-    def failing(self, call, nth):
-        def replacement(*args, **named):
-            self.calls += 1
-            if self.calls > nth:
-                raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-            return call(*args, **named)
+        def call(*args, real=real, **named):
+            calls.append(args)
+            return (real if len(calls) <= nth else failing(errno.EROFS))(*args, **named)
 
-        return replacement
+        monkeypatch.setattr(os, name, call)
+    return calls
 
 
 @pytest.mark.parametrize("nth", range(9))
 def test_no_old_file_is_lost_where_everything_fails_from_some_call_on(nth, tmp_path):
-    """It is under its name, or under the one that the message says, also for the next writer."""
-    for name in ("a", "b"):
-        (tmp_path / name).write_text(f"old {name}")
-        (tmp_path / f"new {name}").write_text(f"new {name}")
-    moves = [(tmp_path / f"new {name}", tmp_path / name) for name in ("a", "b")]
+    """It is under its name, or under the one that the message says."""
+    moves = old_and_new(tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        disk = FailingDisk(patch, nth)
+        calls = failing_disk(patch, nth)
         try:
-            move_into_place(moves, overwrite=True).commit()
+            move_into_place(moves, overwrite=True)
         except OutputError:
-            assert nth < disk.calls
+            assert nth < len(calls)
         else:
-            assert nth >= disk.calls
+            assert nth >= len(calls)
             return
-    write_whole(tmp_path / "next", [b""], overwrite=False)
     left = [path.read_text() for path in tmp_path.iterdir()]
     assert "old a" in left
     assert "old b" in left
-
-
-def test_an_old_file_comes_back_where_renames_alone_keep_failing(monkeypatch, tmp_path):
-    (tmp_path / "a").write_text("old")
-    (tmp_path / "new").write_text("new")
-    placed = move_into_place([(tmp_path / "new", tmp_path / "a")], overwrite=True)
-    assert (tmp_path / "a").read_text() == "new"
-
-    def refused(*args):
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    monkeypatch.setattr(os, "replace", refused)
-    placed.rollback()
-    assert (tmp_path / "a").read_text() == "old"
-    assert os.listdir(tmp_path) == ["a"]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from slicer_files import SCHEMA
 
 EVEN = np.linspace(0, 2 * np.pi, 400, endpoint=False)
 
@@ -93,17 +94,24 @@ def identity(points):
     return points
 
 
-def write_rtstruct(path, rings, *, name="bone", place=identity, names=None, preamble=True, **more):
-    """An RTSTRUCT of rings (M, 2) with their z; `place` carries points into the patient."""
+def empty_dataset(kind, instance, modality):
+    """A data set of this SOP class, with nothing in it yet."""
     from pydicom.dataset import Dataset, FileMetaDataset
     from pydicom.uid import ExplicitVRLittleEndian
 
-    data = Dataset()
-    data.file_meta = FileMetaDataset()
-    data.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    data.file_meta.MediaStorageSOPClassUID = data.SOPClassUID = "1.2.840.10008.5.1.4.1.1.481.3"
-    data.file_meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = "1.2.826.99.7.1"
-    data.Modality = "RTSTRUCT"
+    data, meta = Dataset(), FileMetaDataset()
+    data.file_meta, data.Modality = meta, modality
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    meta.MediaStorageSOPClassUID = data.SOPClassUID = kind
+    meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = instance
+    return data
+
+
+def write_rtstruct(path, rings, *, name="bone", place=identity, names=None, preamble=True, **more):
+    """An RTSTRUCT of rings (M, 2) with their z; `place` carries points into the patient."""
+    from pydicom.dataset import Dataset
+
+    data = empty_dataset("1.2.840.10008.5.1.4.1.1.481.3", "1.2.826.99.7.1", "RTSTRUCT")
     for key, value in more.items():
         setattr(data, key, value)
     data.StructureSetROISequence, data.ROIContourSequence = [], []
@@ -177,15 +185,9 @@ def write_nifti(path, labels, grid):
 
 def write_seg(path, labels, grid, name="bone", kind="BINARY", **more):
     """A DICOM SEG with a frame a slice along k, packed by bits."""
-    from pydicom.dataset import Dataset, FileMetaDataset
-    from pydicom.uid import ExplicitVRLittleEndian
+    from pydicom.dataset import Dataset
 
-    data = Dataset()
-    data.file_meta = FileMetaDataset()
-    data.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    data.file_meta.MediaStorageSOPClassUID = data.SOPClassUID = "1.2.840.10008.5.1.4.1.1.66.4"
-    data.file_meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = "1.2.826.99.7.2"
-    data.Modality = "SEG"
+    data = empty_dataset("1.2.840.10008.5.1.4.1.1.66.4", "1.2.826.99.7.2", "SEG")
     data.SegmentationType = kind
     segment = Dataset()
     segment.SegmentNumber, segment.SegmentLabel = 1, name
@@ -239,7 +241,5 @@ def write_curves(path, rings, *, ras=False, every=8):
         }
         for corners, z in rings
     ]
-    schema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
-    schema += "Resources/Schema/markups-schema-v1.0.3.json#"
-    path.write_text(json.dumps({"@schema": schema, "markups": markups}))
+    path.write_text(json.dumps({"@schema": SCHEMA, "markups": markups}))
     return path

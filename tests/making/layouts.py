@@ -6,11 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 R = Rotation.from_rotvec([3.0, 0.2, 0.1]).as_matrix()
-
-
 MODELS = ("affine", "similarity", "rigid")
-
-
 PX = 0.6e-3
 
 
@@ -22,11 +18,8 @@ def grid(n=9, jitter=12.0, seed=3):
 
 def planar(source, noise=3e-4, seed=0):
     flat = np.column_stack([source * PX, np.zeros(len(source))])
-    return (
-        flat @ R.T
-        + [0.4, -0.1, 0.02]
-        + np.random.default_rng(seed).normal(0, noise, (len(source), 3))
-    )
+    error = np.random.default_rng(seed).normal(0, noise, (len(source), 3))
+    return flat @ R.T + [0.4, -0.1, 0.02] + error
 
 
 def solid(n=6, noise=3e-4, seed=5):

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
+from slicer_files import SCHEMA, mrk
 
-SCHEMA = (
-    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
-    "Schema/markups-schema-v1.0.3.json#"
-)
-
+__all__ = ["RING_MM", "SCHEMA", "polyline", "slicer"]
 
 T = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-
-
 RING_MM = np.column_stack([10 * np.cos(T), 10 * np.sin(T), np.full(24, 5.0)])
 
 
 def slicer(tmp_path, points_mm, kind="Curve", name="c.mrk.json", **more):
-    points = [
-        {"id": str(i), "label": f"C-{i}", "position": list(p), "positionStatus": "defined"}
-        for i, p in enumerate(np.asarray(points_mm).tolist())
-    ]
-    markup = {"type": kind, "coordinateSystem": "LPS", "controlPoints": points, **more}
+    points = [(f"C-{i}", p, "defined") for i, p in enumerate(np.asarray(points_mm).tolist())]
     path = tmp_path / name
-    path.write_text(json.dumps({"@schema": SCHEMA, "markups": [markup]}))
+    path.write_text(mrk(points, type=kind, **{"coordinateSystem": "LPS", **more}))
     return path
 
 

@@ -19,7 +19,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering, Review
-from vfplan.geometry.arcs import fit_arcs
+from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
 from vfplan.live.sources import decode
 from vfplan.scenes.scenes import Omega, Sheet

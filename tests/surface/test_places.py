@@ -75,22 +75,15 @@ def test_outlines_of_a_leaning_gantry_give_the_bone_itself(tmp_path):
 
 
 def label_maps(tmp_path, grid, labels):
-    return [
-        bones.write_seg(tmp_path / "g.dcm", labels, grid),
-        bones.write_nrrd(tmp_path / "g.seg.nrrd", labels, grid),
-        bones.write_nifti(tmp_path / "g.nii.gz", labels, grid),
-    ]
+    writers = {"dcm": bones.write_seg, "seg.nrrd": bones.write_nrrd, "nii.gz": bones.write_nifti}
+    return [write(tmp_path / f"g.{end}", labels, grid) for end, write in writers.items()]
 
 
 def outline_places(made):
     """(M, 3) corners of all outlines in the patient [mm]."""
     R = made.sliced.R_slice_patient
-    found = [
-        np.c_[ring, np.full(len(ring), outline.z)] @ R
-        for stack in made.sliced.stacks
-        for outline in stack.outlines
-        for ring in outline.rings
-    ]
+    outlines = [outline for stack in made.sliced.stacks for outline in stack.outlines]
+    found = [np.c_[ring, np.full(len(ring), o.z)] @ R for o in outlines for ring in o.rings]
     return 1e3 * np.concatenate(found)
 
 
@@ -127,9 +120,8 @@ def test_a_label_map_lies_where_its_file_says(series, tmp_path):
 def test_uneven_slices_keep_their_places(tmp_path):
     places = [z for z in BENT.places(2) if z % 6 or z % 4 == 0]
     uneven = [(ring, z) for ring, z in rings(2) if z in places]
-    made = surface(
-        struct(tmp_path, uneven), settings=SurfaceSettings(tolerance_m=4e-4, max_spacing_m=5e-3)
-    )
+    settings = SurfaceSettings(tolerance_m=4e-4, max_spacing_m=5e-3)
+    made = surface(struct(tmp_path, uneven), settings=settings)
     points = 1e3 * made.fixture.points
     inside = (points[:, 2] > places[0]) & (points[:, 2] < places[-1])
     assert np.abs(BENT.distance(points[inside])).max() < 0.05
@@ -137,23 +129,33 @@ def test_uneven_slices_keep_their_places(tmp_path):
     assert any("2 to 4 mm apart" in line for line in made.warnings)
 
 
-def test_a_missing_slice_is_refused_and_can_be_bridged(tmp_path):
+EIGHT = np.c_[10 * np.sin(bones.EVEN[::4]), 6 * np.sin(2 * bones.EVEN[::4])]
+REFUSED = {
+    "slices-missing": ([(r, z) for r, z in rings() if z != 2], None, {"gap_mm": 10, "usual_mm": 5}),
+    "slices-doubled": ([*rings(), (BENT.rings(0.0)[0], 2.03)], None,
+                       {"gap_mm": 0.03, "usual_mm": 5}),
+    "outline-doubled": ([*rings(), *(r for r in rings() if r[1] == 2)], "slice at z = 2.00 mm", {}),
+    "outline-crosses": ([(EIGHT, z) for z in (0.0, 2.0)], "slice at z = 0.00 mm",
+                        {"x_mm": 0, "y_mm": 0}),
+    "outlines-cross": ([(bones.ring((x, 0), (8, 8)), z) for z in (0.0, 2.0) for x in (0, 9)],
+                       "slice at z = 0.00 mm", {}),
+    "slices-too-few": (rings()[:1], None, {"slices": 1, "slices_min": 2}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("code", REFUSED)
+def test_outlines_that_make_no_surface_are_refused(code, tmp_path):
+    drawn, where, numbers = REFUSED[code]
+    with refuses(CurveError, code) as refused:
+        surface(struct(tmp_path, drawn), settings=COARSE)
+    assert refused.value.where == where
+    assert not numbers or refused.value.numbers == pytest.approx(numbers, abs=1e-6)
+
+
+def test_a_missing_slice_can_be_bridged(tmp_path):
     path = struct(tmp_path, [(ring, z) for ring, z in rings() if z != 2])
-    with refuses(CurveError, "slices-missing") as refused:
-        surface(path, settings=COARSE)
-    assert refused.value.numbers == pytest.approx({"gap_mm": 10, "usual_mm": 5})
     made = surface(path, settings=SurfaceSettings(tolerance_m=1e-3, max_spacing_m=10e-3))
     assert made.report["spacing_range_mm"] == pytest.approx([5, 10])
-
-
-def test_doubled_slices_are_refused(tmp_path):
-    extra = [(BENT.rings(0.0)[0], 2.03)]
-    with refuses(CurveError, "slices-doubled") as refused:
-        surface(struct(tmp_path, [*rings(), *extra]), settings=COARSE)
-    assert refused.value.numbers == pytest.approx({"gap_mm": 0.03, "usual_mm": 5})
-    with refuses(CurveError, "outline-doubled") as refused:
-        surface(struct(tmp_path, [*rings(), *(r for r in rings() if r[1] == 2)]), settings=COARSE)
-    assert refused.value.where == "slice at z = 2.00 mm"
 
 
 def test_doubled_frames_are_refused(tmp_path):
@@ -184,25 +186,22 @@ def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
     assert made.report["open_edges"] == 0
 
 
-def test_ends_are_capped_half_a_slice_beyond_or_left_open(tmp_path):
-    path = struct(tmp_path, rings())
-    capped = surface(path, settings=COARSE)
-    kept = surface(path, settings=SurfaceSettings(tolerance_m=1e-3, keep_open=True))
-    z = 1e3 * capped.fixture.points[:, 2]
-    assert [z.min(), z.max()] == pytest.approx([-38 - 2.5, 37 + 2.5])
-    assert capped.report["open_edges"] == 0
-    assert capped.report["ends"] == "capped"
-    z = 1e3 * kept.fixture.points[:, 2]
-    assert [z.min(), z.max()] == pytest.approx([-38, 37])
-    assert kept.report["open_edges"] > 50
-    assert kept.report["volume_mm3"] is None
-    assert kept.report["ends"] == "open"
+@pytest.mark.parametrize(("ends", "beyond"), [("capped", 2.5), ("open", 0)])
+def test_ends_are_capped_half_a_slice_beyond_or_left_open(ends, beyond, tmp_path):
+    settings = SurfaceSettings(tolerance_m=1e-3, keep_open=ends == "open")
+    made = surface(struct(tmp_path, rings()), settings=settings)
+    z = 1e3 * made.fixture.points[:, 2]
+    assert [z.min(), z.max()] == pytest.approx([-38 - beyond, 37 + beyond])
+    assert made.report["ends"] == ends
+    assert (made.report["open_edges"] > 50) == (ends == "open")
+    assert (made.report["open_edges"] == 0) == (ends == "capped")
+    assert (made.report["volume_mm3"] is None) == (ends == "open")
 
 
 def keyhole(width):
     """A ring of radius 15 with a hole of radius 5, joined by a channel of that width."""
     outer, inner = bones.ring((0, 0), (15, 15)), bones.ring((0, 0), (5, 5))[::-1]
-    outer, inner = np.roll(outer, 0, axis=0), np.roll(inner, 1, axis=0)
+    inner = np.roll(inner, 1, axis=0)
     up, down = [0, width / 2], [0, -width / 2]
     return np.vstack([outer[:1] + up, outer[1:], outer[:1] + down,
                       inner[:1] + down, inner[1:], inner[:1] + up])  # fmt: skip
@@ -217,21 +216,6 @@ def test_a_keyhole_is_a_hole(width, tmp_path):
     assert made.report["open_edges"] == 0
 
 
-def test_an_outline_that_crosses_itself_is_refused(tmp_path):
-    t = np.linspace(0, 2 * np.pi, 100, endpoint=False)
-    eight = np.c_[10 * np.sin(t), 6 * np.sin(2 * t)]
-    with refuses(CurveError, "outline-crosses") as refused:
-        surface(struct(tmp_path, [(eight, z) for z in (0.0, 2.0)]), settings=COARSE)
-    assert refused.value.where == "slice at z = 0.00 mm"
-    assert refused.value.numbers == pytest.approx({"x_mm": 0, "y_mm": 0}, abs=1e-6)
-
-
-def test_outlines_that_cross_each_other_are_refused(tmp_path):
-    two = [(bones.ring((x, 0), (8, 8)), z) for z in (0.0, 2.0) for x in (0, 9)]
-    with refuses(CurveError, "outlines-cross"):
-        surface(struct(tmp_path, two), settings=COARSE)
-
-
 def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
     one = [(bones.ring((0, 0), (20, 9)), z) for z in (0.0, 2.0, 4.0)]
     two = [(bones.ring((x, 0), (8, 8)), z) for z in (6.0, 8.0, 10.0) for x in (-10, 10)]
@@ -241,11 +225,6 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
     assert "slice at z = 4.00 mm to 6.00 mm: a part forks" in told
     assert "slice at z = 10.00 mm to 12.00 mm: a part begins or ends" in told
     assert made.report["open_edges"] == 0
-
-
-def test_one_slice_is_no_surface(tmp_path):
-    with refuses(CurveError, "slices-too-few", slices=1):
-        surface(struct(tmp_path, rings()[:1]), settings=COARSE)
 
 
 def test_a_place_of_no_patient_is_refused(tmp_path):

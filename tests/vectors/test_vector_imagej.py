@@ -80,11 +80,8 @@ def test_what_a_line_of_an_older_format_counts_from_is_warned_of_or_asked_for(tm
 
 
 def test_an_origin_where_the_file_tells_it_is_refused(tmp_path):
-    for path in (
-        selection(tmp_path, "POLYGON", SQUARE),
-        selection(tmp_path, "POLYLINE", LINE, name="l.roi"),
-        polyline(tmp_path, SQUARE),
-    ):
+    lines = selection(tmp_path, "POLYLINE", LINE, name="l.roi")
+    for path in (selection(tmp_path, "POLYGON", SQUARE), lines, polyline(tmp_path, SQUARE)):
         with pytest.raises(SettingError, match="has no effect"):
             read_vector_curve(path, "corner")
     with pytest.raises(SettingError, match="without a vector curve"):
@@ -109,9 +106,8 @@ def test_other_selections_are_refused_by_name(tmp_path, given, told):
 
 
 def test_a_composite_is_refused(tmp_path):
-    data = bytearray(by_hand(SQUARE, kind=1))
-    data[36:40] = struct.pack(">i", 2)
-    (tmp_path / "c.roi").write_bytes(data)
+    data = by_hand(SQUARE, kind=1)
+    (tmp_path / "c.roi").write_bytes(data[:36] + struct.pack(">i", 2) + data[40:])
     with pytest.raises(CurveError, match="composite"):
         read_vector_curve(tmp_path / "c.roi")
 
@@ -119,14 +115,12 @@ def test_a_composite_is_refused(tmp_path):
 def test_damaged_selections_are_refused_and_take_no_memory(tmp_path):
     whole = selection(tmp_path, "POLYLINE", LINE).read_bytes()
     path = tmp_path / "d.roi"
-    many = bytearray(by_hand(LINE_PX, count=0))
-    many[18:22] = struct.pack(">i", 2**31 - 1)
-    minus = bytearray(many)
-    minus[18:22] = struct.pack(">i", -5)
+    none = by_hand(LINE_PX, count=0)
+    many, minus = (none[:18] + struct.pack(">i", n) + none[22:] for n in (2**31 - 1, -5))
     nan = whole.replace(struct.pack(">f", 10.25), struct.pack(">f", np.nan))
     assert nan != whole
     cut = [whole[:n] for n in (0, 3, 10, 63, 64, 70, 90)]
-    for data in (*cut, b"Iout" * 30, by_hand(LINE_PX, count=60000), bytes(many), bytes(minus), nan):
+    for data in (*cut, b"Iout" * 30, by_hand(LINE_PX, count=60000), many, minus, nan):
         path.write_bytes(data)
         with pytest.raises(CurveError):
             read_vector_curve(path)
@@ -142,9 +136,8 @@ def test_a_selection_of_tens_of_thousands_of_points(tmp_path):
 
 
 def test_a_selection_beside_its_image_is_the_curve(tmp_path):
-    made = extract(
-        capture(tmp_path), ExtractSettings(), curve=selection(tmp_path, "POLYGON", SQUARE)
-    )
+    curve = selection(tmp_path, "POLYGON", SQUARE)
+    made = extract(capture(tmp_path), ExtractSettings(), curve=curve)
     assert made.report["strokes"][0]["closed"]
     assert made.report["strokes"][0]["length_px"] == pytest.approx(160)
     assert made.fixture.points.min(0).tolist() == [9.5, 9.5, 0]

@@ -50,7 +50,7 @@ from vfplan.scenes.outline import Run, in_space, polyline
 from vfplan.scenes.scenes import Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
-from vfplan.vectors.read import FINE_M
+from vfplan.vectors.curve import FINE_M
 
 Triangles = NDArray[np.int32]
 FACE_CUTS = 25
@@ -297,7 +297,7 @@ def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
 
 def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
-    from vfplan.geometry.arcs import fit_arcs
+    from vfplan.geometry.lines import fit_arcs
 
     fits = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
     counts = [len(fit.bulges) for fit in fits]

@@ -16,8 +16,14 @@ from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.io.files import MAX_TEXT_BYTES, naming_place, npy_header, read_bytes
-from vfplan.io.table import NumberTable, open_number_table
+from vfplan.io.files import (
+    MAX_TEXT_BYTES,
+    NumberTable,
+    naming_place,
+    npy_header,
+    open_number_table,
+    read_bytes,
+)
 
 METRES = {"m": 1.0}
 """Unit of a file's numbers -> metres."""

@@ -25,7 +25,7 @@ from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
 from vfplan.errors import InputError, OutputError, SettingError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
-from vfplan.io.processes import worker_processes as processes
+from vfplan.io.sandbox import worker_processes as processes
 from vfplan.io.writing import write_whole
 from vfplan.session.session import Session
 

@@ -1,7 +1,5 @@
 """Plane and space geometry that several packages need."""
 
-from __future__ import annotations
-
 ROWS_AT_ONCE = 10_000
 """Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
 changes no result."""

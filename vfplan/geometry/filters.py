@@ -26,9 +26,7 @@ def gaussian(values: Array, sigma: float, mode: str = "symmetric") -> Array:
     count = len(values)
     smooth = weight[reach] * values
     for k in range(reach):
-        before = padded[k : k + count]
-        after = padded[2 * reach - k :][:count]
-        smooth = smooth + weight[k] * (before + after)
+        smooth = smooth + weight[k] * (padded[k : k + count] + padded[2 * reach - k :][:count])
     return smooth
 
 

@@ -1,3 +1,1 @@
 """Planned slices from PNG, JPEG, TIFF, BMP and DICOM files, each read as a `PlannedImage`."""
-
-from __future__ import annotations

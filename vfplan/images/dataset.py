@@ -49,20 +49,15 @@ def begins_like_dicom(data: bytes) -> bool:
     element = int.from_bytes(data[2:4], "little")
     if group not in (b"\x02\x00", b"\x08\x00") or element > LAST_FIRST_ELEMENT:
         return False
-    if data[4:6].isalpha() and data[4:6].isupper():
-        return True
-    return int.from_bytes(data[4:8], "little") < len(data)
+    has_type = data[4:6].isalpha() and data[4:6].isupper()
+    return has_type or int.from_bytes(data[4:8], "little") < len(data)
 
 
 @contextmanager
 def open_dataset(
-    file: BinaryIO,
-    where: str,
-    kind: type[InputError],
-    *,
-    extra: str = "dicom",
+    file: BinaryIO, where: str, kind: type[InputError], *, extra: str = "dicom",
     needs_preamble: bool = True,
-) -> Iterator[Any]:
+) -> Iterator[Any]:  # fmt: skip
     """Yield a DICOM file's data set.
 
     pydicom parses many values when they are first used. What it raises inside the block is
@@ -93,18 +88,11 @@ def open_dataset(
             yield pydicom.dcmread(file, force=not needs_preamble)
     except (VfplanError, MemoryError):
         raise
-    except AttributeError as error:
-        raise kind(
-            f"the DICOM file has no {error.name or 'such attribute'}. Export it again.",
-            where=where,
-            code="dicom-unreadable",
-        ) from None
     except Exception as error:  # A file from outside: pydicom raises all kinds.
-        raise kind(
-            f"the DICOM file cannot be read ({type(error).__name__}). Export it again.",
-            where=where,
-            code="dicom-unreadable",
-        ) from None
+        text = f"the DICOM file cannot be read ({type(error).__name__}). Export it again."
+        if isinstance(error, AttributeError):
+            text = f"the DICOM file has no {error.name or 'such attribute'}. Export it again."
+        raise kind(text, where=where, code="dicom-unreadable") from None
 
 
 @contextmanager
@@ -129,26 +117,22 @@ def refuse_costly(data: bytes, where: str) -> None:
     if DEFLATED in data[:4096]:
         raise InputError(
             "is deflated as a whole. Export it without compression.",
-            where=where,
-            code="dicom-costly",
-        )
+            where=where, code="dicom-costly",
+        )  # fmt: skip
     parsed_bytes = pixels_begin(data)
     if parsed_bytes > MAX_PARSED_BYTES:
         raise InputError(
             f"holds {parsed_bytes} bytes beside pixels; at most {MAX_PARSED_BYTES} are read. "
             "Export fewer structures.",
-            where=where,
-            code="dicom-costly",
+            where=where, code="dicom-costly",
             numbers={"bytes": parsed_bytes, "bytes_max": MAX_PARSED_BYTES},
-        )
+        )  # fmt: skip
     items = data.count(ITEM, 0, parsed_bytes)
     if items > MAX_ITEMS:
         raise InputError(
             f"has {items} items; at most {MAX_ITEMS} are read. Export fewer structures.",
-            where=where,
-            code="dicom-costly",
-            numbers={"items": items, "items_max": MAX_ITEMS},
-        )
+            where=where, code="dicom-costly", numbers={"items": items, "items_max": MAX_ITEMS},
+        )  # fmt: skip
 
 
 def pixels_begin(data: bytes) -> int:

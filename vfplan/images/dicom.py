@@ -68,24 +68,18 @@ def read_dicom(
     """
     with memory_file(data) as file:
         parts = run_in_sandbox(
-            "vfplan.images.dicom:decode",
-            where,
-            frame,
-            imager_spacing,
-            max_pixels,
-            file=file,
-            where=where,
-            kind=ImageError,
-        )
-        head = next(parts)
-        rgb = np.empty(head["shape"], head["dtype"])
+            "vfplan.images.dicom:decode", where, frame, imager_spacing, max_pixels,
+            file=file, where=where, kind=ImageError,
+        )  # fmt: skip
+        shape, dtype, spacing_mm, place, instance = next(parts)
+        rgb = np.empty(shape, dtype)
         row = 0
         for (rows,) in parts:
             rgb[row : row + len(rows)] = rows
             row += len(rows)
-    pixel_spacing_mm = tuple(head["spacing_mm"]) if head["spacing_mm"] is not None else None
-    T_patient_image = np.array(head["place"]) if head["place"] is not None else None
-    return rgb, pixel_spacing_mm, T_patient_image, head["instance"]
+    pixel_spacing_mm = None if spacing_mm is None else tuple(spacing_mm)
+    T_patient_image = None if place is None else np.array(place)
+    return rgb, pixel_spacing_mm, T_patient_image, instance
 
 
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
@@ -99,7 +93,7 @@ def prepare() -> None:
 
 def decode(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
-) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+) -> Iterator[list[Any] | tuple[NDArray]]:
     """What `read_dicom` returns: a head with all but the pixels, then rows of pixels."""
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
@@ -107,31 +101,23 @@ def decode(
         if not any(name in dataset for name in PIXEL_ELEMENTS):
             modality = dataset.get("Modality") or "no image"
             raise ImageError(
-                f"the DICOM file holds no pixels ({modality}). Export the slice itself.",
-                where=where,
+                f"the DICOM file holds no pixels ({modality}). Export the slice itself."
             )
         frames = int(dataset.get("NumberOfFrames") or 1)
-        rgb = read_pixels(dataset, where, chosen_index("frame", frame, frames, where), max_pixels)
-        patient_spacing_mm = read_spacing(dataset, "PixelSpacing", where)
+        rgb = read_pixels(dataset, chosen_index("frame", frame, frames), max_pixels)
+        patient_spacing_mm = read_spacing(dataset, "PixelSpacing")
         spacing_mm = patient_spacing_mm
         if spacing_mm is None and imager_spacing:
-            spacing_mm = read_spacing(dataset, "ImagerPixelSpacing", where)
+            spacing_mm = read_spacing(dataset, "ImagerPixelSpacing")
         place = place_in_patient(dataset, patient_spacing_mm)
-        if place is not None:
-            place = place.tolist()
-    yield {
-        "shape": rgb.shape,
-        "dtype": rgb.dtype.str,
-        "spacing_mm": spacing_mm,
-        "place": place,
-        "instance": str(dataset.get("SOPInstanceUID", "")),
-    }
+    place = None if place is None else place.tolist()
+    yield [rgb.shape, rgb.dtype.str, spacing_mm, place, str(dataset.get("SOPInstanceUID", ""))]
     rows = max(1, PART_BYTES // rgb[0].nbytes)
     for first in range(0, len(rgb), rows):
         yield (rgb[first : first + rows],)
 
 
-def read_pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
+def read_pixels(dataset: Any, index: int, max_pixels: int) -> NDArray:
     """(H, W, 3) uint8 or uint16 pixels of one frame, which fill the range of their type."""
     from pydicom.pixels import apply_color_lut, pixel_array
 
@@ -139,35 +125,30 @@ def read_pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArra
     is_grey = kind in GREY_KINDS
     if not is_grey and kind not in COLOUR_KINDS and not kind.startswith("YBR"):
         raise ImageError(
-            f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB.",
-            where=where,
+            f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB."
         )
-    width = int(dataset.Columns)
-    height = int(dataset.Rows)
-    check_size(width, height, where, max_pixels)
+    width, height = int(dataset.Columns), int(dataset.Rows)
+    check_size(width, height, max_pixels)
     raise_limits(BYTES_PER_PIXEL * width * height, width * height // PIXELS_PER_SECOND)
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and not is_grey:
-        raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.", where=where)
+        raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.")
     try:
         pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
     except RuntimeError:
         compression = str(dataset.file_meta.TransferSyntaxUID.name)[:64]
         raise ImageError(
-            f"its pixels cannot be unpacked ({compression}). Export it without compression.",
-            where=where,
+            f"its pixels cannot be unpacked ({compression}). Export it without compression."
         ) from None
     if is_grey:
         return windowed_grey(dataset, pixels, kind == "MONOCHROME1")
+    stored_bits = int(dataset.get("BitsStored") or bits)
     if kind == "PALETTE COLOR":
         pixels = apply_color_lut(pixels, dataset)
         stored_bits = 8 * pixels.itemsize
-    else:
-        stored_bits = int(dataset.get("BitsStored") or bits)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "u":
         raise ImageError(
-            f"its pixels are {pixels.shape} of {pixels.dtype}. Export the slice as RGB.",
-            where=where,
+            f"its pixels are {pixels.shape} of {pixels.dtype}. Export the slice as RGB."
         )
     unused_bits = 8 * pixels.itemsize - stored_bits
     if unused_bits:
@@ -187,12 +168,8 @@ def windowed_grey(
     values = apply_modality_lut(stored, dataset).astype(np.float64)
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
         values = apply_windowing(values, dataset)
-    low = float(values.min())
-    high = float(values.max())
-    span = high - low
-    if span == 0:
-        span = 1.0
-    shown = (values - low) / span
+    low, high = float(values.min()), float(values.max())
+    shown = (values - low) / (high - low or 1.0)
     if inverted:
         shown = 1 - shown
     depth = np.uint16 if stored.dtype.itemsize > 1 else np.uint8
@@ -200,7 +177,7 @@ def windowed_grey(
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def read_spacing(dataset: Any, name: str, where: str) -> tuple[float, float] | None:
+def read_spacing(dataset: Any, name: str) -> tuple[float, float] | None:
     """(along u, along v) [mm]; DICOM writes the distance between *rows* first (PS3.3 10.7.1.3)."""
     value = dataset.get(name)
     if not value:
@@ -212,7 +189,7 @@ def read_spacing(dataset: Any, name: str, where: str) -> tuple[float, float] | N
         value = [value]
     numbers = [float(number) for number in value]
     if len(numbers) != 2 or not all(0 < number < float("inf") for number in numbers):
-        raise ImageError(f"{name} is {numbers}. Give two numbers above 0.", where=where)
+        raise ImageError(f"{name} is {numbers}. Give two numbers above 0.")
     return numbers[1], numbers[0]
 
 
@@ -233,4 +210,4 @@ def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> ND
     T_patient_image[:3, :2] = steps
     T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
-    return None if not np.isfinite(T_patient_image).all() else T_patient_image
+    return T_patient_image if np.isfinite(T_patient_image).all() else None

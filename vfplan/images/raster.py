@@ -1,6 +1,4 @@
-"""The pixels of a PNG, JPEG, TIFF or BMP, decoded by OpenCV.
-
-What an image file says of itself: its kind, its size and its pages.
+"""The pixels of a PNG, JPEG, TIFF or BMP, decoded by OpenCV, and what its header says.
 
 A header is read before any decoder may allocate memory for the picture, and no decoder is asked for
 another kind of file: PNG (ISO/IEC 15948), JPEG (ITU-T T.81), TIFF 6.0 and BigTIFF, BMP.
@@ -13,7 +11,6 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -42,15 +39,9 @@ WHOLE_NUMBERS = {3: "H", 4: "I"}
 DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
 
 
-class Tag(IntEnum):
-    """The tags of TIFF 6.0 and EXIF that are read."""
-
-    # The number of columns.
-    WIDTH = 0x0100
-    # The number of rows.
-    HEIGHT = 0x0101
-    # How the picture is turned, 1 to 8.
-    ORIENTATION = 0x0112
+WIDTH, HEIGHT, ORIENTATION = 0x0100, 0x0101, 0x0112
+"""The tags of TIFF 6.0 and EXIF that are read: numbers of columns and rows, and how the picture is
+turned, 1 to 8."""
 
 
 @dataclass(frozen=True)
@@ -74,39 +65,34 @@ def is_picture(data: bytes) -> bool:
     return data.startswith((PNG_START, JPEG_START, BMP_START, *TIFF_BYTE_ORDERS))
 
 
-def read_header(data: bytes, where: str, max_pixels: int) -> Header:
+def read_header(data: bytes, max_pixels: int) -> Header:
     """The header of an image of at most `max_pixels`.
 
     Raises `ImageError` for another kind of file, a damaged one, or a larger one.
     """
     try:
         if data.startswith(PNG_START):
-            return png_header(data, where, max_pixels)
+            return png_header(data, max_pixels)
         if data.startswith(JPEG_START):
-            return jpeg_header(data, where, max_pixels)
+            return jpeg_header(data, max_pixels)
         if data.startswith(BMP_START):
-            return bmp_header(data, where, max_pixels)
+            return bmp_header(data, max_pixels)
         if data[:4] in TIFF_BYTE_ORDERS:
-            return tiff_header(data, where, max_pixels)
+            return tiff_header(data, max_pixels)
     except (struct.error, IndexError):
-        raise ImageError(DAMAGED_HEADER, where=where) from None
-    raise ImageError(
-        "is no PNG, JPEG, TIFF, BMP or DICOM. Export the slice as one of these.", where=where
-    )
+        raise ImageError(DAMAGED_HEADER) from None
+    raise ImageError("is no PNG, JPEG, TIFF, BMP or DICOM. Export the slice as one of these.")
 
 
-def png_header(data: bytes, where: str, max_pixels: int) -> Header:
+def png_header(data: bytes, max_pixels: int) -> Header:
     """The header of a PNG."""
     # Decoders fill what is missing with grey and do not tell.
     if b"IEND" not in data[-64:]:
-        raise ImageError(
-            "the PNG is cut short: it has no IEND chunk. Copy the file again.", where=where
-        )
+        raise ImageError("the PNG is cut short: it has no IEND chunk. Copy the file again.")
     width, height = struct.unpack_from(">II", data, 16)
-    check_size(width, height, where, max_pixels)
+    check_size(width, height, max_pixels)
     is_opaque = data[25] in OPAQUE_PNG_TYPES
-    frames = 1
-    orientation = 1
+    frames = orientation = 1
     position = len(PNG_START)
     while position + 8 <= len(data):
         size, kind = struct.unpack_from(">I4s", data, position)
@@ -119,24 +105,22 @@ def png_header(data: bytes, where: str, max_pixels: int) -> Header:
             exif = data[content : content + size]
             if exif[:4] in TIFF_BYTE_ORDERS:
                 tags = next(tiff_directories(exif), {})
-                orientation = tags.get(Tag.ORIENTATION, 1)
+                orientation = tags.get(ORIENTATION, 1)
         # A checksum of four bytes follows the content.
         position = content + size + 4
     if frames > 1:
-        raise ImageError(f"is an animation of {frames} frames. Export one picture.", where=where)
+        raise ImageError(f"is an animation of {frames} frames. Export one picture.")
     return Header("PNG", is_opaque=is_opaque, orientation=orientation)
 
 
-def jpeg_header(data: bytes, where: str, max_pixels: int) -> Header:
+def jpeg_header(data: bytes, max_pixels: int) -> Header:
     """The header of a JPEG."""
     if b"\xff\xd9" not in data[-4096:]:
-        raise ImageError(
-            "the JPEG is cut short: it has no end marker. Copy the file again.", where=where
-        )
+        raise ImageError("the JPEG is cut short: it has no end marker. Copy the file again.")
     position = 2
     while True:
         if data[position] != 0xFF:
-            raise ImageError(DAMAGED_HEADER, where=where)
+            raise ImageError(DAMAGED_HEADER)
         marker = data[position + 1]
         if marker == 0xFF:
             # A marker may be preceded by any number of bytes 0xFF.
@@ -144,42 +128,38 @@ def jpeg_header(data: bytes, where: str, max_pixels: int) -> Header:
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # The start of a frame, which holds the picture's size.
             height, width = struct.unpack_from(">HH", data, position + 5)
-            check_size(width, height, where, max_pixels)
+            check_size(width, height, max_pixels)
             break
         else:
             position += 2 + struct.unpack_from(">H", data, position + 2)[0]
     scans = data.count(b"\xff\xda")
     if scans > MAX_JPEG_SCANS:
         raise ImageError(
-            f"has {scans} scans, and at most {MAX_JPEG_SCANS} are read. Export the slice again.",
-            where=where,
+            f"has {scans} scans, and at most {MAX_JPEG_SCANS} are read. Export the slice again."
         )
     return Header("JPEG", is_opaque=True)
 
 
-def bmp_header(data: bytes, where: str, max_pixels: int) -> Header:
+def bmp_header(data: bytes, max_pixels: int) -> Header:
     """The header of a BMP."""
-    header_bytes = struct.unpack_from("<I", data, 14)[0]
-    if header_bytes == 12:
-        # The header of OS/2 1.x has numbers of 16 bits.
-        width, height = struct.unpack_from("<HH", data, 18)
-    else:
-        width, height = struct.unpack_from("<ii", data, 18)
+    # The header of OS/2 1.x, of 12 bytes, has numbers of 16 bits.
+    numbers = "<HH" if struct.unpack_from("<I", data, 14)[0] == 12 else "<ii"
+    width, height = struct.unpack_from(numbers, data, 18)
     # A height below 0 says that the rows run from top to bottom.
-    check_size(width, abs(height), where, max_pixels)
+    check_size(width, abs(height), max_pixels)
     return Header("BMP")
 
 
-def tiff_header(data: bytes, where: str, max_pixels: int) -> Header:
+def tiff_header(data: bytes, max_pixels: int) -> Header:
     """The header of a TIFF."""
     pages = 0
     for tags in tiff_directories(data):
         pages += 1
         if pages > MAX_TIFF_PARTS:
             raise ImageError(
-                f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant.", where=where
+                f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant."
             )
-        check_size(tags.get(Tag.WIDTH, 0), tags.get(Tag.HEIGHT, 0), where, max_pixels)
+        check_size(tags.get(WIDTH, 0), tags.get(HEIGHT, 0), max_pixels)
     return Header("TIFF", pages)
 
 
@@ -189,18 +169,10 @@ def tiff_directories(data: bytes) -> Iterator[dict[int, int]]:
     Raises `struct.error` or `IndexError` where the data are damaged or cut short.
     """
     order = TIFF_BYTE_ORDERS[data[:4]]
-    if data[2:4] in BIG_TIFF:
-        first_offset = 8
-        offset_format = order + "Q"
-        count_format = order + "Q"
-        entry_bytes = 20
-        value_offset = 12
-    else:
-        first_offset = 4
-        offset_format = order + "I"
-        count_format = order + "H"
-        entry_bytes = 12
-        value_offset = 8
+    offset, count_type, first_offset, entry_bytes, value_offset = (
+        ("Q", "Q", 8, 20, 12) if data[2:4] in BIG_TIFF else ("I", "H", 4, 12, 8)
+    )
+    offset_format, count_format = order + offset, order + count_type
     position = struct.unpack_from(offset_format, data, first_offset)[0]
     while position:
         count = struct.unpack_from(count_format, data, position)[0]
@@ -218,25 +190,22 @@ def tiff_directories(data: bytes) -> Iterator[dict[int, int]]:
         position = struct.unpack_from(offset_format, data, entry)[0]
 
 
-def check_size(width: int, height: int, where: str, max_pixels: int) -> None:
+def check_size(width: int, height: int, max_pixels: int) -> None:
     """Raise `ImageError` for a page without pixels, or of more than are read."""
     if width <= 0 or height <= 0:
         raise ImageError(
-            f"has {width} x {height} pixels. Export the slice again.",
-            where=where,
-            code="image-empty",
+            f"has {width} x {height} pixels. Export the slice again.", code="image-empty"
         )
     if width * height > max_pixels:
         raise ImageError(
             f"has {width} x {height} pixels, which are more than the {max_pixels:,} that are read. "
             "Crop the slice, or raise --max-megapixels.",
-            where=where,
             code="image-too-large",
             numbers={"width_px": width, "height_px": height, "max_pixels": max_pixels},
         )
 
 
-def chosen_index(what: str, number: int | None, count: int, where: str) -> int:
+def chosen_index(what: str, number: int | None, count: int) -> int:
     """The index, from 0, of the page or frame that was chosen by its number, from 1.
 
     Raises `ImageError` if there is none, or several of which none was chosen.
@@ -244,21 +213,14 @@ def chosen_index(what: str, number: int | None, count: int, where: str) -> int:
     if count < 1:
         raise ImageError(
             f"says that it has {count} {what}s. Export the slice again.",
-            where=where,
             code="no-frames",
             numbers={"count": count},
         )
-    if number is None:
-        if count > 1:
-            raise ImageError(
-                f"has {count} {what}s. Choose one, 1 to {count}, with --frame.", where=where
-            )
-        return 0
-    if not 1 <= number <= count:
-        raise ImageError(
-            f"has no {what} {number}. Choose one, 1 to {count}, with --frame.", where=where
-        )
-    return number - 1
+    if number is None and count > 1:
+        raise ImageError(f"has {count} {what}s. Choose one, 1 to {count}, with --frame.")
+    if number is not None and not 1 <= number <= count:
+        raise ImageError(f"has no {what} {number}. Choose one, 1 to {count}, with --frame.")
+    return 0 if number is None else number - 1
 
 
 ROWS_AT_ONCE = 8
@@ -269,7 +231,7 @@ LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "
 
 
 def decode_raster(
-    data: bytes, header: Header, where: str, page: int | None
+    data: bytes, header: Header, page: int | None
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """The (H, W, 3) pixels of a file, red first, the right way up, transparent ones over black.
 
@@ -278,9 +240,8 @@ def decode_raster(
     """
     import cv2
 
-    index = chosen_index("page", page, header.pages, where)
+    index = chosen_index("page", page, header.pages)
     buffer = np.frombuffer(data, np.uint8)
-    pixels = None
     with native_stderr() as log:
         try:
             if header.is_opaque:
@@ -290,30 +251,20 @@ def decode_raster(
                 pixels = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
             else:
                 _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(index, index + 1))
-                if len(pages) > 0:
-                    pixels = pages[0]
+                pixels = pages[0] if len(pages) else None
         except cv2.error as error:
             reason = " ".join(error.err.split())
-            raise ImageError(
-                f"cannot be decoded: {reason}. Export the slice again.", where=where
-            ) from None
+            raise ImageError(f"cannot be decoded: {reason}. Export the slice again.") from None
         log.seek(0)
         messages = log.read().decode(errors="replace").splitlines()
-    if header.kind == "JPEG":
-        # libjpeg makes up what it cannot decode, says so, and reports a success.
-        for message in messages:
-            if message.startswith(LIBJPEG_DAMAGE):
-                raise ImageError(
-                    f"the JPEG is damaged: {message}. Copy the file again.", where=where
-                )
+    # libjpeg makes up what it cannot decode, says so, and reports a success.
+    damage = [message for message in messages if message.startswith(LIBJPEG_DAMAGE)]
+    if header.kind == "JPEG" and damage:
+        raise ImageError(f"the JPEG is damaged: {damage[0]}. Copy the file again.")
     if pixels is None:
-        raise ImageError(
-            f"the {header.kind} cannot be decoded. Export the slice again.", where=where
-        )
+        raise ImageError(f"the {header.kind} cannot be decoded. Export the slice again.")
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise ImageError(
-            f"has {pixels.dtype} samples. Export the slice with 8 or 16 bits.", where=where
-        )
+        raise ImageError(f"has {pixels.dtype} samples. Export the slice with 8 or 16 bits.")
     if header.is_opaque:
         return pixels
     if pixels.ndim == 2:

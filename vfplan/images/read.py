@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.images.dataset import is_dicom
 from vfplan.images.raster import decode_raster, is_picture, read_header
-from vfplan.io.files import opened_file, read_whole
+from vfplan.io.files import naming_place, opened_file, read_whole
 
 MAX_BYTES = 2**31 - 1
 """Bytes of an image file. OpenCV's decoders take no more."""
@@ -93,13 +93,10 @@ def is_picture_file(path: str | Path) -> bool:
 
 
 def read_image(
-    path: str | Path,
-    *,
-    frame: int | None = None,
-    pixel_spacing_mm: tuple[float, float] | None = None,
-    imager_spacing: bool = False,
+    path: str | Path, *, frame: int | None = None,
+    pixel_spacing_mm: tuple[float, float] | None = None, imager_spacing: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS,
-) -> PlannedImage:
+) -> PlannedImage:  # fmt: skip
     """Read a planned slice.
 
     Parameters
@@ -139,14 +136,14 @@ def read_image(
     if is_dicom(data):
         from vfplan.images.dicom import read_dicom
 
-        rgb, own_spacing_mm, T_patient_image, instance = read_dicom(
-            data, where, frame, imager_spacing, max_pixels
-        )
-        if pixel_spacing_mm is None:
-            pixel_spacing_mm = own_spacing_mm
-        return PlannedImage(rgb, pixel_spacing_mm, sha256, T_patient_image, instance)
-    header = read_header(data, where, max_pixels)
-    rgb = decode_raster(data, header, where, frame)
+        with naming_place(where):
+            rgb, spacing_mm, T_patient_image, instance = read_dicom(
+                data, where, frame, imager_spacing, max_pixels
+            )
+        spacing_mm = spacing_mm if pixel_spacing_mm is None else pixel_spacing_mm
+        return PlannedImage(rgb, spacing_mm, sha256, T_patient_image, instance)
+    with naming_place(where):
+        rgb = decode_raster(data, read_header(data, max_pixels), frame)
     return PlannedImage(rgb, pixel_spacing_mm, sha256)
 
 

@@ -1,3 +1,1 @@
 """Files and what carries them: whole files or none, and h5py without plugins."""
-
-from __future__ import annotations

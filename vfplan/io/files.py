@@ -1,29 +1,33 @@
 """Read files from outside: regular files of a bounded size, whole or through one open descriptor.
 
-Also strict decimal numbers and lengths of time as text holds them, and the time that outputs are
-stamped with.
+Also strict decimal numbers and lengths of time as text holds them, headers of `.npy` files, values
+as JSON holds them, the time that outputs are stamped with, and CSV tables: `read_table` reads a
+small one whole, as text, and `open_number_table` numbers of any length, block by block.
 
-Headers of `.npy` files, read with a limit on their length.
-
-Values as JSON holds them.
+Columns are separated by commas, semicolons or tabs, whichever the header line holds. Between
+semicolons or tabs, numbers may have a decimal comma, as spreadsheets in most of Europe write them.
 """
 
 from __future__ import annotations
 
-import inspect
+import bz2
+import csv
 import io
 import math
 import os
 import re
 import stat
+import weakref
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 
@@ -41,6 +45,25 @@ MAX_TEXT_BYTES = 1 << 28
 
 MAX_LINE_BYTES = 1 << 16
 """Bytes of a line of text. No program that exports tables writes a longer one."""
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+MAX_NUMBER = 1e9
+"""Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
+is larger, and its square is finite."""
+
+MAX_COLUMNS = 1000
+"""Columns of a table of numbers. Loggers write some tens."""
+
+BLOCK_BYTES = 1 << 21
+"""Bytes that are parsed at a time, about 40,000 lines of a session."""
+
+# Bytes of a block that NumPy's parser and `parse_decimal` read alike. Both also take nan and inf,
+# which the callers refuse.
+_NUMERIC_BYTES = b"0123456789+-.,eE \t\nnaifNAIF"
+
+GZIP_OR_ZLIB = zlib.MAX_WBITS | 32
+"""What tells zlib to take either kind of header."""
 
 UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 """The units of a length of time, with their names in `timedelta`."""
@@ -71,29 +94,18 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         # O_NONBLOCK: opening a named pipe would otherwise wait until somebody writes to it.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
-        raise kind(
-            "cannot be read: there is no such file. Check its name",
-            where=str(path),
-            code="file-missing",
-        ) from None
+        text = "cannot be read: there is no such file. Check its name"
+        raise kind(text, where=str(path), code="file-missing") from None
     except (OSError, ValueError) as error:
-        reason = str(error)
-        if isinstance(error, OSError):
-            reason = error.strerror
-        raise kind(
-            f"cannot be read: {reason}. Check the file and its permissions",
-            where=str(path),
-            code="file-unreadable",
-        ) from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        text = f"cannot be read: {reason}. Check the file and its permissions"
+        raise kind(text, where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
-        raise kind(
-            f"cannot be read: it is {what}, not a file. Name a file",
-            where=str(path),
-            code="not-a-file",
-        )
+        text = f"cannot be read: it is {what}, not a file. Name a file"
+        raise kind(text, where=str(path), code="not-a-file")
     return open(descriptor, "rb")
 
 
@@ -104,17 +116,14 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
     """
     with opened_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
-        data = b""
-        if size <= max_bytes:
-            # One byte more, because the file may grow while it is read.
-            data = file.read(min(size, max_bytes) + 1)
+        # One byte more, because the file may grow while it is read.
+        data = file.read(size + 1) if size <= max_bytes else b""
     if max(size, len(data)) > max_bytes:
         raise kind(
             f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
-            where=str(path),
-            code="file-too-long",
+            where=str(path), code="file-too-long",
             numbers={"bytes": max(size, len(data)), "max_bytes": max_bytes},
-        )
+        )  # fmt: skip
     return data
 
 
@@ -136,22 +145,18 @@ class OpenedFile:
 
     def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:
         with opened_file(path, kind) as file:
-            self.descriptor = os.dup(file.fileno())
-        self._kind = kind
-        self._where = str(path)
+            self._descriptor = os.dup(file.fileno())
+        weakref.finalize(self, os.close, self._descriptor)
+        self._kind, self._where = kind, str(path)
         self._stamp = self._size_and_time()
-
-    def __del__(self) -> None:
-        if hasattr(self, "descriptor"):
-            os.close(self.descriptor)
 
     def fileno(self) -> int:
         """The descriptor, under the name that every Python file has for it."""
-        return self.descriptor
+        return self._descriptor
 
     def view(self) -> BinaryIO:
         """A stream over the whole file, with a position of its own."""
-        return stream_over(self.descriptor, self)
+        return stream_over(self._descriptor, self)
 
     def sha256(self) -> str:
         """SHA-256 of the file's bytes, hexadecimal."""
@@ -162,12 +167,11 @@ class OpenedFile:
     def require_unchanged(self) -> None:
         """Refuse a file that was written to since it was opened: its digest would be wrong."""
         if self._size_and_time() != self._stamp:
-            raise self._kind(
-                "was changed while it was read", where=self._where, code="file-changed"
-            )
+            text = "was changed while it was read"
+            raise self._kind(text, where=self._where, code="file-changed")
 
     def _size_and_time(self) -> tuple[int, int]:
-        status = os.fstat(self.descriptor)
+        status = os.fstat(self._descriptor)
         return status.st_size, status.st_mtime_ns
 
 
@@ -199,58 +203,36 @@ class _View(io.RawIOBase):
         return count
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        size = os.fstat(self._descriptor).st_size
-        origins = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: size}
+        origins = (0, self._position, os.fstat(self._descriptor).st_size)
         self._position = offset + origins[whence]
         return self._position
 
-    def tell(self) -> int:
-        return self._position
 
-
-def decompress(
-    data: bytes, kind: str, where: str, max_bytes: int = MAX_DECOMPRESSED_BYTES
-) -> bytes:
+def decompress(data: bytes, kind: str, max_bytes: int) -> bytes:
     """What "gzip" or "bzip2" bytes hold, never more than `max_bytes`.
 
     Raises InputError: the data are damaged, cut short, or hold more
     """
+    decompressor = zlib.decompressobj(GZIP_OR_ZLIB) if kind == "gzip" else bz2.BZ2Decompressor()
     try:
-        if kind == "gzip":
-            decompressor = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
-        else:
-            import bz2
-
-            decompressor = bz2.BZ2Decompressor()
         content = decompressor.decompress(data, max_bytes + 1)
     except (zlib.error, OSError, ValueError):
-        raise InputError(
-            f"its {kind} data are damaged. Copy or save the file again",
-            where=where,
-            code="compressed-data-damaged",
-        ) from None
+        text = f"its {kind} data are damaged. Copy or save the file again"
+        raise InputError(text, code="compressed-data-damaged") from None
     if len(content) > max_bytes:
-        raise InputError(
-            f"unpacks to more than {max_bytes} bytes. Give a shorter file",
-            where=where,
-            code="unpacks-too-large",
-            numbers={"max_bytes": max_bytes},
-        )
+        text = f"unpacks to more than {max_bytes} bytes. Give a shorter file"
+        raise InputError(text, code="unpacks-too-large", numbers={"max_bytes": max_bytes})
     if not decompressor.eof:
-        raise InputError(
-            f"its {kind} data are cut short. Copy or save the file again",
-            where=where,
-            code="compressed-data-cut",
-        )
+        text = f"its {kind} data are cut short. Copy or save the file again"
+        raise InputError(text, code="compressed-data-cut")
     return content
 
 
 def first_decompressed(data: bytes, count: int = 540) -> bytes:
     """The first bytes that gzip data hold; fewer where the data are damaged."""
-    try:
-        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(data, count)
-    except zlib.error:
-        return b""
+    with suppress(zlib.error):
+        return zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, count)
+    return b""
 
 
 def check_text_size(data: bytes) -> None:
@@ -273,9 +255,7 @@ def parse_decimal(text: str) -> float:
     """
     match = _DECIMAL.fullmatch(text)
     if match is None:
-        if not text.strip():
-            raise ValueError("a number is missing")
-        raise ValueError(f"{text[:40]!r} is no number")
+        raise ValueError(f"{text[:40]!r} is no number" if text.strip() else "a number is missing")
     value = float(match[1])
     if math.isinf(value):
         raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
@@ -306,16 +286,13 @@ def now_utc() -> str:
     elif epoch.isascii() and epoch.isdigit() and len(epoch) < 12:
         moment = datetime.fromtimestamp(int(epoch), UTC)
     else:
-        raise InputError(
-            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}. Give whole seconds since 1970",
-            code="epoch-invalid",
-        )
+        text = f"the environment's SOURCE_DATE_EPOCH is {epoch!r}. Give whole seconds since 1970"
+        raise InputError(text, code="epoch-invalid")
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-NUMPY_READER = inspect.signature(np.lib.format.read_array_header_1_0)
-MAX_HEADER_BYTES: int = NUMPY_READER.parameters["max_header_size"].default
-"""NumPy's own limit."""
+MAX_HEADER_BYTES = 10_000
+"""Bytes of the header of a `.npy` file: NumPy's own limit."""
 
 
 def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
@@ -324,22 +301,20 @@ def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     The stream is left where the array's data begin. Raises `ValueError`, in one line, for a header
     that is none or too long.
     """
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        size_bytes = 2
-        read_header = np.lib.format.read_array_header_1_0
-    elif version == (2, 0):
-        size_bytes = 4
-        read_header = np.lib.format.read_array_header_2_0
-    else:
+    numpy_format = np.lib.format
+    version = numpy_format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
         raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
-    size = stream.read(size_bytes)
+    is_first = version == (1, 0)
+    size = stream.read(2 if is_first else 4)
     length = int.from_bytes(size, "little")
     if length > MAX_HEADER_BYTES:
         raise ValueError(f"the header is longer than {MAX_HEADER_BYTES} bytes")
     header = io.BytesIO(size + stream.read(length))
     try:
-        return read_header(header)
+        if is_first:
+            return numpy_format.read_array_header_1_0(header)
+        return numpy_format.read_array_header_2_0(header)
     except Exception as error:  # NumPy parses the header as Python source.
         first_line = str(error)[:80].partition("\n")[0]
         raise ValueError(f"the header is none: {first_line}") from None
@@ -354,3 +329,324 @@ def to_json_types(value: Any) -> Any:
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here.
         return to_json_types(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+MIXED_DECIMALS = (
+    "decimal commas and decimal points in one table: 1,234 may be 1.234 or 1234. Write all numbers "
+    "alike"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row below the header."""
+
+    # Line of the file that the row ends on, counted from 1.
+    line: int
+    # Cells by the names of their columns, without surrounding blanks.
+    cells: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as text; nothing in it is a number yet."""
+
+    # Column names as written, without surrounding blanks.
+    header: tuple[str, ...]
+    header_line: int
+    rows: tuple[Row, ...]
+    separator: str
+    # The file, for messages.
+    where: str
+    kind: type[InputError]
+
+    def number(self, row: Row, column: str, label: str = "") -> float:
+        """The number in a cell.
+
+        Raises the table's kind of error: no number, not finite, too large, or a comma that may be
+        a decimal or a thousands separator
+        """
+        text = row.cells[column]
+        what = f"{column} of {label}" if label else column
+        place = f"{self.where}, line {row.line}"
+        if "," in text and self.separator != ",":
+            if "." in text or text.count(",") > 1:
+                raise self.kind(
+                    f"{what} is {text!r}, whose comma may mean two things. Write a number as "
+                    "1234.5 or as 1234,5",
+                    where=place, code="decimal-ambiguous",
+                )  # fmt: skip
+            text = text.replace(",", ".")
+        return parse_number(text, what, place, self.kind)
+
+    def check_decimals(self, columns: tuple[str, ...]) -> None:
+        """Refuse a table whose numbers have decimal commas here and decimal points there."""
+        with_mark = [
+            [row.line for row in self.rows if any(mark in row.cells[name] for name in columns)]
+            for mark in ",."
+        ]
+        if self.separator != "," and all(with_mark):
+            line = max(lines[0] for lines in with_mark)
+            place = f"{self.where}, line {line}"
+            raise self.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
+
+
+def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[Table, str]:
+    """A table from a file, and the SHA-256 of its bytes; raises the kind of error given."""
+    text, sha256 = read_text(path, max_bytes, kind)
+    return parse_table(text, str(path), kind), sha256
+
+
+def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
+    """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
+    data, sha256 = read_bytes(Path(path), max_bytes, kind)
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        return data.decode(encoding), sha256
+    except UnicodeDecodeError:
+        text = "is not UTF-8 or UTF-16 text. Save it as CSV UTF-8"
+        raise kind(text, where=str(path), code="not-text") from None
+
+
+def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
+    """A table from text.
+
+    Raises the kind of error given: no text, a separator that is not clear, a column twice, a row of
+        another length
+    """
+    lines = text.splitlines()
+    header_line = next((line for line in lines if line.strip()), "")
+    number = lines.index(header_line) + 1 if header_line else 1
+    separator = _separator_of(header_line, f"{where}, line {number}", kind)
+    rows = split_rows(text, where, kind, separator)
+    if not rows:
+        raise kind("is empty. Give a table with a header", where=where, code="table-empty")
+    first_line, names = rows[0]
+    header = tuple(name.strip() for name in names)
+    folded = [name.casefold() for name in header]
+    for name, key in zip(header, folded, strict=True):
+        if key and folded.count(key) > 1:
+            text = f"column {name!r} occurs {folded.count(key)} times. Leave one"
+            raise kind(text, where=f"{where}, line {first_line}", code="column-doubled")
+    table_rows = []
+    for line, cells in rows[1:]:
+        advice = "Give each row as many"
+        if separator == "," and len(cells) > len(header):
+            advice = "Put semicolons between the columns where numbers have a decimal comma"
+        require_length(cells, header, f"{where}, line {line}", kind, advice)
+        stripped = [cell.strip() for cell in cells]
+        table_rows.append(Row(line, dict(zip(header, stripped, strict=True))))
+    return Table(header, first_line, tuple(table_rows), separator, where, kind)
+
+
+def require_length(
+    cells: list[str], header: tuple[str, ...], place: str, kind: type[InputError],
+    advice: str = "Give each row as many",
+) -> None:  # fmt: skip
+    """Raise the kind of error given for a row that has another number of cells than the header."""
+    if len(cells) != len(header):
+        raise kind(
+            f"the row has {len(cells)} cells, and the header names {len(header)} columns. {advice}",
+            where=place, code="row-length",
+            numbers={"cells": len(cells), "columns": len(header)},
+        )  # fmt: skip
+
+
+def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
+    present = [separator for separator in SEPARATORS if separator in header_line] or [","]
+    if len(present) > 1:
+        names = " and ".join(SEPARATORS[separator] for separator in present)
+        text = (
+            f"the header holds {names}: {header_line[:80]!r}. Separate the columns by one of them"
+        )
+        raise kind(text, where=place, code="separator-ambiguous")
+    return present[0]
+
+
+def split_rows(
+    text: str, where: str, kind: type[InputError], separator: str = ","
+) -> list[tuple[int, list[str]]]:
+    """The rows that hold anything, each with its line; LF, CRLF and CR end a line.
+
+    Raises the kind of error given where the text is no table
+    """
+    reader = csv.reader(io.StringIO(text, newline=None), strict=True, delimiter=separator)
+    try:
+        return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        text = f"is no CSV: {error}. Save the table again as CSV"
+        place = f"{where}, line {reader.line_num}"
+        raise kind(text, where=place, code="table-broken") from None
+
+
+def parse_number(value: object, what: str, where: str, kind: type[InputError]) -> float:
+    """A finite number of at most 1e9 in size.
+
+    value: text, or what JSON holds
+    Raises the kind of error given, which says what stands there instead
+    """
+    try:
+        if isinstance(value, bool):  # Python takes True for 1.
+            raise ValueError
+        number = parse_decimal(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        number = None
+    if number is None or not math.isfinite(number):
+        is_infinite = str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity")
+        wanted = "a finite number" if is_infinite else "a number"
+        raise kind(f"{what} is {repr(value)[:60]}. Give {wanted}", where=where, code="no-number")
+    if abs(number) > MAX_NUMBER:
+        text = f"{what} is {value!r}. Give at most {MAX_NUMBER:g}"
+        raise kind(text, where=where, code="number-too-large")
+    return number
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """A table of numbers that is read block by block, each time `blocks` is called."""
+
+    # Opens the file at its first byte.
+    open_stream: Callable[[], BinaryIO]
+    # The file, for messages, and the class of its errors.
+    where: str
+    kind: type[InputError]
+    # Column names in lower case, without surrounding blanks.
+    columns: tuple[str, ...]
+    separator: str
+    # Lines above the first row of numbers.
+    header_lines: int
+
+    def blocks(self, columns: tuple[str, ...]) -> Iterator[NDArray[np.float64]]:
+        """Yield some rows at a time, (n, len(columns)).
+
+        Raises the table's kind of error: a line too long, another number of cells than columns, a
+            cell that is no number, a decimal comma in one place and a decimal point in another
+        """
+        indices = [self.columns.index(column) for column in columns]
+        marks: set[bytes] = set()
+        with self.open_stream() as stream:
+            for _ in range(self.header_lines):
+                stream.readline(MAX_LINE_BYTES + 1)
+            line = self.header_lines + 1
+            unfinished = b""
+            while piece := stream.read(BLOCK_BYTES):
+                complete, newline, unfinished = (unfinished + piece).rpartition(b"\n")
+                if newline:
+                    yield parse_block(self, complete, line, marks)[:, indices]
+                    line += complete.count(b"\n") + 1
+                require_line(unfinished, f"{self.where}, line {line}", self.kind)
+            if unfinished.strip():
+                yield parse_block(self, unfinished, line, marks)[:, indices]
+
+
+def require_line(line: bytes, place: str, kind: type[InputError]) -> None:
+    """Raise the kind of error given for a line that is longer than any program writes."""
+    if len(line) > MAX_LINE_BYTES:
+        text = f"the line is longer than {MAX_LINE_BYTES} bytes. Give a table of shorter rows"
+        raise kind(text, where=place, code="line-too-long")
+
+
+def open_number_table(
+    open_stream: Callable[[], BinaryIO], where: str, kind: type[InputError],
+    wanted: tuple[str, ...] = (), *, header_optional: bool = False,
+) -> NumberTable:  # fmt: skip
+    """A table of numbers, of which the header has been read and checked.
+
+    Parameters
+    ----------
+    open_stream
+        Opens the file, UTF-8 text, at its first byte; called once here and once a reading.
+    where, kind
+        The file for messages, and the class of its errors.
+    wanted
+        Names of columns, in lower case, that the header must hold once each.
+    header_optional
+        A first line that begins with a number is taken for a row. The columns are then named
+        "column 1", "column 2" and so on.
+
+    Raises
+    ------
+    InputError
+        One of the `kind` given: an empty file, a first line that is too long, no text, or holds two
+        kinds of separators, too many columns, a wanted column that is missing or there twice.
+    """
+    listed = ", ".join(wanted)
+    line, first = 0, b"\n"
+    with open_stream() as stream:
+        while first and not first.strip():
+            first = stream.readline(MAX_LINE_BYTES + 1)
+            line += 1
+    place = f"{where}, line {line}"
+    if not first:
+        text = f"is empty. Give a table with a header {listed}".rstrip()
+        raise kind(text, where=where, code="table-empty")
+    require_line(first, place, kind)
+    try:
+        header = first.decode("utf-8-sig").strip("\r\n")
+    except UnicodeDecodeError:
+        text = "is not UTF-8 text. Save it as CSV UTF-8"
+        raise kind(text, where=where, code="not-text") from None
+    separator = _separator_of(header, place, kind)
+    columns = [name.strip().lower() for name in header.split(separator)]
+    if len(columns) > MAX_COLUMNS:
+        raise kind(
+            f"has {len(columns)} columns. Leave at most {MAX_COLUMNS}",
+            where=where, code="too-many-columns", numbers={"columns": len(columns)},
+        )  # fmt: skip
+    header_lines = line
+    if header_optional:
+        with suppress(ValueError):
+            parse_decimal(columns[0].replace(",", "."))
+            columns = [f"column {i + 1}" for i in range(len(columns))]
+            header_lines = line - 1
+    for column in wanted:
+        count = columns.count(column)
+        if count == 0:
+            text = f"column {column!r} is missing from the header {header[:70]!r}. Give {listed}"
+            raise kind(text, where=place, code="column-missing")
+        if count > 1:
+            text = f"column {column!r} occurs {count} times. Leave one"
+            raise kind(text, where=place, code="column-doubled")
+    return NumberTable(open_stream, where, kind, tuple(columns), separator, header_lines)
+
+
+def parse_block(
+    table: NumberTable, text: bytes, line: int, marks: set[bytes]
+) -> NDArray[np.float64]:
+    """(n, columns) numbers of lines, the first of which has the number `line`.
+
+    marks: the decimal marks that the table has used so far
+    """
+    # A carriage return that stands elsewhere than before a newline makes its line a bad one.
+    body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
+    if table.separator != ",":
+        marks.update(mark for mark in (b",", b".") if mark in body)
+        if len(marks) == 2:
+            place = f"{table.where}, from line {line} on"
+            raise table.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
+        body = body.replace(b",", b".")
+    if body and not body.translate(None, _NUMERIC_BYTES + table.separator.encode()):
+        with suppress(ValueError):
+            file = io.BytesIO(body)
+            values = np.loadtxt(file, delimiter=table.separator, comments=None, ndmin=2)
+            if values.shape[1] == len(table.columns):
+                return values
+    # Parse line by line: slower, passes over blank lines, and names the first bad line.
+    lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=line)
+    rows = [parse_line(table, row, number) for number, row in lines if row.strip()]
+    return np.array(rows, dtype=np.float64).reshape(-1, len(table.columns))
+
+
+def parse_line(table: NumberTable, text: str, line: int) -> list[float]:
+    """The numbers of one line; raises the table's kind of error for the first that is none."""
+    place = f"{table.where}, line {line}"
+    cells = text.split(table.separator)
+    require_length(cells, table.columns, place, table.kind)
+    row = []
+    for column, cell in zip(table.columns, cells, strict=True):
+        try:
+            row.append(parse_decimal(cell))
+        except ValueError as error:
+            reason = f"column {column!r} cannot be used: {error}. Correct the row"
+            raise table.kind(reason, where=place, code="no-number") from None
+    return row

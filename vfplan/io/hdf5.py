@@ -16,5 +16,3 @@ import h5py
 # Had somebody imported h5py before, libhdf5 has its folders already: forget them.
 while h5py.h5pl.size():
     h5py.h5pl.remove(0)
-
-__all__ = ["h5py"]

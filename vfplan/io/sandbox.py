@@ -1,4 +1,4 @@
-"""Read untrusted files in a child process with limits on its memory and time.
+"""Other processes: a sandbox for untrusted files, a pool for long work, and a page's own server.
 
 A crafted file, or one flipped bit, can make libhdf5, an image decoder or a library for ROS bags
 crash, loop without end, or take all memory. Such readers therefore run in a child process, which
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import logging
 import math
 import os
 import resource
@@ -23,15 +24,20 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan import errors
-from vfplan.errors import InputError, VfplanError
+from vfplan.errors import InputError, OutputError, VfplanError, requires_extra
 from vfplan.io.files import OpenedFile, stream_over, to_json_types
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 MEMORY_BYTES = 768 << 20
 """Bytes that a reader may take beyond what it shares with the helper. The libraries that are
@@ -51,12 +57,9 @@ _LENGTH = struct.Struct("<Q")
 
 
 def run_in_sandbox(
-    job: str,
-    *args: Any,
-    file: OpenedFile | BinaryIO | None = None,
-    where: str,
+    job: str, *args: Any, file: OpenedFile | BinaryIO | None = None, where: str,
     kind: type[VfplanError] = InputError,
-) -> Iterator[Any]:
+) -> Iterator[Any]:  # fmt: skip
     """Yield what `job` yields when it is called in a child process.
 
     job: "module:function" of a generator function of JSON values, or of tuples of arrays
@@ -73,41 +76,25 @@ def run_in_sandbox(
             send_request(request, write_end, file)
         finally:
             os.close(write_end)
-        while True:
-            answer = next_answer(pipe)
-            if answer is None:
-                break
+        while (answer := next_answer(pipe)) is not None:
             if "value" in answer:
                 yield answer["value"]
             elif "arrays" in answer:
-                arrays = []
-                for dtype, shape in answer["arrays"]:
-                    known = np.dtype(_ARRAY_TYPES[_ARRAY_TYPES.index(dtype)])
-                    size = math.prod(shape) * known.itemsize
-                    data = bytearray(_read_exactly(pipe, size, MAX_ARRAY_BYTES))
-                    arrays.append(np.frombuffer(data, known).reshape(shape))
-                yield tuple(arrays)
+                yield tuple(read_array(pipe, dtype, shape) for dtype, shape in answer["arrays"])
             elif "error" in answer:
-                record = answer["error"]
-                error_class = getattr(errors, str(record["kind"]), None)
+                name, message, details = answer["error"]
+                error_class = getattr(errors, str(name), None)
                 if not (isinstance(error_class, type) and issubclass(error_class, VfplanError)):
                     error_class = InputError
-                raise error_class(
-                    str(record["message"]),
-                    where=record["where"],
-                    code=record.get("code"),
-                    numbers=record.get("numbers"),
-                )
+                raise error_class(str(message), **details)
             else:
                 return
     raise kind(
-        f"cannot be read: its reader crashed, took more than {MEMORY_BYTES >> 20} MiB, or "
-        f"was busy for {STEP_S} s without a result. Save the file again, or give a smaller "
-        "one",
-        where=where,
-        code="reader-stopped",
+        f"cannot be read: its reader crashed, took more than {MEMORY_BYTES >> 20} MiB, or was busy "
+        f"for {STEP_S} s without a result. Save the file again, or give a smaller one",
+        where=where, code="reader-stopped",
         numbers={"memory_bytes": MEMORY_BYTES, "step_s": STEP_S},
-    )
+    )  # fmt: skip
 
 
 def run_once(job: str, *args: Any, **options: Any) -> Any:
@@ -123,13 +110,18 @@ def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
         answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
     except (EOFError, ValueError):
         return None
-    return None if not isinstance(answer, dict) else answer
+    return answer if isinstance(answer, dict) else None
+
+
+def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
+    """An array of an answer, of one of the types that are sent."""
+    known = np.dtype(_ARRAY_TYPES[_ARRAY_TYPES.index(dtype)])
+    data = _read_exactly(pipe, math.prod(shape) * known.itemsize, MAX_ARRAY_BYTES)
+    return np.frombuffer(bytearray(data), known).reshape(shape)
 
 
 def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:
-    if not 0 <= size <= max_bytes:
-        raise EOFError
-    data = pipe.read(size)
+    data = pipe.read(size) if 0 <= size <= max_bytes else b""
     if len(data) != size:
         raise EOFError
     return data
@@ -148,23 +140,16 @@ def send_request(
     """Send a request to the helper, which is started if there is none."""
     global _helper
     data = json.dumps(request).encode()
-    descriptors = [answer_pipe]
-    if file is not None:
-        descriptors.append(file.fileno())
+    descriptors = [answer_pipe] if file is None else [answer_pipe, file.fileno()]
     with _lock:
-        for attempt in range(2):
-            # A forked copy of the program starts a helper of its own.
-            if _helper is None or _helper[0] != os.getpid():
-                _helper = os.getpid(), start_helper()
-            try:
-                socket.send_fds(_helper[1], [data], descriptors)
-            except OSError:
-                # The helper has ended. Try once more with a new one.
-                _helper = None
-                if attempt == 1:
-                    raise
-            else:
-                return
+        # A forked copy of the program starts a helper of its own.
+        if _helper is None or _helper[0] != os.getpid():
+            _helper = os.getpid(), start_helper()
+        try:
+            socket.send_fds(_helper[1], [data], descriptors)
+        except OSError:  # The helper has ended.
+            _helper = os.getpid(), start_helper()
+            socket.send_fds(_helper[1], [data], descriptors)
 
 
 def isolated_python(code: str, *args: str) -> list[str]:
@@ -175,11 +160,9 @@ def isolated_python(code: str, *args: str) -> list[str]:
     """
     current = os.path.realpath(os.curdir)
     package_folder = str(Path(__file__).resolve().parents[2])
-    folders = []
-    for folder in sys.path:
-        if os.path.isabs(folder) and os.path.realpath(folder) not in (current, package_folder):
-            folders.append(folder)
-    folders.append(package_folder)
+    others = [folder for folder in sys.path if os.path.isabs(folder)]
+    others = [one for one in others if os.path.realpath(one) not in (current, package_folder)]
+    folders = [*others, package_folder]
     return [sys.executable, "-I", "-c", f"import sys; sys.path[:] = {folders!r}; {code}", *args]
 
 
@@ -190,17 +173,13 @@ def start_helper() -> socket.socket:
         code = f"from vfplan.io.sandbox import serve; serve({theirs.fileno()})"
         # With more than one thread no child could be forked safely.
         threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+        nowhere = subprocess.DEVNULL
         helper = subprocess.Popen(
-            isolated_python(code),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno()],
+            isolated_python(code), stdin=nowhere, stdout=nowhere, stderr=nowhere,
+            pass_fds=[theirs.fileno()], env={**os.environ, **threads}, cwd="/",
             # Ctrl-C in a terminal then reaches the program alone.
             start_new_session=True,
-            env={**os.environ, **threads},
-            cwd="/",
-        )
+        )  # fmt: skip
     # The helper ends by itself when `ours` closes, so nobody waits for it.
     helper.returncode = 0
     return ours
@@ -235,44 +214,29 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                arguments = list(request["args"])
-                if request["file"]:
-                    arguments.insert(0, stream_over(descriptors[1]))
+                files = [stream_over(descriptors[1])] if request["file"] else []
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))
                 _set_soft_limit(resource.RLIMIT_DATA, MEMORY_BYTES)
                 _extend_time(request["step_s"])
-                for result in function(*arguments):
-                    if isinstance(result, tuple):
-                        _send_arrays(pipe, result)
-                    else:
-                        _send(pipe, {"value": result})
+                for result in function(*files, *request["args"]):
+                    _send_result(pipe, result)
                     _extend_time(request["step_s"])
                 _send(pipe, {"end": True})
             except VfplanError as error:
-                record = {
-                    "kind": error.kind,
-                    "message": error.message,
-                    "where": error.where,
-                    "code": error.code,
-                    "numbers": to_json_types(error.numbers),
-                }
-                _send(pipe, {"error": record})
-            except MemoryError:
-                pass  # Without an answer, the parent says that the reader was stopped.
+                details = {"where": error.where, "code": error.code, "numbers": error.numbers}
+                _send(pipe, {"error": [error.kind, error.message, to_json_types(details)]})
     except BaseException:
-        pass
+        pass  # Without an answer, the parent says that the reader was stopped.
     finally:
         os._exit(0)
 
 
 def raise_limits(memory_bytes: int, seconds: int) -> None:
     """Called by a job that knows the size of its file: allow more memory and processor time."""
-    memory = resource.getrlimit(resource.RLIMIT_DATA)[0]
-    time_s = resource.getrlimit(resource.RLIMIT_CPU)[0]
-    _set_soft_limit(resource.RLIMIT_DATA, memory + memory_bytes)
-    _set_soft_limit(resource.RLIMIT_CPU, time_s + seconds)
+    for limit, more in ((resource.RLIMIT_DATA, memory_bytes), (resource.RLIMIT_CPU, seconds)):
+        _set_soft_limit(limit, resource.getrlimit(limit)[0] + more)
 
 
 def _extend_time(step_s: int) -> None:
@@ -283,19 +247,156 @@ def _set_soft_limit(limit: int, value: int) -> None:
     resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
 
 
-def _send_arrays(pipe: BinaryIO, arrays: tuple[np.ndarray, ...]) -> None:
-    shapes = []
-    data = []
-    for array in arrays:
-        dtype = array.dtype.str
-        if dtype not in _ARRAY_TYPES:
-            dtype = "<f8"
-        shapes.append([dtype, array.shape])
-        data.append(np.ascontiguousarray(array, dtype).tobytes())
-    _send(pipe, {"arrays": shapes}, *data)
+def _send_result(pipe: BinaryIO, result: Any) -> None:
+    if not isinstance(result, tuple):
+        _send(pipe, {"value": result})
+        return
+    types = [a.dtype.str if a.dtype.str in _ARRAY_TYPES else "<f8" for a in result]
+    shapes = [[dtype, array.shape] for dtype, array in zip(types, result, strict=True)]
+    contents = [np.ascontiguousarray(a, t).tobytes() for a, t in zip(result, types, strict=True)]
+    _send(pipe, {"arrays": shapes}, *contents)
 
 
 def _send(pipe: BinaryIO, head: dict[str, Any], *data: bytes) -> None:
     text = json.dumps(head).encode()
     pipe.writelines((_LENGTH.pack(len(text)), text, *data))
     pipe.flush()
+
+
+# --- Processes of a pool -----------------------------------------------------------------------
+
+SAFE_PATH = "PYTHONSAFEPATH"
+
+
+@contextmanager
+def worker_processes(
+    count: int, initializer: Callable[..., None] | None = None, *args: Any
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool of `count` processes, each of which first calls `initializer(*args)`.
+
+    They import nothing from the current folder. An exception in the block, and thus a signal, ends
+    them at once, whatever they do.
+    """
+    # Here and not above, because whoever reads a file in the sandbox needs none of it.
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import active_children, get_context
+
+    others = set(active_children())
+    safe_path_before = os.environ.get(SAFE_PATH)
+    # Python is started by -c, which would look for modules in the current folder.
+    os.environ[SAFE_PATH] = "1"
+    # "spawn", because a forked copy of a process with threads may hang.
+    pool = ProcessPoolExecutor(count, get_context("spawn"), begin_worker, (initializer, *args))
+    try:
+        yield pool
+    except BaseException:
+        for child in set(active_children()) - others:
+            child.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        if safe_path_before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = safe_path_before
+
+
+def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
+    """Prepare a worker: its signals, its end with the program, and what the caller wants."""
+    # Ctrl-C reaches the workers too, but the program alone decides what ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # On Linux the system ends this process when the program ends, also by SIGKILL (prctl's
+    # PR_SET_PDEATHSIG). Elsewhere a killed program leaves its workers waiting.
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if initializer is not None:
+        initializer(*args)
+
+
+OPEN_TIMEOUT_S = 2.0
+"""Seconds after which a connection that asks for nothing is closed; browsers open such ones."""
+
+_SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
+
+
+class Loopback:
+    """Serves one program's own pages and WebSockets on 127.0.0.1 until it is closed.
+
+    Any web page that is open in the same browser can reach a port of this computer. So a foreign
+    name for the address is refused (DNS rebinding), and a WebSocket is opened for pages from here
+    alone.
+
+    Parameters
+    ----------
+    port
+        0: one that the system chooses; see `port`.
+    answer
+        Called with a connection and a request; returns what to send, `reply` makes it, or `None`
+        where the request shall become a WebSocket.
+    talk
+        Called with each WebSocket's connection in a thread of its own; ends with the connection.
+    max_message_bytes
+        A longer message ends its connection.
+
+    Raises
+    ------
+    MissingExtra
+        The package websockets is not installed.
+    OutputError
+        The port is taken.
+    """
+
+    def __init__(
+        self, port: int, answer: Callable[[Any, Any], Any], talk: Callable[[Any], None],
+        max_message_bytes: int = 2**20,
+    ) -> None:  # fmt: skip
+        with requires_extra("the page needs the package websockets", "live"):
+            from websockets.sync.server import serve
+        try:
+            listening = socket.create_server(("127.0.0.1", port))
+        except OSError as error:
+            raise OutputError(
+                f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
+                code="port-taken", numbers={"port": port},
+            ) from None  # fmt: skip
+        self.port = listening.getsockname()[1]
+        self.hosts = [f"{name}:{self.port}" for name in ("127.0.0.1", "localhost")]
+
+        def answer_own_host(connection: Any, request: Any) -> Any:
+            if request.headers.get("Host") in self.hosts:
+                return answer(connection, request)
+            return connection.respond(403, "this page is served to 127.0.0.1 and localhost only")
+
+        self._server = serve(
+            talk, sock=listening, origins=[f"http://{host}" for host in self.hosts],
+            process_request=answer_own_host, open_timeout=OPEN_TIMEOUT_S,
+            max_size=max_message_bytes, logger=_SILENT, compression=None,
+        )  # fmt: skip
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    @property
+    def connections(self) -> set[Any]:
+        """The WebSockets that are open."""
+        return self._server.connections
+
+    def close(self) -> None:
+        """Let every client go, also one that takes nothing."""
+        for connection in list(self.connections):
+            with suppress(OSError):
+                connection.socket.shutdown(socket.SHUT_RDWR)
+        self._server.shutdown()
+        self._thread.join()
+
+
+def reply(connection: Any, body: bytes, kind: str, headers: dict[str, str] | None = None) -> Any:
+    """An answer with a body of a media type, and further headers."""
+    response = connection.respond(200, "")
+    all_headers = {"Content-Type": kind, "Content-Length": str(len(body)), **(headers or {})}
+    for name, value in all_headers.items():
+        response.headers.pop(name, None)
+        response.headers[name] = value
+    response.body = body
+    return response

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
-from vfplan.io.processes import Loopback, reply
+from vfplan.io.sandbox import Loopback, reply
 from vfplan.live.sources import MAX_CLIENTS, WAIT_S, PositionStream
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.table import MAX_NUMBER
+from vfplan.io.files import MAX_NUMBER
 from vfplan.session.bags import TICK
 from vfplan.session.result import read_result
 

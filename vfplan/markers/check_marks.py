@@ -111,12 +111,9 @@ class MarkComparison:
 
 
 def compare_with_marks(
-    rgb: NDArray[Any],
-    labels: Sequence[str],
-    positions_px: ArrayLike,
-    *,
+    rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike, *,
     markers_as_given: bool = False,
-) -> MarkComparison:
+) -> MarkComparison:  # fmt: skip
     """Compare given marker positions with the marks that a slice shows.
 
     Parameters
@@ -161,16 +158,14 @@ def compare_with_marks(
                 code="markers-meet-no-marks",
                 numbers={"near": len(matched), "markers": n, "drawn": drawn},
             )
+        finding = note(
+            "no-marks-drawn", "register",
+            "No marks are drawn at the given positions, so these were not checked. Nothing is to "
+            "be done if your markers are not visible.",
+        )  # fmt: skip
         if drawn:
-            finding = doubt(
-                "markers-meet-no-marks", "register", f"{text}. Use this slice's own markers."
-            )
-        else:
-            text = (
-                "No marks are drawn at the given positions, so these were not checked. Nothing "
-                "is to be done if your markers are not visible."
-            )
-            finding = note("no-marks-drawn", "register", text)
+            text += ". Use this slice's own markers."
+            finding = doubt("markers-meet-no-marks", "register", text)
         return MarkComparison(len(matched), drawn, None, None, (finding,))
 
     # Compression blurs marks of one kind to several sizes. A spot of their colour is a mark too.
@@ -181,13 +176,10 @@ def compare_with_marks(
 
     offset = places[matched] - marks
     shift = offset.mean(axis=0)
-    return MarkComparison(
-        matched=len(matched),
-        drawn=max(drawn, len(matched)),
-        rms_px=float(np.sqrt((offset**2).sum(axis=1).mean())),
-        shift_px=(float(shift[0]), float(shift[1])),
-        findings=tuple(offset_findings(labels, places, matched, offset)),
-    )
+    rms_px = float(np.sqrt((offset**2).sum(axis=1).mean()))
+    findings = tuple(offset_findings(labels, places, matched, offset))
+    drawn = max(drawn, len(matched))
+    return MarkComparison(len(matched), drawn, rms_px, tuple(shift.tolist()), findings)
 
 
 def offset_findings(
@@ -267,12 +259,9 @@ def common_hues(hue: Array, strength: Pixels) -> list[float]:
     sector = ((hue + np.pi) / (2 * np.pi) * sectors).astype(int) % sectors
     mass = np.bincount(sector, strength, sectors)
     is_peak = (mass > 0) & (mass >= np.roll(mass, 1)) & (mass >= np.roll(mass, -1))
-    peaks = []
-    for k in np.flatnonzero(is_peak):
-        is_inside = sector == k
-        mean = (strength[is_inside] * np.exp(1j * hue[is_inside])).sum()
-        peaks.append(float(np.angle(mean)))
-    return peaks
+    peaks = [sector == k for k in np.flatnonzero(is_peak)]
+    means = [(strength[peak] * np.exp(1j * hue[peak])).sum() for peak in peaks]
+    return np.angle(means).tolist()
 
 
 def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
@@ -297,18 +286,19 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     types = []
     while is_mark.sum() >= 3:
         # The spot with the most spots of about its own size around it.
-        best = np.zeros(0, dtype=np.intp)
-        for k in np.flatnonzero(is_mark):
-            allowed = np.maximum(2, ALIKE_SIZE * size[k])
-            alike = np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
-            if len(alike) > len(best):
-                best = alike
+        best = max((alike_spots(size, is_mark, k) for k in np.flatnonzero(is_mark)), key=len)
         if len(best) < 3:
             break
         stamped = are_stamped(numbers, statistics[best], best + 1)
         types.append(DrawnMarks(centres[best], stamped, spots))
         is_mark[best] = False
     return types
+
+
+def alike_spots(size: Array, is_mark: NDArray[np.bool_], k: int) -> NDArray[np.intp]:
+    """The marks of about the size (width, height) of the k-th spot."""
+    allowed = np.maximum(2, ALIKE_SIZE * size[k])
+    return np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
 
 
 def are_stamped(

@@ -1,16 +1,19 @@
-"""Marker files -> the two sides of the markers, joined by label.
+"""Marker files -> the two sides of the markers, joined by label, never by order or by nearness.
 
-Tables are read here, 3D Slicer's files in `slicer`. Markers are joined by label, never by order or
-by nearness.
+Read are tables, and 3D Slicer's `.mrk.json` and `.fcsv` into LPS metres. Sources: Slicer's markups
+JSON schema v1 and its "Markups fiducial file" text format. Slicer keeps RAS in memory and states in
+each file which of RAS and LPS the file holds; the two differ in the signs of x and y.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from unicodedata import category
 
 import numpy as np
@@ -18,14 +21,14 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, note
-from vfplan.io.table import Table, parse_table, read_text
+from vfplan.io.files import Table, parse_number, parse_table, read_text, split_rows
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20
 
 ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with sigma_m"
 
-UNITS = ("m", "cm", "mm")
+PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
@@ -39,6 +42,14 @@ MAX_RADIUS_M = 1.0
 
 # What a header without column names holds.
 NUMBER = re.compile(r"\s*[-+]?[0-9.,]+(e[-+]?[0-9]+)?\s*", re.IGNORECASE)
+
+SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
+RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
+FCSV_COLUMNS = [
+    *("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock"),
+    *("label", "desc", "associatedNodeID"),
+]
+SLICER3_COLUMNS = ["label", "x", "y", "z", "sel", "vis"]
 
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
@@ -72,10 +83,9 @@ class MarkerPoints:
             if count > 1:
                 raise MarkerError(
                     f"label {label!r} occurs {count} times. Give each marker a label of its own",
-                    where=self.where,
-                    code="label-doubled",
+                    where=self.where, code="label-doubled",
                     numbers={"label": label, "count": count},
-                )
+                )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,15 +161,13 @@ def read_markers(
             code="same-side-twice",
         )
     inputs = {"markers": first.sha256, "markers2": second.sha256}
-    if second.frame == "image" or first.frame == "robot_base":
-        return join(second, first, inputs, common)
-    return join(first, second, inputs, common)
+    is_swapped = second.frame == "image" or first.frame == "robot_base"
+    source, target = (second, first) if is_swapped else (first, second)
+    return join(source, target, inputs, common)
 
 
 def read_sides(path: Path) -> list[MarkerPoints]:
     """The image side, the other side, or both, of one file."""
-    from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
-
     suffix = path.suffix.lower()
     where = str(path)
     if suffix not in (".csv", ".txt", ".tsv", ".json", ".fcsv"):
@@ -187,23 +195,18 @@ def join(
     common: leave out what only one side has, with a note each
     Raises MarkerError: a label that only one side has, without `common`
     """
-    labels, rows, target_rows = [], [], []
-    for row, label in enumerate(source.labels):
-        if label in target.labels:
-            labels.append(label)
-            rows.append(row)
-            target_rows.append(target.labels.index(label))
+    labels = [label for label in source.labels if label in target.labels]
+    rows = [source.labels.index(label) for label in labels]
+    target_rows = [target.labels.index(label) for label in labels]
     if not labels:
         raise MarkerError(
             f"has no label that {source.where} has. Give the files of one case, with the same "
             "labels in both",
-            where=target.where,
-            code="labels-differ",
-            numbers={"labels": list(source.labels)},
-        )
+            where=target.where, code="labels-differ", numbers={"labels": list(source.labels)},
+        )  # fmt: skip
     findings = source.findings + target.findings
     for side, other in ((source, target), (target, source)):
-        lone = sorted(set(side.labels) - set(other.labels), key=side.labels.index)
+        lone = [label for label in side.labels if label not in other.labels]
         if not lone:
             continue
         names = ", ".join(lone)
@@ -211,44 +214,32 @@ def join(
             raise MarkerError(
                 f"has no marker {names}, which {side.where} has. Add it here, delete {names} "
                 "there, or use --common",
-                where=other.where,
-                code="labels-differ",
-                numbers={"labels": lone},
-            )
+                where=other.where, code="labels-differ", numbers={"labels": lone},
+            )  # fmt: skip
         text = (
             f"Left out: {names}, which only {Path(side.where or 'one side').name} has. Nothing is "
             "to be done if you mean it so."
         )
         findings += (note("markers-not-common", "register", text),)
-    sigma = target.sigma
-    if sigma is not None:
-        sigma = sigma[target_rows]
+    sigma = None if target.sigma is None else target.sigma[target_rows]
     return Correspondences(
-        labels=tuple(labels),
-        source=source.positions[rows],
-        source_frame=source.frame,
-        target=target.positions[target_rows],
-        sigma=sigma,
-        target_frame=target.frame,
-        inputs=inputs,
-        findings=findings,
-    )
+        tuple(labels), source.positions[rows], source.frame, target.positions[target_rows], sigma,
+        target.frame, inputs, findings,
+    )  # fmt: skip
 
 
 def label_of(text: object, what: str, where: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
-    label = str(text).strip() if text is not None else ""
+    label = "" if text is None else str(text).strip()
     if not label:
         raise MarkerError(
             f"{what} has no label. Give every marker one", where=where, code="label-missing"
         )
-    for sign in label:
-        if category(sign) == "Cc":
-            raise MarkerError(
-                f"{what} has a control character in its label {label!r}. Delete it",
-                where=where,
-                code="label-control-character",
-            )
+    if any(category(sign) == "Cc" for sign in label):
+        raise MarkerError(
+            f"{what} has a control character in its label {label!r}. Delete it",
+            where=where, code="label-control-character",
+        )  # fmt: skip
     return label
 
 
@@ -270,51 +261,45 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
         raise MarkerError(
             "the first line holds numbers and no column names. Write label,u_px,v_px or "
             "label,x_m,y_m,z_m above it",
-            where=place,
-            code="header-missing",
-        )
+            where=place, code="header-missing",
+        )  # fmt: skip
 
     # The columns by their plain names: "X [mm]" is "x_mm".
-    columns: dict[str, str] = {}
-    for name in table.header:
-        columns[re.sub(r"[\s_\[\]()]+", "_", name.casefold()).strip("_")] = name
+    columns = {
+        re.sub(r"[\s_\[\]()]+", "_", name.casefold()).strip("_"): name for name in table.header
+    }
     label_column = columns.get("label", columns.get("name"))
     if label_column is None:
         raise MarkerError(
             f"no column 'label' in {header!r}. The columns may be {ALLOWED}",
-            where=place,
-            code="column-missing",
-        )
+            where=place, code="column-missing",
+        )  # fmt: skip
     image = choose_columns(columns, [("u_px", "v_px"), ("u", "v")], place)
-    in_metres, sigma_choices = [("x", "y", "z")], [("sigma",)]
-    for unit in UNITS:
-        in_metres.append((f"x_{unit}", f"y_{unit}", f"z_{unit}"))
+    robot_choices, sigma_choices = [("x", "y", "z")], [("sigma",)]
+    for unit in PER_METRE:
+        robot_choices.append((f"x_{unit}", f"y_{unit}", f"z_{unit}"))
         sigma_choices.append((f"sigma_{unit}",))
         sigma_choices.append((f"sigma_x_{unit}", f"sigma_y_{unit}", f"sigma_z_{unit}"))
-    robot = choose_columns(columns, in_metres, place)
+    robot = choose_columns(columns, robot_choices, place)
     sigma = choose_columns(columns, sigma_choices, place)
     for plain_name, name in columns.items():
         is_known = plain_name in image + robot + sigma
         if not is_known and plain_name.split("_")[0] in COORDINATE_NAMES:
             raise MarkerError(
                 f"column {name!r} is not understood. The columns may be {ALLOWED}",
-                where=place,
-                code="column-unknown",
-                numbers={"column": name},
-            )
+                where=place, code="column-unknown", numbers={"column": name},
+            )  # fmt: skip
     if not image and not robot:
         raise MarkerError(
             f"no coordinates in the columns {header!r}. The columns may be {ALLOWED}",
-            where=place,
-            code="column-missing",
-        )
+            where=place, code="column-missing",
+        )  # fmt: skip
     if sigma and not robot:
         raise MarkerError(
             "a sigma [m] belongs to the robot's positions, which are not here. Move it to their "
             "table",
-            where=place,
-            code="sigma-without-positions",
-        )
+            where=place, code="sigma-without-positions",
+        )  # fmt: skip
 
     table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
     labels = [label_of(row.cells[label_column], f"line {row.line}", where) for row in table.rows]
@@ -325,8 +310,6 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
     if robot:
         raw = _numbers(table, labels, [columns[name] for name in robot])
         unit, findings = unit_of(robot, raw, place)
-        per_metre = number_per_metre(unit)
-        positions = raw / per_metre
         spread = None
         if sigma:
             spread = _numbers(table, labels, [columns[name] for name in sigma])
@@ -334,24 +317,14 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
                 if not (values > 0).all():
                     raise MarkerError(
                         f"sigma of marker {label!r} is {values.min():g}. Give a number above 0",
-                        where=f"{where}, line {row.line}",
-                        code="sigma-range",
+                        where=f"{where}, line {row.line}", code="sigma-range",
                         numbers={"label": label},
-                    )
-            if sigma != ("sigma",):
-                per_metre = number_per_metre(sigma[0].rsplit("_", 1)[-1])
-            spread = spread / per_metre
-            if len(sigma) == 1:
-                spread = spread[:, 0]
+                    )  # fmt: skip
+            sigma_unit = unit if sigma == ("sigma",) else sigma[0].rsplit("_", 1)[-1]
+            spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
+        positions = raw / PER_METRE[unit]
         sides.append(
-            MarkerPoints(
-                "robot_base",
-                tuple(labels),
-                positions,
-                spread,
-                where=where,
-                findings=findings,
-            )
+            MarkerPoints("robot_base", tuple(labels), positions, spread, where, findings=findings)
         )
     return sides
 
@@ -373,16 +346,9 @@ def choose_columns(
         if name not in columns:
             raise MarkerError(
                 f"column {name!r} is missing beside {','.join(columns)!r}. Add it",
-                where=place,
-                code="column-missing",
-                numbers={"column": name},
-            )
+                where=place, code="column-missing", numbers={"column": name},
+            )  # fmt: skip
     return names
-
-
-def number_per_metre(unit: str) -> float:
-    """How many of the unit a metre is."""
-    return {"m": 1.0, "cm": 100.0, "mm": 1000.0}[unit]
 
 
 def unit_of(
@@ -397,7 +363,7 @@ def unit_of(
         return names[0].rsplit("_", 1)[-1], ()
     radius = float(np.sqrt(((raw - raw.mean(axis=0)) ** 2).sum(axis=1).mean()))
     for unit in ("m", "mm"):
-        if MIN_RADIUS_M <= radius / number_per_metre(unit) <= MAX_RADIUS_M:
+        if MIN_RADIUS_M <= radius / PER_METRE[unit] <= MAX_RADIUS_M:
             text = (
                 f"Columns X, Y, Z name no unit: taken as {unit}, by the size of the layout. "
                 "Write x_m or x_mm to be sure."
@@ -406,16 +372,179 @@ def unit_of(
     raise MarkerError(
         f"columns x,y,z name no unit, and a layout of {radius:.3g} (rms from its centre) fits "
         "neither metres nor millimetres. Write x_m,y_m,z_m or x_mm,y_mm,z_mm",
-        where=place,
-        code="unit-unclear",
-        numbers={"radius": radius},
-    )
+        where=place, code="unit-unclear", numbers={"radius": radius},
+    )  # fmt: skip
 
 
 def _numbers(table: Table, labels: list[str], columns: list[str]) -> NDArray[np.float64]:
     """(N, K) the numbers in some columns."""
-    numbers = np.empty((len(labels), len(columns)))
-    for i, (row, label) in enumerate(zip(table.rows, labels, strict=True)):
-        for k, column in enumerate(columns):
-            numbers[i, k] = table.number(row, column, f"marker {label!r}")
-    return numbers
+    numbers = [
+        [table.number(row, column, f"marker {label!r}") for column in columns]
+        for row, label in zip(table.rows, labels, strict=True)
+    ]
+    return np.array(numbers).reshape(-1, len(columns))
+
+
+def parse_mrk_json(text: str, where: str) -> MarkerPoints:
+    """The defined control points of every Fiducial markup in a Slicer `.mrk.json`.
+
+    Positions in `coordinateSystem` (LPS unless stated) and `coordinateUnits` (mm unless stated);
+    points whose `positionStatus` is not "defined" (undefined, preview, missing) are no markers.
+
+    Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
+        that is not three finite numbers
+    """
+    markups = markups_of(text, where)
+    fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
+    if not fiducials:
+        types = ", ".join(repr(markup.get("type")) for markup in markups)
+        raise MarkerError(
+            f"holds {types or 'nothing'}. Give a markup of type Fiducial",
+            where=where, code="no-fiducials",
+        )  # fmt: skip
+    points = [point for markup in fiducials for point in defined_points(markup, where)]
+    labels = [label_of(point.get("label"), f"control point {point.get('id')!r}", where)
+              for point, _ in points]  # fmt: skip
+    return _in_patient(labels, [position for _, position in points], where)
+
+
+def markups_of(text: str, where: str) -> list[dict[str, Any]]:
+    """The markups of a Slicer `.mrk.json`, of whatever type; raises `MarkerError` if it is none."""
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise MarkerError(
+            f"is not JSON ({error}). Save it again in Slicer", where=where, code="not-json"
+        ) from None
+    if not isinstance(document, dict):
+        raise MarkerError(
+            f"holds a {type(document).__name__} and no markups. Save it again in Slicer",
+            where=where,
+            code="no-markups",
+        )
+    schema = document.get("@schema")
+    if not isinstance(schema, str) or not SCHEMA.match(schema):
+        raise MarkerError(
+            f"@schema is {schema!r}. Give a file of Slicer's markups schema v1",
+            where=where,
+            code="schema-unknown",
+        )
+    return _objects(document, "markups", where)
+
+
+def lps_points(markup: dict[str, Any], where: str) -> NDArray[np.float64]:
+    """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
+    positions = [position for _, position in defined_points(markup, where)]
+    return np.array(positions).reshape(-1, 3)
+
+
+def defined_points(
+    markup: dict[str, Any], where: str
+) -> Iterator[tuple[dict[str, Any], NDArray[np.float64]]]:
+    """The defined control points, and their positions in LPS [m]."""
+    # A unit stands as its code, or as a list of the code, "UCUM" and its name.
+    metres = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
+    unit = markup.get("coordinateUnits", "mm")
+    if isinstance(unit, list) and len(unit) == 3 and unit[1] == "UCUM":
+        unit = unit[0]
+    if not isinstance(unit, str) or unit not in metres:
+        raise MarkerError(
+            f"coordinateUnits is {unit!r}. It may be {', '.join(metres)}",
+            where=where,
+            code="unit-unknown",
+        )
+    system = markup.get("coordinateSystem", "LPS")
+    if system not in ("LPS", "RAS"):
+        raise MarkerError(
+            f"coordinateSystem is {system!r}. It may be LPS or RAS",
+            where=where,
+            code="coordinate-system-unknown",
+        )
+    scale = metres[unit] * (RAS_TO_LPS if system == "RAS" else np.ones(3))
+    for point in _objects(markup, "controlPoints", where):
+        if point.get("positionStatus", "defined") != "defined":
+            continue
+        what = f"position of marker {str(point.get('label') or point.get('id'))!r}"
+        position = point.get("position")
+        if not isinstance(position, list) or len(position) != 3:
+            raise MarkerError(
+                f"{what} is {position!r}. Give three numbers",
+                where=where,
+                code="no-position",
+            )
+        xyz = [parse_number(value, what, where, MarkerError) for value in position]
+        yield point, np.array(xyz) * scale
+
+
+def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    """The list of objects under a key."""
+    entries = parent.get(key)
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise MarkerError(
+            f"{key!r} is not a list of objects. Save the file again in Slicer",
+            where=where,
+            code="no-markups",
+        )
+    return entries
+
+
+def parse_fcsv(text: str, where: str) -> MarkerPoints:
+    """The points of a Slicer `.fcsv` as markers, each with its label; raises as `fcsv_points`."""
+    points = fcsv_points(text, where)
+    labels = [label_of(label, "it", f"{where}, point {number}")
+              for number, (label, _) in enumerate(points, start=1)]  # fmt: skip
+    return _in_patient(labels, [position for _, position in points], where)
+
+
+def _in_patient(labels: list[str], positions: list[NDArray], where: str) -> MarkerPoints:
+    array = np.array(positions).reshape(-1, 3)
+    return MarkerPoints("patient_lps", tuple(labels), array, where=where)
+
+
+def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:
+    """Label and (3,) position in LPS [m] of each point of a Slicer `.fcsv`, in the file's order.
+
+    Positions are in mm, in the coordinate system that the header names. With a `# Markups fiducial
+    file version` line the columns are Slicer 4's, at fixed places; without one they are Slicer 3's
+    `label,x,y,z,sel,vis` in RAS.
+
+    Raises MarkerError: an unknown coordinate system, other columns, a position that is not three
+        finite numbers
+    """
+    header: dict[str, str] = {}
+    lines = []
+    for line in text.splitlines():
+        stripped = line.strip()
+        if stripped.startswith("#"):
+            key, _, value = stripped[1:].partition("=")
+            header[key.strip().lower()] = value.strip()
+        else:
+            lines.append(stripped)
+
+    is_slicer4 = "markups fiducial file version" in header
+    columns = FCSV_COLUMNS if is_slicer4 else SLICER3_COLUMNS
+    system = header.get("coordinatesystem", None if is_slicer4 else "RAS")
+    stated = header.get("columns", ",".join(columns))
+    if [name.strip() for name in stated.split(",")][: len(columns)] != columns:
+        raise MarkerError(
+            f"columns are {stated!r}. They may be {','.join(columns)!r}",
+            where=where, code="column-unknown",
+        )  # fmt: skip
+    signs = {"LPS": np.ones(3), "1": np.ones(3), "RAS": RAS_TO_LPS, "0": RAS_TO_LPS}
+    if system not in signs:
+        raise MarkerError(
+            f"CoordinateSystem is {system!r}. It may be RAS, LPS, 0 (RAS) or 1 (LPS)",
+            where=where, code="coordinate-system-unknown",
+        )  # fmt: skip
+
+    points = []
+    rows = split_rows("\n".join(lines), where, MarkerError)
+    for number, (_, row) in enumerate(rows, start=1):
+        cells = dict(zip(columns, row, strict=False))
+        label = cells.get("label")
+        what = f"of marker {label.strip()!r}" if label else "of it"
+        place = f"{where}, point {number}"
+        xyz = [parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError)
+               for axis in "xyz"]  # fmt: skip
+        points.append((label, np.array(xyz) * signs[system] * 1e-3))
+    return points

@@ -81,12 +81,9 @@ class ShapeFit:
 
 
 def find_markers(
-    rgb: NDArray[Any],
-    labels: Sequence[str],
-    positions_px: ArrayLike,
-    *,
+    rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike, *,
     search_px: float = MATCH_RADIUS_PX,
-) -> tuple[DrawnMarker, ...]:
+) -> tuple[DrawnMarker, ...]:  # fmt: skip
     """Find the drawn marker nearest to each given position.
 
     Parameters
@@ -162,14 +159,14 @@ def _find_marker(
             if fit.misfit > MAX_MISFIT or moved > search_px:
                 continue
             position = (fit.u + column, fit.v + row)
-            is_better = True
-            if best is not None:
-                # The better fit of one mark; of two marks the nearer.
-                is_better = moved < best.moved_px
-                if np.hypot(*np.subtract(position, best.position_px)) < 2:
-                    is_better = fit.misfit < best.misfit
-            if is_better:
-                best = DrawnMarker(label, position, moved, fit.shape, fit.misfit)
+            found = DrawnMarker(label, position, moved, fit.shape, fit.misfit)
+            # The better fit of one mark; of two marks the nearer.
+            if best is None:
+                best = found
+            elif np.hypot(*np.subtract(position, best.position_px)) < 2:
+                best = min(best, found, key=lambda marker: marker.misfit)
+            else:
+                best = min(best, found, key=lambda marker: marker.moved_px)
         if best is not None and best.misfit < CLEAR_MISFIT:
             break
     return best
@@ -234,16 +231,9 @@ def marks_around(coverage: Array, place: tuple[float, float], search_px: float) 
         weight = np.where(numbers[window] == number, alpha, 0.0)
         centre_u = float((u * weight).sum() / weight.sum())
         centre_v = float((v * weight).sum() / weight.sum())
-        marks.append(
-            Mark(
-                coverage=alpha,
-                valid=~ndimage.binary_dilation(is_other, iterations=2),
-                u=u,
-                v=v,
-                centre=(centre_u, centre_v),
-                radius=max(is_inside.shape) / 2,
-            )
-        )
+        valid = ~ndimage.binary_dilation(is_other, iterations=2)
+        radius = max(is_inside.shape) / 2
+        marks.append(Mark(alpha, valid, u, v, (centre_u, centre_v), radius))
     return marks
 
 
@@ -268,10 +258,10 @@ def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     rows, columns = mark.v[:, 0].astype(int), mark.u[0].astype(int)
     # Brightness as JPEG stores it, by ITU-R BT.601.
     grey = picture[np.ix_(rows, columns)] @ [0.299, 0.587, 0.114]
-    if by_colour.shape == "cross":
-        background = background_under_cross(mark, grey, by_colour.parameters)
-    else:
-        background = background_under_dot(mark, grey)
+    background = (
+        background_under_cross(mark, grey, by_colour.parameters)
+        if by_colour.shape == "cross" else background_under_dot(mark, grey)
+    )  # fmt: skip
     darkest_ink = np.unravel_index(np.argmax(mark.coverage * mark.valid), grey.shape)
     contrast = float(grey[darkest_ink]) - background
     is_known = np.abs(contrast) > MIN_CONTRAST / 2
@@ -342,20 +332,14 @@ def fit_shape(mark: Mark) -> ShapeFit:
     ]
     # A mark that covers more than half of its circle is probably a dot.
     if area > 0.5 * np.pi * r**2:
-        starts = [starts[1], starts[0], starts[2]]
+        starts[:2] = starts[1::-1]
     models = {"cross": _cross, "dot": _disc}
     best: ShapeFit | None = None
     for shape, start in starts:
         parameters, misfit = minimise_misfit(mark, models[shape], start)
         if best is None or misfit < best.misfit:
-            best = ShapeFit(
-                u=float(parameters[0]),
-                v=float(parameters[1]),
-                shape=shape,
-                misfit=misfit,
-                blur=float(parameters[-2]),
-                parameters=parameters,
-            )
+            found_u, found_v, blur = parameters[[0, 1, -2]].tolist()
+            best = ShapeFit(found_u, found_v, shape, misfit, blur, parameters)
         if best.misfit < CLEAR_MISFIT / 2:
             break
     assert best is not None
@@ -391,18 +375,9 @@ def minimise_misfit(
 
 
 def _cross(
-    u: Array,
-    v: Array,
-    u0: float,
-    v0: float,
-    length: float,
-    half_width: float,
-    angle: float,
-    slide_x: float,
-    slide_y: float,
-    blur: float,
-    strength: float,
-) -> Array:
+    u: Array, v: Array, u0: float, v0: float, length: float, half_width: float, angle: float,
+    slide_x: float, slide_y: float, blur: float, strength: float,
+) -> Array:  # fmt: skip
     """Coverage of two bars of half length `length` that cross at (u0, v0).
 
     Each bar may slide along itself: drawing programs round the ends of a bar to whole pixels, so

@@ -173,7 +173,8 @@ def read_vectors(
 
 def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
-    from vfplan.vectors.read import FINE_M, read_vector_curve
+    from vfplan.vectors.curve import FINE_M
+    from vfplan.vectors.read import read_vector_curve
 
     started = time.perf_counter()
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)

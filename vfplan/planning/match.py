@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from vfplan.errors import CheckFailed, CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.io.files import naming_place
-from vfplan.io.table import read_table
+from vfplan.io.files import naming_place, read_table
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.registration import Registration

@@ -478,7 +478,7 @@ def lines_and_arcs_of(
     SettingError
         Lines and arcs are asked for, and there can be none.
     """
-    from vfplan.geometry.arcs import fit_arcs, plane
+    from vfplan.geometry.lines import fit_arcs, plane
 
     if settings.points_only:
         return None

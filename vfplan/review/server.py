@@ -32,7 +32,7 @@ import numpy as np
 from vfplan.errors import InputError, SettingError, VfplanError
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_TEXT_BYTES, read_whole, to_json_types
-from vfplan.io.processes import Loopback, reply
+from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.review.session import Session

@@ -30,8 +30,14 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError
 from vfplan.geometry import UNIT_ROUNDED
-from vfplan.io.files import MAX_TEXT_BYTES, OpenedFile, parse_decimal
-from vfplan.io.table import open_number_table, read_text, split_rows
+from vfplan.io.files import (
+    MAX_TEXT_BYTES,
+    OpenedFile,
+    open_number_table,
+    parse_decimal,
+    read_text,
+    split_rows,
+)
 from vfplan.io.writing import write_whole
 from vfplan.session.session import Array
 

@@ -19,10 +19,9 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.io.files import OpenedFile, npy_header
+from vfplan.io.files import OpenedFile, npy_header, open_number_table
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
-from vfplan.io.table import open_number_table
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import BLOCK, Array, Samples, Session, SessionStream, unit_factor

@@ -19,7 +19,7 @@ from vfplan.engine.parameters import RULES, Rule, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
-from vfplan.io.processes import worker_processes
+from vfplan.io.sandbox import worker_processes
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.cases import CASES, passivity_cases, run_extreme_cases

@@ -1,7 +1,4 @@
-"""Outlines -> a surface in the patient, as a fixture that is certified, with its errors.
-
-What kind of source files are, and the reader of each.
-"""
+"""Outlines -> a surface in the patient, as a fixture that is certified, with its errors."""
 
 from __future__ import annotations
 
@@ -16,79 +13,14 @@ from numpy.typing import NDArray
 
 from vfplan.bundle.importing import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
-from vfplan.errors import InputError, SettingError
+from vfplan.errors import SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.images.dataset import begins_like_dicom
-from vfplan.io.files import naming_place, now_utc, opened_file
+from vfplan.io.files import now_utc
 from vfplan.registration.touch import NearestOnMesh
 from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, level_surface
-from vfplan.surface.outline import Contours, Stack
-from vfplan.surface.slicing import SlicedVolume, slice_contours
-from vfplan.surface.volumes import contours_of_volume
-
-HEAD_BYTES = 256
-"""Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132."""
-SOURCE_TYPES = (
-    "RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json or a folder of drawn slices"
-)
-
-
-def read_contours(
-    sources: list[Path], structure: str | None = None, colour: str = "red"
-) -> Contours:
-    """The outlines of one structure.
-
-    Parameters
-    ----------
-    sources
-        One file; or several `.mrk.json`; or a folder of DICOM slices, each with a drawing.
-    structure
-        Its name or number in a source that holds several.
-    colour
-        The pen's, on drawn slices.
-
-    Raises
-    ------
-    InputError
-        A source is none of these, is damaged, or has no such structure.
-    """
-    from vfplan.surface import curves, dicom, volumes
-
-    first = sources[0]
-    where = str(first)
-    are_curves = all(path.name.lower().endswith(".json") for path in sources)
-    if len(sources) > 1 and not are_curves:
-        raise InputError(
-            f"is one of {len(sources)} sources. Give one; several are read of .mrk.json alone.",
-            where=str(sources[1]),
-            code="source-several",
-            numbers={"sources": len(sources)},
-        )
-    if structure is not None and (are_curves or first.is_dir()):
-        raise InputError(
-            f"holds drawn curves, which have no names. Leave --structure {structure!r} out.",
-            where=where,
-            code="structure-unknown",
-        )
-    if first.is_dir():
-        return curves.read_drawn_slices(first, colour)
-    if are_curves:
-        return curves.read_slicer_curves(sources)
-
-    with opened_file(first) as file:
-        head = file.read(HEAD_BYTES)
-    with naming_place(where):
-        if head.startswith(b"NRRD"):
-            return contours_of_volume(volumes.read_nrrd(first), structure)
-        if first.name.lower().endswith((".nii", ".nii.gz")):
-            return contours_of_volume(volumes.read_nifti(first), structure)
-        if begins_like_dicom(head):
-            return dicom.read_dicom_contours(first, structure)
-    raise InputError(
-        f"is no source of outlines. Give {SOURCE_TYPES}.", where=where, code="source-unknown"
-    )
-
+from vfplan.surface.outline import Contours, SlicedVolume, Stack, slice_contours
+from vfplan.surface.sources import read_contours
 
 Array = NDArray[np.float64]
 COVER = 0.9
@@ -100,7 +32,7 @@ DIMPLE_SHARE = 0.45
 """Share of the tolerance for dimples between corners. The band takes as much, chords the rest."""
 MAX_CHECKED_POINTS = 10_000
 """Number of points of the outlines that are held against the surface."""
-MAX_CHECKED_POINTS_OF_SLICE = MAX_CHECKED_POINTS // 50
+MAX_CHECKED_POINTS_OF_SLICE = 200
 """The same of each slice that is left out. A structure shows on some fifty slices."""
 
 
@@ -158,11 +90,9 @@ class Surface:
 
 
 def surface(
-    *sources: str | Path,
-    structure: str | None = None,
-    colour: str = "red",
+    *sources: str | Path, structure: str | None = None, colour: str = "red",
     settings: SurfaceSettings | None = None,
-) -> Surface:
+) -> Surface:  # fmt: skip
     """The surface through the outlines of a structure, in the patient's LPS frame [m].
 
     Parameters
@@ -192,14 +122,9 @@ def surface(
     sliced = slice_contours(contours, settings.max_spacing_m)
     levels = [level_surface(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
     # One mesh of all runs of slices, in the patient.
-    corners = []
-    faces = []
-    count = 0
-    for level in levels:
-        corners.append(level.points)
-        faces.append(level.triangles + count)
-        count += len(level.points)
-    points = np.concatenate(corners) @ sliced.R_slice_patient
+    points = np.concatenate([level.points for level in levels]) @ sliced.R_slice_patient
+    starts = np.cumsum([0, *(len(level.points) for level in levels)])
+    faces = [level.triangles + start for level, start in zip(levels, starts, strict=False)]
     triangles = np.concatenate(faces).astype(np.int32)
 
     radius = settings.contact_radius + settings.point_radius
@@ -230,26 +155,21 @@ def surface(
 
 
 def report_of(
-    contours: Contours,
-    sliced: SlicedVolume,
-    levels: list[LevelSurface],
-    fixture: Fixture,
+    contours: Contours, sliced: SlicedVolume, levels: list[LevelSurface], fixture: Fixture,
     settings: SurfaceSettings,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
-    structures = []
-    for structure in contours.structures:
-        is_chosen = structure.number == contours.chosen
-        structures.append({"number": structure.number, "name": structure.name, "chosen": is_chosen})
+    structures = [
+        {"number": one.number, "name": one.name, "chosen": one.number == contours.chosen}
+        for one in contours.structures
+    ]
     points = fixture.points
     edges = open_edges(fixture.mesh)
-    largest_opening = largest_cover(fixture.mesh, points)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6) if not edges else None
     a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-    ends = "open" if settings.keep_open else "capped"
     return {
         "slices": sum(len(stack.outlines) for stack in sliced.stacks),
         "spacing_mm": float(np.median(gaps_mm)),
@@ -259,14 +179,14 @@ def report_of(
         "outlines": len(contours.rings),
         "points": len(points),
         "triangles": len(fixture.mesh),
-        "ends": ends,
+        "ends": "open" if settings.keep_open else "capped",
         "open_edges": edges,
         "volume_mm3": volume_mm3,
         "area_mm2": 1e6 * area,
         "extent_m": [points.min(axis=0), points.max(axis=0)],
         "tolerance_mm": 1e3 * settings.tolerance_m,
         "grid_mm": 1e3 * settings.step_m,
-        "largest_opening_mm": 1e3 * largest_opening,
+        "largest_opening_mm": 1e3 * largest_cover(fixture.mesh, points),
         "band_mm": 1e3 * fixture.band,
         "contour_error_mm": contour_error(sliced, points, fixture.mesh),
         "left_out_slice_mm": left_out_error(sliced),
@@ -276,10 +196,7 @@ def report_of(
 
 def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
     """What became of the ends, where nothing was outlined."""
-    places = []
-    for stack in sliced.stacks:
-        places.append(f"{1e3 * stack.z[0]:.2f}")
-        places.append(f"{1e3 * stack.z[-1]:.2f}")
+    places = [f"{1e3 * stack.z[k]:.2f}" for stack in sliced.stacks for k in (0, -1)]
     where = f"at {', '.join(places)} mm along the slices' normal"
     if settings.keep_open:
         return f"the ends {where} are left open. A proxy can enter there: keep the tool away."
@@ -291,11 +208,8 @@ def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
 
 def contour_error(sliced: SlicedVolume, points: Array, triangles: Triangles) -> dict[str, Any]:
     """Distance of the outlines to the mesh: RMS and largest [mm], and where."""
-    corners = []
-    for stack in sliced.stacks:
-        for outline in stack.outlines:
-            for ring in outline.cut_rings:
-                corners.append(at_height(ring, outline.z))
+    outlines = [outline for stack in sliced.stacks for outline in stack.outlines]
+    corners = [at_height(ring, outline.z) for outline in outlines for ring in outline.cut_rings]
     places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, triangles)(places)
     return summary_of(np.linalg.norm(places - nearest, axis=1), places)
@@ -312,9 +226,7 @@ def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
     places = []
     for stack in sliced.stacks:
         outlines = stack.outlines
-        if len(outlines) <= 3:
-            continue
-        for k in range(1, len(outlines) - 1):
+        for k in range(1, len(outlines) - 1) if len(outlines) > 3 else ():
             # The function between two slices depends on two slices to either side.
             others = Stack(outlines[max(0, k - 2) : k] + outlines[k + 1 : k + 3])
             checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)

@@ -18,7 +18,7 @@ from vfplan.cli.options import (
     options_in_order,
     output_option,
     settings_from_options,
-)
+)  # fmt: skip
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -57,10 +57,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     settings = settings_from_options(SurfaceSettings, options)
     with announce_if_slow("meshing"):
         result = surface(
-            *sources,
-            structure=options["structure"],
-            colour=options["colour"],
-            settings=settings,
+            *sources, structure=options["structure"], colour=options["colour"], settings=settings
         )
     with outputs(output, picture_out) as (path, picture):
         write_fixture(result.fixture, path)
@@ -68,16 +65,13 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
             from vfplan.surface.figures import draw_surface
 
             draw_surface(result, picture)
-    verdict = "meshed, closed"
-    if result.report["open_edges"]:
-        verdict = f"meshed, with {result.report['open_edges']} open edges"
+    edges = result.report["open_edges"]
+    verdict = f"meshed, with {edges} open edges" if edges else "meshed, closed"
     return CommandResult(
-        result.report,
-        f"{surface_text(result.report)}\nwrote {output}",
-        findings=result.findings,
-        verdict=verdict,
+        result.report, f"{surface_text(result.report)}\nwrote {output}",
+        findings=result.findings, verdict=verdict,
         next_step=f"{register_command(output)} --model rigid",
-    )
+    )  # fmt: skip
 
 
 def surface_text(report: dict[str, Any]) -> str:
@@ -85,16 +79,15 @@ def surface_text(report: dict[str, Any]) -> str:
     low, high = report["spacing_range_mm"]
     spacing = f"{low:.3g} to {high:.3g}" if high - low >= 1e-3 else f"{low:.3g}"
     sizes_mm = [f"{1e3 * (high - low):.1f}" for low, high in zip(*report["extent_m"], strict=True)]
-    closed = f"{report['open_edges']} open edges"
-    if report["volume_mm3"] is not None:
-        closed = f"closed, {report['volume_mm3'] / 1e3:.2f} cm3"
-    contour_error = report["contour_error_mm"]
+    volume = report["volume_mm3"]
+    is_open = volume is None
+    closed = f"{report['open_edges']} open edges" if is_open else f"closed, {volume / 1e3:.2f} cm3"
+    error = report["contour_error_mm"]
     lines = [
         f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
         f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
         f"across; {closed}",
-        f"from the outlines {contour_error['rms']:.4f} mm rms, {contour_error['max']:.4f} mm at "
-        "most",
+        f"from the outlines {error['rms']:.4f} mm rms, {error['max']:.4f} mm at most",
     ]
     left_out = report["left_out_slice_mm"]
     if left_out is not None:

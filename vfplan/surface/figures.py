@@ -111,9 +111,7 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     axes.add_collection(
         PolyCollection(corners[order, :, :2], facecolors=colours, edgecolors=colours, lw=0.3)
     )
-    outlines = []
-    for stack in result.sliced.stacks:
-        outlines.extend(stack.outlines)
+    outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
         for ring in outline.outer_rings:

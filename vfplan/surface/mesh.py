@@ -80,8 +80,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     axes = grid_axes(stack, step, closed)
     values = grid_values(stack, axes, step)
     if closed:
-        values[:, :, 0] = step
-        values[:, :, -1] = step
+        values[:, :, [0, -1]] = step
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
     nodes = nodes.astype(np.float64)
     mesh = snapped(nodes, triangles, axes)
@@ -96,10 +95,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
 
 def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
     """Coordinates of the grid's planes; with caps the outermost two fall together."""
-    rings = []
-    for outline in stack.outlines:
-        rings.extend(outline.rings)
-    corners = np.concatenate(rings)
+    corners = np.concatenate([ring for outline in stack.outlines for ring in outline.rings])
     low = corners.min(axis=0) - 2 * step
     high = corners.max(axis=0) + 2 * step
     x = np.arange(low[0], high[0] + step, step)
@@ -119,13 +115,10 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
             code="surface-too-fine",
             numbers={"nodes": nodes, "nodes_max": MAX_NODES},
         )
-    cuts = []
-    for k, count in enumerate(pieces):
-        cuts.append(np.linspace(places[k], places[k + 1], count, endpoint=False))
+    gaps = zip(places, places[1:], pieces, strict=False)
+    cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
     z = np.concatenate([*cuts, places[-1:]])
-    if closed:
-        z = np.r_[z[0], z, z[-1]]
-    return x, y, z
+    return x, y, np.r_[z[0], z, z[-1]] if closed else z
 
 
 def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
@@ -148,23 +141,19 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
                 of_slice[k] = slice_values(stack.outlines[k], x, y, 2 * step + gap)
             total = total + weight * of_slice[k]
         values[:, :, plane] = total
-        for k in list(of_slice):
-            if k < which[plane].min():
-                del of_slice[k]
+        first = which[plane].min()
+        of_slice = {k: distances for k, distances in of_slice.items() if k >= first}
     return values
 
 
 def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
     """(X, Y) signed distances, exact within `reach` of the outline."""
-    x_middles = block_middles(x)
-    y_middles = block_middles(y)
+    x_middles, y_middles = block_middles(x), block_middles(y)
     centres = np.stack(np.meshgrid(x_middles, y_middles, indexing="ij"), axis=-1).reshape(-1, 2)
     distance, gradient = outline.signed(centres)
-    row = np.arange(len(x)) // BLOCK
-    column = np.arange(len(y)) // BLOCK
-    block = np.add.outer(row * len(y_middles), column)
-    dx = x[:, None] - centres[block, 0]
-    dy = y[None, :] - centres[block, 1]
+    rows, columns = np.arange(len(x)) // BLOCK, np.arange(len(y)) // BLOCK
+    block = np.add.outer(rows * len(y_middles), columns)
+    dx, dy = x[:, None] - centres[block, 0], y[None, :] - centres[block, 1]
     values = distance[block] + dx * gradient[block, 0] + dy * gradient[block, 1]
     i, j = np.nonzero(np.abs(distance)[block] < reach + np.hypot(dx, dy))
     values[i, j] = outline.signed(np.column_stack([x[i], y[j]]))[0]
@@ -184,9 +173,7 @@ def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
 
     Triangles that this folds away go.
     """
-    points = np.empty_like(nodes)
-    for k, axis in enumerate(axes):
-        points[:, k] = np.interp(nodes[:, k], np.arange(len(axis)), axis)
+    columns = [np.interp(nodes[:, k], np.arange(len(axis)), axis) for k, axis in enumerate(axes)]
     in_plane = nodes[:, 2] == np.rint(nodes[:, 2])
 
     # Corners with one key become one, in their middle: the node's number, or a corner's own.
@@ -196,10 +183,8 @@ def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
     key = (nearest[:, 0] * size[1] + nearest[:, 1]) * size[2] + nearest[:, 2]
     key[~is_close] = -1 - np.flatnonzero(~is_close)
     _, merged = np.unique(key, return_inverse=True)
-    count = np.bincount(merged)
-    middles = np.empty((len(count), 3))
-    for k in range(3):
-        middles[:, k] = np.bincount(merged, points[:, k]) / count
+    sums = [np.bincount(merged, column) for column in columns]
+    middles = np.column_stack(sums) / np.bincount(merged)[:, None]
     in_plane = np.bincount(merged, in_plane) > 0
 
     faces = merged[triangles]
@@ -214,13 +199,9 @@ def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
 
 
 def moved_onto_level(
-    stack: Stack,
-    places: Array,
-    on_end: Flags,
-    on_cap: Flags,
-    step: float,
+    stack: Stack, places: Array, on_end: Flags, on_cap: Flags, step: float,
     ends: tuple[float, float],
-) -> tuple[Array, float]:
+) -> tuple[Array, float]:  # fmt: skip
     """Corners (N, 3) moved onto the level, and the largest distance that is left [m].
 
     Newton's method along the gradient. Corners on the end planes stay in them, caps as a whole. A
@@ -240,9 +221,7 @@ def moved_onto_level(
         best_distance[better] = distance[is_better]
         best_points[better] = points[better]
         continues = is_better & (distance > ROUNDING_M)
-        moving = moving[continues]
-        value = value[continues]
-        gradient = gradient[continues]
+        moving, value, gradient = moving[continues], value[continues], gradient[continues]
         # Near a ridge the gradient is small. The step is half a cell at most.
         square = np.maximum((gradient**2).sum(axis=1), MIN_SLOPE**2)
         move = -(value / square)[:, None] * gradient
@@ -251,17 +230,6 @@ def moved_onto_level(
         points[moving] = best_points[moving] + move
         points[moving, 2] = np.clip(points[moving, 2], *ends)
     return best_points, float(best_distance[~on_cap].max(initial=0.0))
-
-
-class Flip(NamedTuple):
-    """An edge b-c between two triangles that may become the edge a-d."""
-
-    row: int
-    other_row: int
-    a: int
-    b: int
-    c: int
-    d: int
 
 
 def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
@@ -288,8 +256,10 @@ def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
 
 def possible_flips(
     triangles: Triangles, around: Indices, rows: Indices, wide_corners: Indices
-) -> list[Flip]:
+) -> list[tuple[int, ...]]:
     """The flips opposite wide corners that make a new edge.
+
+    Each (row, other_row, a, b, c, d): the edge b-c between two triangles may become the edge a-d.
 
     around: all triangles at the corners of `rows`
     rows, wide_corners: triangles and which corner of each is wide
@@ -298,15 +268,11 @@ def possible_flips(
     """
     owner = {}
     for row, (a, b, c) in zip(around.tolist(), triangles[around].tolist(), strict=True):
-        owner[a, b] = row
-        owner[b, c] = row
-        owner[c, a] = row
+        owner[a, b] = owner[b, c] = owner[c, a] = row
     flips = []
     used = set()
     for row, corner in zip(rows.tolist(), wide_corners.tolist(), strict=True):
-        b = triangles.item(row, (corner + 1) % 3)
-        c = triangles.item(row, (corner + 2) % 3)
-        a = triangles.item(row, corner)
+        a, b, c = np.roll(triangles[row], -corner).tolist()
         other_row = owner.get((c, b))
         if other_row is None or row in used or other_row in used:
             continue
@@ -314,15 +280,15 @@ def possible_flips(
         if (a, d) not in owner and (d, a) not in owner:
             used.update((row, other_row))
             owner[a, d] = row  # A second flip must not make the same edge.
-            flips.append(Flip(row, other_row, a, b, c, d))
+            flips.append((row, other_row, a, b, c, d))
     return flips
 
 
-def flip_where_better(points: Array, triangles: Triangles, flips: list[Flip]) -> bool:
+def flip_where_better(points: Array, triangles: Triangles, flips: list[tuple[int, ...]]) -> bool:
     """Flip where that makes the narrowest corner wider; whether any was."""
     row, other_row, a, b, c, d = np.array(flips, dtype=np.int64).reshape(-1, 6).T
     before = triangles[np.stack([row, other_row])]
-    after = np.stack([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    after = np.stack([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
     narrowest_before = corner_cosines(points[before]).max(axis=2).max(axis=0)
     narrowest_after = corner_cosines(points[after]).max(axis=2).max(axis=0)
     is_better = narrowest_after < narrowest_before

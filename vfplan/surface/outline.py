@@ -1,20 +1,20 @@
-"""The outlines of one slice: rings -> polygons with holes -> signed distance, exact.
+"""Rings in the patient -> outlines of slices -> runs of slices, each one function in space.
+
+All that matters of a series is where its rings lie: flipped, oblique and tilted ones (whose slices
+slide along each other) need nothing more than the slices' common normal.
 
 A ring inside another is a hole, as DICOM's exclusive or has it (PS3.3 C.8.8.6.3), and so is what a
 keyhole's channel leads to. Rings that cross are refused: which side is inside they do not say.
 
-What every reader gives: closed rings in the patient, each flat, and which slices hold none.
-
-Outlines on slices -> one function in space: cubic between the slices' signed distances.
-
-Between two slices runs the cubic with both values and, as slopes, those of the parabolas through
-each and its neighbours; beyond the first and the last slice the outline stays as it is there.
+Between two slices runs the cubic of both signed distances and, as slopes, those of the parabolas
+through each and its neighbours. Beyond the first and the last slice the outline stays as it is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,6 +34,14 @@ CHANNEL_M = 1e-4
 """Largest width of a keyhole's channel [m]. No tool draws bone as thin."""
 MIN_CHANNEL_LENGTH = 20.0
 """Smallest way along the ring from one side of a channel to the other, in widths of a channel."""
+FLAT_M = 5e-5
+"""Largest distance of a flat ring from its plane [m]. Tenths of a millimetre round as far."""
+SAME_M = 2e-5
+"""Largest distance between two statements of one place [m]. Single precision rounds as far."""
+DOUBLED = 0.1
+"""Distance between doubled slices, as a share of the usual one. No series is cut so finely."""
+WIDEST = 1.5
+"""Widest gap, in usual distances, that is bridged unless a person gives another."""
 STRAY_SHARE = 1e-3
 """Largest share of a ring's area that little loops at its ends may enclose."""
 
@@ -106,11 +114,9 @@ class Outline:
         """(M, 2) corners of each ring: outer ones anticlockwise, holes clockwise."""
         from shapely import orient_polygons
 
-        rings = []
-        for part in orient_polygons(list(self.parts)):
-            for ring in (part.exterior, *part.interiors):
-                rings.append(np.array(ring.coords)[:-1, :2])
-        return tuple(rings)
+        parts = orient_polygons(list(self.parts))
+        rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+        return tuple(np.array(ring.coords)[:-1, :2] for ring in rings)
 
     @property
     def outer_rings(self) -> tuple[Array, ...]:
@@ -127,18 +133,11 @@ class Outline:
         """The edges of all rings, ready to be searched."""
         from scipy.spatial import cKDTree
 
-        ends = []
-        before = []
-        count = 0
-        for ring in self.cut_rings:
-            ends.append(np.roll(ring, -1, axis=0))
-            before.append(np.roll(np.arange(count, count + len(ring)), 1))
-            count += len(ring)
         start = np.concatenate(self.cut_rings)
-        before = np.concatenate(before)
-        after = np.empty_like(before)
-        after[before] = np.arange(count)
-        along = to_complex(np.concatenate(ends) - start)
+        numbers = np.split(np.arange(len(start)), np.cumsum([len(r) for r in self.cut_rings])[:-1])
+        before = np.concatenate([np.roll(ring, 1) for ring in numbers])
+        after = np.concatenate([np.roll(ring, -1) for ring in numbers])
+        along = to_complex(start[after] - start)
         normal = -1j * along / np.abs(along)
         corner_normal = normal + normal[before]
         return Edges(to_complex(start), along, normal, corner_normal, before, after, cKDTree(start))
@@ -166,27 +165,21 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
     where shapely is not installed.
     """
     with requires_extra("making a surface of outlines needs shapely", "surface"):
-        from shapely import Polygon
+        from shapely import get_parts
 
     polygons = [polygon_of(ring, where) for ring in rings]
     polygons.sort(key=lambda polygon: -polygon.area)
     parts: list[Any] = []
     holes = 0
     for polygon in polygons:
-        outer = None
-        for index, part in enumerate(parts):
+        for part in parts:
             if is_inside(polygon, part, where):
-                outer = index
+                parts.remove(part)
+                parts += get_parts(part.difference(polygon)).tolist()
+                holes += 1
                 break  # Parts do not overlap, so no other one can hold the polygon.
-        if outer is None:
-            parts.append(polygon)
-            continue
-        remainder = parts.pop(outer).difference(polygon)
-        if isinstance(remainder, Polygon):
-            parts.append(remainder)
         else:
-            parts.extend(remainder.geoms)
-        holes += 1
+            parts.append(polygon)
     return Outline(z, tuple(parts)), holes
 
 
@@ -201,10 +194,8 @@ def polygon_of(ring: Array, where: str) -> Polygon:
     if len(ring) < 3:
         raise CurveError(
             f"an outline has {len(ring)} corners. Draw at least 3.",
-            where=where,
-            code="outline-empty",
-            numbers={"corners": len(ring)},
-        )
+            where=where, code="outline-empty", numbers={"corners": len(ring)},
+        )  # fmt: skip
     ring = with_closed_channel(ring)
     polygon = Polygon(ring)
     ring_area = abs(area(ring))
@@ -215,11 +206,8 @@ def polygon_of(ring: Array, where: str) -> Polygon:
     if polygon.is_valid:
         return polygon
 
-    pieces = []
-    for part in get_parts(make_valid(polygon, method="linework")):
-        for piece in get_parts(part):
-            if piece.geom_type == "Polygon":
-                pieces.append(piece)
+    pieces = get_parts(get_parts(make_valid(polygon, method="linework")))
+    pieces = [piece for piece in pieces if piece.geom_type == "Polygon"]
     largest = max(pieces, key=lambda piece: piece.area)
     # Pieces that the outline runs round the wrong way, or apart from the rest, are crossings.
     if abs(largest.area - ring_area) > STRAY_SHARE * ring_area:
@@ -228,10 +216,8 @@ def polygon_of(ring: Array, where: str) -> Polygon:
         x, y = (1e3 * float(text) for text in place[:2])
         raise CurveError(
             f"an outline crosses itself at ({x:.1f}, {y:.1f}) mm. Redraw it.",
-            where=where,
-            code="outline-crosses",
-            numbers={"x_mm": x, "y_mm": y},
-        )
+            where=where, code="outline-crosses", numbers={"x_mm": x, "y_mm": y},
+        )  # fmt: skip
     return largest
 
 
@@ -277,10 +263,8 @@ def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:
         x, y = part.boundary.intersection(piece.boundary).centroid.coords[0]
         raise CurveError(
             f"two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one.",
-            where=where,
-            code="outlines-cross",
-            numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
-        )
+            where=where, code="outlines-cross", numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
+        )  # fmt: skip
     return False
 
 
@@ -323,41 +307,23 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
         raise InputError(
             "holds no structure. Give a file in which one is outlined.", code="structure-none"
         )
-    names = []
-    for structure in structures:
-        if structure.name:
-            names.append(f"{structure.number} {structure.name!r}")
-        else:
-            names.append(str(structure.number))
-    listed = ", ".join(names)
-    if wanted is None:
-        if len(structures) > 1:
-            raise InputError(
-                f"holds {len(structures)} structures: {listed}. Choose one with --structure.",
-                code="structure-several",
-                numbers={"structures": len(structures)},
-            )
-        return structures[0]
-
     # A name counts before a number.
-    matches = [structure for structure in structures if structure.name == wanted]
-    if not matches:
-        for structure in structures:
-            if str(structure.number) == wanted:
-                matches.append(structure)
+    matches = [structure for structure in structures if wanted in (None, structure.name)]
+    matches = matches or [structure for structure in structures if str(structure.number) == wanted]
     if len(matches) == 1:
         return matches[0]
-    if matches:
-        raise InputError(
-            f"holds several structures of that name. Choose one by its number: {listed}.",
-            code="structure-several",
-            numbers={"structures": len(matches)},
-        )
-    raise InputError(
-        f"holds no structure of that name or number. Choose one of {listed}.",
-        code="structure-unknown",
-        numbers={"structures": len(structures)},
-    )
+    listed = ", ".join(f"{one.number} {one.name!r}" if one.name else str(one.number)
+                       for one in structures)  # fmt: skip
+    code = "structure-several"
+    if not matches:
+        text = f"holds no structure of that name or number. Choose one of {listed}."
+        code = "structure-unknown"
+    elif wanted is None:
+        text = f"holds {len(structures)} structures: {listed}. Choose one with --structure."
+    else:
+        text = f"holds several structures of that name. Choose one by its number: {listed}."
+    numbers = {"structures": len(matches or structures)}
+    raise InputError(text, code=code, numbers=numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,12 +364,7 @@ class Stack:
             return weights
 
         # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
-        cubics = (
-            (1 + 2 * t) * (1 - t) ** 2,
-            t * (1 - t) ** 2,
-            t**2 * (3 - 2 * t),
-            t**2 * (t - 1),
-        )
+        cubics = ((1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1))
         derivatives = (6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t)
         weights = combine(cubics)
         weight_slopes = combine(derivatives) / gap[:, None]
@@ -421,8 +382,7 @@ class Stack:
         first = np.searchsorted(slices[order], np.arange(len(self.outlines) + 1))
         for k in np.flatnonzero(np.diff(first)):
             of_slice = order[first[k] : first[k + 1]]
-            row = rows[of_slice]
-            column = columns[of_slice]
+            row, column = rows[of_slice], columns[of_slice]
             distance, direction = self.outlines[k].signed(points[row, :2])
             # A slice stands once in a row: beyond the ends all weights are 0.
             value[row] += weights[row, column] * distance
@@ -450,3 +410,222 @@ def slope_weights(z: Array) -> Array:
             others = z[three[three != one]]
             weights[at, one - at + 2] = (2 * z[at] - others.sum()) / np.prod(z[one] - others)
     return weights
+
+
+@dataclass(frozen=True, eq=False)
+class SlicedVolume:
+    """A structure's slices."""
+
+    R_slice_patient: Array
+    """(3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal."""
+    stacks: tuple[Stack, ...]
+    """One for each run of slices without an empty one between."""
+    remarks: tuple[str, ...]
+    """What a person should know."""
+
+    @property
+    def gaps_m(self) -> Array:
+        """Distances between neighbouring slices of a run [m]."""
+        return np.concatenate([np.diff(stack.z) for stack in self.stacks])
+
+
+def slice_contours(contours: Contours, max_gap_m: float | None = None) -> SlicedVolume:
+    """Sort rings into slices and slices into runs.
+
+    Parameters
+    ----------
+    contours
+        What a reader found.
+    max_gap_m
+        The largest distance between slices that is interpolated across [m]; `None`: one and a
+        half times the usual one.
+
+    Raises
+    ------
+    CurveError
+        Rings are not flat, not parallel, cross or repeat each other; or slices are doubled,
+        missing, or alone.
+    """
+    normal = common_normal(contours)
+    R_slice_patient = rotation_into_slices(normal)
+    rings = [ring @ R_slice_patient.T for ring in contours.rings]
+    for number, ring in enumerate(rings, start=1):
+        height = ring[:, 2]
+        distance = float(np.abs(height - height.mean()).max())
+        if distance > FLAT_M:
+            raise CurveError(
+                f"outline {number} of {len(rings)} lies up to {1e3 * distance:.3g} mm off the "
+                f"slices' common plane; {1e3 * FLAT_M:g} mm is rounding. Give parallel slices.",
+                code="outline-not-flat",
+                numbers={"distance_mm": 1e3 * distance, "distance_max_mm": 1e3 * FLAT_M},
+            )
+    outlines = []
+    with_holes = []
+    for z, rings_of_slice in grouped_by_height(rings):
+        place = slice_name(normal, z)
+        outline, holes = outline_of([ring[:, :2] for ring in rings_of_slice], z, place)
+        outlines.append(outline)
+        if holes:
+            with_holes.append(place)
+    stacks = runs_of_slices(outlines, contours.empty @ normal, normal, max_gap_m)
+
+    remarks = []
+    if with_holes:
+        remarks.append(
+            f"{first_of(with_holes)}: an outline inside another is taken for a hole. Remove it if "
+            "there is none."
+        )
+    remarks += branching_remarks(stacks, normal)
+    gaps_m = SlicedVolume(R_slice_patient, stacks, ()).gaps_m
+    if np.ptp(gaps_m) > SAME_M:
+        gaps_mm = 1e3 * gaps_m
+        remarks.append(
+            f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart. The surface is "
+            "interpolated by their true places: check that no slice is missing."
+        )
+    return SlicedVolume(R_slice_patient, stacks, tuple(remarks))
+
+
+def slice_name(normal: Array, z: float) -> str:
+    """The name of a slice in messages."""
+    axis = int(np.abs(normal).argmax())
+    if normal[axis] == 1:
+        return f"slice at {'xyz'[axis]} = {1e3 * z:.2f} mm"
+    along = ", ".join(f"{x:.3f}" for x in normal)
+    return f"slice {1e3 * z:.2f} mm along ({along})"
+
+
+def first_of(places: list[str]) -> str:
+    """The first of some places, and how many more there are."""
+    return places[0] if len(places) == 1 else f"{places[0]} and {len(places) - 1} more"
+
+
+def common_normal(contours: Contours) -> Array:
+    """(3,) the slices' common normal; an axis of the patient to the last bit where it is one."""
+    normal = contours.normal
+    if normal is None:
+        centred = [ring - ring.mean(axis=0) for ring in contours.rings]
+        spreads = np.array([np.ptp(ring, axis=0) for ring in centred])
+        flat = spreads.max(axis=0) <= 1e-9 * max(spreads.max(), 1e-3)
+        if flat.any():
+            return np.eye(3)[int(flat.argmax())]
+        scatter = sum(ring.T @ ring for ring in centred)
+        extent, vectors = np.linalg.eigh(scatter)
+        if not extent[1] > 1e-6 * extent[2]:
+            raise CurveError(
+                "the outlines lie on one line, so their plane is not known. Redraw them.",
+                code="outline-empty",
+            )
+        normal = vectors[:, 0]
+    axis = int(np.abs(normal).argmax())
+    return np.eye(3)[axis] if abs(abs(normal[axis]) - 1) < 1e-15 else normal * np.sign(normal[axis])
+
+
+def rotation_into_slices(normal: Array) -> Array:
+    """(3, 3) rows: two axes of the plane and the normal, right-handed."""
+    first = np.eye(3)[int(np.abs(normal).argmin())]
+    first = first - first @ normal * normal
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first), normal])
+
+
+def grouped_by_height(rings: list[Array]) -> list[tuple[float, list[Array]]]:
+    """(z, rings) of each slice, in the order of their places."""
+    groups: list[tuple[float, list[Array]]] = []
+    for ring in sorted(rings, key=lambda ring: float(ring[:, 2].mean())):
+        z = float(ring[:, 2].mean())
+        if groups and z - groups[-1][0] <= SAME_M:
+            groups[-1][1].append(ring)
+        else:
+            groups.append((z, [ring]))
+    return groups
+
+
+def runs_of_slices(
+    outlines: list[Outline], empty: Array, normal: Array, max_gap_m: float | None
+) -> tuple[Stack, ...]:
+    """Stacks of slices that follow each other without an empty one between.
+
+    empty: (E,) places along the normal of slices that show nothing of the structure [m]
+    """
+    if len(outlines) < 2:
+        raise CurveError(
+            f"{len(outlines)} slice shows the structure. Give two at least.",
+            code="slices-too-few",
+            numbers={"slices": len(outlines), "slices_min": 2},
+        )
+    usual = float(np.median(np.diff([outline.z for outline in outlines])))
+    for before, after in pairwise(outlines):
+        gap = after.z - before.z
+        if gap < DOUBLED * usual:
+            raise CurveError(
+                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
+                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
+                code="slices-doubled",
+                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )
+    widest = max_gap_m or WIDEST * usual
+    runs = [[outlines[0]]]
+    for before, after in pairwise(outlines):
+        gap = after.z - before.z
+        if ((empty > before.z + SAME_M) & (empty < after.z - SAME_M)).any():
+            runs.append([after])
+            continue
+        if gap > widest + SAME_M:
+            raise CurveError(
+                f"slices are missing: {slice_name(normal, before.z)} and the next, at "
+                f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
+                "Add them, or give a larger --max-spacing to interpolate across.",
+                code="slices-missing",
+                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )
+        runs[-1].append(after)
+    for run in runs:
+        if len(run) < 2:
+            raise CurveError(
+                f"{slice_name(normal, run[0].z)} shows the structure alone, without a neighbour. "
+                "Outline it on the next slice too, or remove it.",
+                code="slice-alone",
+            )
+    return tuple(Stack(tuple(run)) for run in runs)
+
+
+def branching_remarks(stacks: tuple[Stack, ...], normal: Array) -> list[str]:
+    """Where parts or holes of the structure fork, join, begin or end between two slices."""
+    places_of: dict[str, list[str]] = {}
+    for stack in stacks:
+        for before, after in pairwise(stack.outlines):
+            place = f"{slice_name(normal, before.z)} to {1e3 * after.z:.2f} mm"
+            for name, pieces, next_pieces in (
+                ("part", list(before.parts), list(after.parts)),
+                ("hole", holes_of(before), holes_of(after)),
+            ):
+                remark = branching(name, pieces, next_pieces)
+                if remark:
+                    places_of.setdefault(remark, []).append(place)
+    return [f"{first_of(places)}: {remark}" for remark, places in places_of.items()]
+
+
+def holes_of(outline: Outline) -> list[Any]:
+    """The holes of an outline's parts, as polygons."""
+    from shapely import Polygon
+
+    return [Polygon(interior) for part in outline.parts for interior in part.interiors]
+
+
+def branching(name: str, pieces: list[Any], next_pieces: list[Any]) -> str:
+    """How the pieces of one slice go on in the next: "" where each has its one continuation."""
+    meets = [[piece.intersects(next_piece) for next_piece in next_pieces] for piece in pieces]
+    meets = np.array(meets, dtype=int).reshape(len(pieces), len(next_pieces))
+    counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
+    if (counts > 1).any():
+        return (
+            f"a {name} forks, and the saddle may be off by a fifth of the slices' distance. Add a "
+            "slice there if it matters."
+        )
+    if (counts == 0).any():
+        return (
+            f"a {name} begins or ends, and the surface is closed there by interpolation. Check the "
+            "outlines of both slices."
+        )
+    return ""

@@ -1,7 +1,5 @@
 """Label maps in volumes: `.seg.nrrd` and `.nrrd` by pynrrd's header reader, NIfTI by nibabel.
 
-A label map's slice -> rings with the care that whole pixels need.
-
 A mask knows its border to half a pixel only. The signed distance to the half-tone border, smoothed
 by one pixel, crosses 0 where the border was on average: about 0.13 of a pixel off (RMS) on a bone.
 """
@@ -21,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
+from vfplan.geometry.lines import plane_normal
 from vfplan.io.files import (
     MAX_DECOMPRESSED_BYTES,
     MAX_SETTINGS_BYTES,
     decompress,
     first_decompressed,
     read_bytes,
-)
-from vfplan.surface.outline import Contours, Structure, choose_structure
-from vfplan.surface.slicing import SAME_M
+)  # fmt: skip
+from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
 SMOOTHING_PX = 1.0
@@ -51,12 +49,10 @@ class LabelVolume:
 
     layers: NDArray
     """(L, I, J, K) integers."""
-    place_of: dict[int, tuple[int, int]]
-    """Number of a structure -> its layer, and the label that its voxels have there."""
+    places: dict[Structure, tuple[int, int]]
+    """Each structure -> its layer, and the label that its voxels have there."""
     T_lps_voxel: Array
     """(4, 4) maps [i j k 1] to patient LPS [m]."""
-    structures: tuple[Structure, ...]
-    """As in `Contours`."""
     inputs: dict[str, str]
     """As in `Contours`."""
 
@@ -67,23 +63,21 @@ class LabelVolume:
         return 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
 
 
-def checked_place(T_lps_voxel: Array, where: str) -> Array:
+def checked_place(T_lps_voxel: Array) -> Array:
     """The affine itself; raises `InputError` where it gives voxels no sound place."""
     columns = T_lps_voxel[:3, :3]
     sides = np.linalg.norm(columns, axis=0)
-    are_sound = ((sides >= MIN_VOXEL_M) & (sides <= MAX_VOXEL_M)).all()
-    if not (np.isfinite(T_lps_voxel).all() and are_sound):
+    is_sound = np.isfinite(T_lps_voxel).all() and (sides >= MIN_VOXEL_M).all()
+    if not (is_sound and (sides <= MAX_VOXEL_M).all()):
         listed = ", ".join(f"{1e3 * side:.3g}" for side in sides)
         raise InputError(
             f"its voxels have sides of {listed} mm; {1e3 * MIN_VOXEL_M:g} to "
             f"{1e3 * MAX_VOXEL_M:g} mm are allowed. Check the unit of the file.",
-            where=where,
             code="voxel-size",
         )
     if abs(np.linalg.det(columns / sides)) < MIN_VOXEL_VOLUME:
         raise InputError(
             "its voxels' axes are nearly in one plane. Export the label map again.",
-            where=where,
             code="voxel-axes",
         )
     return T_lps_voxel
@@ -108,18 +102,15 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     borders = zero_rings(distance)
     smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
     keeps_parts = len(smooth_borders) == len(borders)
-    if keeps_parts:
-        borders = smooth_borders
     first = np.array([rows[0], columns[0]])
-    return [ring + first - PAD_PX for ring in borders], keeps_parts
+    rings = smooth_borders if keeps_parts else borders
+    return [ring + first - PAD_PX for ring in rings], keeps_parts
 
 
 def rings_of_share(share: NDArray) -> list[Array]:
     """(M, 2) row and column [px] of the half-tone borders of an (H, W) share of 0 to 1."""
-    if not share.any():
-        return []
     padded = np.pad(share.astype(np.float64), 1)
-    return [ring - 1 for ring in zero_rings(0.5 - padded)]
+    return [ring - 1 for ring in zero_rings(0.5 - padded)] if share.any() else []
 
 
 def zero_rings(values: Array) -> list[Array]:
@@ -152,23 +143,22 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     CurveError
         The structure has no voxels.
     """
-    chosen = choose_structure(volume.structures, structure)
+    structures = tuple(volume.places)
+    chosen = choose_structure(structures, structure)
     across = volume.slice_axis
     steps = volume.T_lps_voxel[:3, :3]
     first, second = (axis for axis in range(3) if axis != across)
-    normal = np.cross(steps[:, first], steps[:, second])
-    layer, label = volume.place_of[chosen.number]
+    normal = plane_normal(steps[:, (first, second)])
+    layer, label = volume.places[chosen]
     slices = np.moveaxis(volume.layers[layer], across, 2)
     rings: list[Array] = []
     empty = []
-    slices_with_stairs = 0
+    stairs = 0
     for k in range(slices.shape[2]):
         corner = volume.T_lps_voxel[:3, 3] + k * steps[:, across]
         borders, is_smooth = rings_of_mask(slices[:, :, k] == label)
-        if not is_smooth:
-            slices_with_stairs += 1
-        for border in borders:
-            rings.append(corner + border @ steps[:, (first, second)].T)
+        stairs += not is_smooth
+        rings += [corner + border @ steps[:, (first, second)].T for border in borders]
         if not borders:
             empty.append(corner)
     if not rings:
@@ -178,14 +168,10 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
             numbers={"structure": chosen.number},
         )
     return Contours(
-        tuple(rings),
-        volume.structures,
-        chosen.number,
-        volume.inputs,
+        tuple(rings), structures, chosen.number, volume.inputs,
         normal=normal / np.linalg.norm(normal),
-        empty=np.array(empty).reshape(-1, 3),
-        remarks=stairs_remark(slices_with_stairs),
-    )
+        empty=np.array(empty).reshape(-1, 3), remarks=stairs_remark(stairs),
+    )  # fmt: skip
 
 
 PLACES_AGREE_M = SAME_M / 2
@@ -212,19 +198,8 @@ NIFTI_HEADS = {
 GZIP = b"\x1f\x8b"
 
 
-@dataclass(frozen=True)
-class Segment:
-    """A structure that a segmentation names."""
-
-    structure: Structure
-    layer: int
-    """The layer of the label map that it is in."""
-    label: int
-    """What its voxels have there."""
-
-
 @contextmanager
-def library_errors(message: str, where: str) -> Iterator[None]:
+def library_errors(message: str) -> Iterator[None]:
     """Name what a library raises about a file from outside; it may raise all kinds of errors."""
     try:
         with warnings.catch_warnings():
@@ -235,7 +210,6 @@ def library_errors(message: str, where: str) -> Iterator[None]:
     except Exception as error:
         raise InputError(
             f"{message} ({type(error).__name__}). Export the label map again.",
-            where=where,
             code="volume-unreadable",
         ) from None
 
@@ -262,80 +236,63 @@ def read_nrrd(path: Path) -> LabelVolume:
         end = data.find(b"\r\n\r\n", 0, MAX_SETTINGS_BYTES) + 4
         if end < 4:
             raise InputError(
-                "has no NRRD header that ends. Export it again.",
-                where=where,
-                code="volume-unreadable",
+                "has no NRRD header that ends. Export it again.", code="volume-unreadable"
             )
-    with library_errors("its NRRD header cannot be read", where):
+    with library_errors("its NRRD header cannot be read"):
         header = dict(nrrd.read_header(io.BytesIO(data[:end])))
     if "data file" in header or "datafile" in header:
         raise InputError(
             "its voxels are in another file. Save it from Slicer as one .seg.nrrd.",
-            where=where,
             code="volume-unsupported",
         )
-    with library_errors("its NRRD header does not say what it holds", where):
+    with library_errors("its NRRD header does not say what it holds"):
         dtype = np.dtype(_determine_datatype(header))
         sizes = [int(n) for n in header["sizes"]]
         encoding = str(header["encoding"]).lower()
     if encoding not in COMPRESSIONS:
         raise InputError(
-            f"has the encoding {encoding!r}. Give raw, gzip or bzip2.",
-            where=where,
-            code="volume-unsupported",
+            f"has the encoding {encoding!r}. Give raw, gzip or bzip2.", code="volume-unsupported"
         )
     if dtype.kind not in "iu" or len(sizes) not in (3, 4) or min(sizes) < 1:
-        raise InputError(
-            f"holds {dtype} of {sizes}. Give a label map.", where=where, code="not-a-label-map"
-        )
+        raise InputError(f"holds {dtype} of {sizes}. Give a label map.", code="not-a-label-map")
     if header.get("line skip") or header.get("byte skip"):
         raise InputError(
-            "skips lines or bytes. Save it from Slicer as .seg.nrrd.",
-            where=where,
-            code="volume-unsupported",
+            "skips lines or bytes. Save it from Slicer as .seg.nrrd.", code="volume-unsupported"
         )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
-    require_size(size, where)
+    require_size(size)
     voxels = data[end:]
-    compression = COMPRESSIONS[encoding]
-    if compression is not None:
-        voxels = decompress(voxels, compression, where, size)
+    if compression := COMPRESSIONS[encoding]:
+        voxels = decompress(voxels, compression, size)
     if len(voxels) != size:
         raise InputError(
             f"holds {len(voxels)} bytes of voxels, and its header says {size}. Export it again.",
-            where=where,
             code="volume-unreadable",
             numbers={"bytes": len(voxels), "bytes_wanted": size},
         )
-    layers = np.frombuffer(voxels, dtype).reshape(sizes, order="F")
-    if layers.ndim == 3:
-        layers = layers[None]
-    T_lps_voxel = nrrd_place(header, where)
-    segments = nrrd_segments(header, where)
-    if segments:
-        return segmented_volume(layers, segments, T_lps_voxel, digest, where)
-    return labelled_volume(layers, T_lps_voxel, digest, where)
+    layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
+    T_lps_voxel = nrrd_place(header)
+    places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
+    return LabelVolume(layers, places, T_lps_voxel, {"labels": digest})
 
 
-def require_size(size: int, where: str) -> None:
+def require_size(size: int) -> None:
     """Refuse voxels that would fill the memory; raises `InputError`."""
     if size > MAX_DECOMPRESSED_BYTES:
         raise InputError(
             f"says that it holds {size} bytes of voxels; {MAX_DECOMPRESSED_BYTES} are allowed. "
             "Export a part of it.",
-            where=where,
             code="volume-too-large",
             numbers={"bytes": size, "bytes_max": MAX_DECOMPRESSED_BYTES},
         )
 
 
-def nrrd_place(header: dict[str, Any], where: str) -> NDArray:
+def nrrd_place(header: dict[str, Any]) -> NDArray:
     """(4, 4) T_lps_voxel [m] as the header states it."""
     space = str(header.get("space", "")).lower()
     if space not in SIGNS_OF_SPACE:
         raise InputError(
             f"its space is {space!r}. Give one of {', '.join(SIGNS_OF_SPACE)}.",
-            where=where,
             code="volume-without-place",
         )
     try:
@@ -347,19 +304,18 @@ def nrrd_place(header: dict[str, Any], where: str) -> NDArray:
     except (KeyError, ValueError, TypeError):
         raise InputError(
             "does not say where its voxels lie in the patient. Export it with its place.",
-            where=where,
             code="volume-without-place",
         ) from None
     T_lps_voxel[:3] *= np.array(SIGNS_OF_SPACE[space])[:, None]
-    return checked_place(T_lps_voxel, where)
+    return checked_place(T_lps_voxel)
 
 
-def nrrd_segments(header: dict[str, Any], where: str) -> list[Segment]:
-    """The segments as Slicer writes them; none in a plain label map.
+def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, tuple[int, int]]:
+    """The segments as Slicer writes them, with their places; none in a plain label map.
 
     Numbered in their order: in two layers the same label may stand for two segments.
     """
-    segments = []
+    places = {}
     for key in header:
         prefix, _, field = str(key).partition("_")
         if field != "LabelValue" or not prefix.startswith("Segment"):
@@ -370,12 +326,16 @@ def nrrd_segments(header: dict[str, Any], where: str) -> list[Segment]:
         except ValueError:
             raise InputError(
                 "a segment's label or layer is no number. Save it from Slicer again.",
-                where=where,
                 code="volume-unreadable",
             ) from None
-        structure = Structure(len(segments) + 1, str(header.get(f"{prefix}_Name", "")))
-        segments.append(Segment(structure, layer, label))
-    return segments
+        if not 0 <= layer < layer_count:
+            raise InputError(
+                f"a segment is in layer {layer} of {layer_count}. Save it from Slicer again.",
+                code="volume-unreadable",
+            )
+        structure = Structure(len(places) + 1, str(header.get(f"{prefix}_Name", "")))
+        places[structure] = layer, label
+    return places
 
 
 def read_nifti(path: Path) -> LabelVolume:
@@ -393,13 +353,13 @@ def read_nifti(path: Path) -> LabelVolume:
     with requires_extra("reading NIfTI needs nibabel", "surface", where):
         import nibabel
     if data.startswith(GZIP):
-        data = decompress(data, "gzip", where, max_nifti_bytes(first_decompressed(data), where))
+        data = decompress(data, "gzip", max_nifti_bytes(first_decompressed(data)))
     kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     log = logging.getLogger("nibabel.global")
     level = log.level
     log.setLevel(logging.CRITICAL)
     try:
-        with library_errors("cannot be read as NIfTI", where):
+        with library_errors("cannot be read as NIfTI"):
             image = kind.from_bytes(data)
             shape = tuple(int(n) for n in image.shape)
             size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
@@ -407,29 +367,26 @@ def read_nifti(path: Path) -> LabelVolume:
                 raise InputError(
                     f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
                     "Export it again.",
-                    where=where,
                     code="volume-unreadable",
                     numbers={"bytes": len(data), "bytes_wanted": size},
                 )
             labels = np.asanyarray(image.dataobj)
-            T_lps_voxel = nifti_place(image, where)
+            T_lps_voxel = nifti_place(image)
     finally:
         log.setLevel(level)
     if labels.ndim == 4 and labels.shape[3] == 1:
         labels = labels[..., 0]
     if labels.ndim != 3:
-        raise InputError(
-            f"its voxels are {shape}. Give one volume.", where=where, code="not-a-label-map"
-        )
+        raise InputError(f"its voxels are {shape}. Give one volume.", code="not-a-label-map")
     if labels.dtype.kind not in "iu":
         if labels.dtype.kind != "f" or not (np.rint(labels) == labels).all():
             raise InputError(
                 "holds fractions. Give a label map, whose voxels are whole numbers.",
-                where=where,
                 code="not-a-label-map",
             )
         labels = labels.astype(np.int32)
-    return labelled_volume(labels[None], T_lps_voxel, digest, where)
+    layers = labels[None]
+    return LabelVolume(layers, places_of_labels(layers), T_lps_voxel, {"labels": digest})
 
 
 def nifti_order_and_version(head: bytes) -> tuple[str, int]:
@@ -437,32 +394,26 @@ def nifti_order_and_version(head: bytes) -> tuple[str, int]:
     return NIFTI_HEADS.get(head[:4], ("big", 2))
 
 
-def max_nifti_bytes(head: bytes, where: str) -> int:
+def max_nifti_bytes(head: bytes) -> int:
     """The most bytes that a file with this header can want, extensions included."""
     order, version = nifti_order_and_version(head)
     # The number of dimensions, then seven sizes: in the first version of two bytes each.
-    first = 40
-    width = 2
-    if version == 2:
-        first = 16
-        width = 8
-    numbers = []
-    for at in range(first, first + 8 * width, width):
-        numbers.append(int.from_bytes(head[at : at + width], order))
+    first, width = (40, 2) if version == 1 else (16, 8)
+    places = range(first, first + 8 * width, width)
+    numbers = [int.from_bytes(head[at : at + width], order) for at in places]
     dimensions = min(max(numbers[0], 1), 7)
     voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
-    require_size(voxels, where)  # A voxel has 1 to 8 bytes.
+    require_size(voxels)  # A voxel has 1 to 8 bytes.
     return min(8 * voxels + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES)
 
 
-def nifti_place(image: Any, where: str) -> NDArray:
+def nifti_place(image: Any) -> NDArray:
     """(4, 4) T_lps_voxel [m] of the file's two places, which must agree if both are given."""
     sform, sform_code = image.get_sform(coded=True)
     qform, qform_code = image.get_qform(coded=True)
     if not sform_code and not qform_code:
         raise InputError(
             "does not say where its voxels lie in the patient. Export it with its place.",
-            where=where,
             code="volume-without-place",
         )
     # The codes of an unnamed unit, the metre, the millimetre and the micrometre.
@@ -472,55 +423,30 @@ def nifti_place(image: Any, where: str) -> NDArray:
         raise InputError(
             f"its unit of length has the code {code}; 0 to 3 are allowed. Export it in "
             "millimetres.",
-            where=where,
             code="volume-without-place",
         )
     metres = metres_of_code[code]
     if sform_code and qform_code:
         corner = np.array([*image.shape[:3], 1.0])
-        far_corner_distance = np.abs((sform - qform) @ corner)[:3].max()
-        first_voxel_distance = np.abs(sform - qform)[:3, 3].max()
-        distance = max(far_corner_distance, first_voxel_distance) * metres
+        both_ends = np.column_stack([(sform - qform) @ corner, (sform - qform)[:, 3]])
+        distance = np.abs(both_ends[:3]).max() * metres
         if not distance <= PLACES_AGREE_M:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
                 f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
-                where=where,
                 code="volume-places-differ",
                 numbers={"distance_mm": 1e3 * distance},
             )
-    T_lps_voxel = np.array(qform, dtype=float)
-    if sform_code:
-        T_lps_voxel = np.array(sform, dtype=float)
+    T_lps_voxel = np.array(sform if sform_code else qform, dtype=float)
     T_lps_voxel[:3] *= np.array([-metres, -metres, metres])[:, None]
-    return checked_place(T_lps_voxel, where)
+    return checked_place(T_lps_voxel)
 
 
-def segmented_volume(
-    layers: NDArray, segments: list[Segment], T_lps_voxel: NDArray, digest: str, where: str
-) -> LabelVolume:
-    """A label map with the segments that its header names."""
-    structures = []
-    place_of = {}
-    for segment in segments:
-        if not 0 <= segment.layer < len(layers):
-            raise InputError(
-                f"a segment is in layer {segment.layer} of {len(layers)}. Save it from Slicer "
-                "again.",
-                where=where,
-                code="volume-unreadable",
-            )
-        structures.append(segment.structure)
-        place_of[segment.structure.number] = (segment.layer, segment.label)
-    return LabelVolume(layers, place_of, T_lps_voxel, tuple(structures), {"labels": digest})
-
-
-def labelled_volume(layers: NDArray, T_lps_voxel: NDArray, digest: str, where: str) -> LabelVolume:
-    """A plain label map: each label but 0 is a structure."""
+def places_of_labels(layers: NDArray) -> dict[Structure, tuple[int, int]]:
+    """The structures of a plain label map: each label but 0 is one."""
     if len(layers) > 1:
         raise InputError(
             f"has {len(layers)} layers and names no segments. Save it from Slicer as .seg.nrrd.",
-            where=where,
             code="volume-unsupported",
         )
     smallest = int(layers.min())
@@ -530,15 +456,10 @@ def labelled_volume(layers: NDArray, T_lps_voxel: NDArray, digest: str, where: s
         raise InputError(
             f"holds labels {smallest} to {largest}; 0 to {largest_allowed} are allowed. Give a "
             "label map.",
-            where=where,
             code="not-a-label-map",
         )
     is_used = np.zeros(largest + 1, dtype=bool)
     for k in range(layers.shape[3]):
         is_used[layers[0, :, :, k]] = True
-    structures = []
-    place_of = {}
-    for label in np.flatnonzero(is_used[1:]) + 1:
-        structures.append(Structure(int(label)))
-        place_of[int(label)] = (0, int(label))
-    return LabelVolume(layers, place_of, T_lps_voxel, tuple(structures), {"labels": digest})
+    labels = np.flatnonzero(is_used[1:]) + 1
+    return {Structure(label): (0, label) for label in labels.tolist()}

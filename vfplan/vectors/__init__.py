@@ -1,11 +1,7 @@
 """Curves that were drawn as vectors and need no extraction.
 
-read          a vector curve in the patient's frame or in pixels, from any file
-curve         such a curve, as straight lines or a spline
-slicer        Slicer's curves and control points
-imagej        ImageJ's `.roi` and its tables of X,Y coordinates
-presentation  lines of a DICOM presentation state
-table         a CSV of its points
+read   a vector curve in the patient's frame or in pixels, from any file
+curve  such a curve, as straight lines or a spline, and the lines of a DICOM presentation state
 """
 
 from __future__ import annotations

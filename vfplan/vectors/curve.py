@@ -1,11 +1,8 @@
 """A curve of straight lines or a spline, as a drawing program left it.
 
-A line of a DICOM presentation state, and the image that it was drawn on.
-
-The lines of a DICOM presentation state, as points on the image that it was drawn on.
-
-Graphics (GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a
-pixel is subtracted here.
+A DICOM presentation state holds lines as points on the image that they were drawn on. Its graphics
+(GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a pixel is
+subtracted here.
 """
 
 from __future__ import annotations
@@ -25,8 +22,8 @@ from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
 from vfplan.geometry.lines import arc_lengths, ring_of
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
+from vfplan.io.files import MAX_NUMBER
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
-from vfplan.io.table import MAX_NUMBER
 
 FINE_M = 2.5e-4
 """Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan."""
@@ -84,9 +81,7 @@ class VectorDrawing:
         arc = arc_lengths(line, False)
         even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
         line = _interpolate(even, arc, line)
-        if self.closed:
-            line = line[:-1]
-        return Stroke(line, self.closed)
+        return Stroke(line[:-1] if self.closed else line, self.closed)
 
     def distance_from_straight(self) -> float:
         """The largest distance of the spline from straight lines between its points; their unit."""
@@ -115,19 +110,16 @@ def without_repeated_end(points: NDArray) -> tuple[NDArray, bool]:
     return points, False
 
 
-def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
+def distinct_points(points: NDArray, closed: bool) -> NDArray:
     """The points without repetitions; raises `CurveError` where too few or none real are left."""
     if not np.isfinite(points).all():
         raise CurveError(
-            "holds a point that is not finite. Correct the file",
-            where=where,
-            code="point-not-finite",
+            "holds a point that is not finite. Correct the file", code="point-not-finite"
         )
     largest = float(np.abs(points).max(initial=0.0))
     if largest > MAX_NUMBER:
         raise CurveError(
             f"holds a coordinate of {largest:g}. Give at most {MAX_NUMBER:g}",
-            where=where,
             code="coordinate-too-large",
             numbers={"coordinate": largest, "coordinate_max": MAX_NUMBER},
         )
@@ -141,7 +133,6 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
     if len(points) < wanted:
         raise CurveError(
             f"holds {len(points)} different points. Give at least {wanted}",
-            where=where,
             code="too-few-points",
             numbers={"points": len(points), "points_min": wanted},
         )
@@ -150,14 +141,8 @@ def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
 
 def meeting_warnings(curve: VectorDrawing, where: str) -> list[str]:
     """A warning where a curve crosses, touches or doubles itself."""
-    if curve.points.shape[1] == 2:
-        unit = "px"
-        step = 1.0
-        scale = 1.0
-    else:
-        unit = "mm"
-        step = FINE_M
-        scale = 1e3
+    is_pixels = curve.points.shape[1] == 2
+    unit, step, scale = ("px", 1.0, 1.0) if is_pixels else ("mm", FINE_M, 1e3)
     if not arc_lengths(curve.points, curve.closed)[-1] / step < MAX_POINTS:
         return []  # The curve is refused where it is sampled.
     places = curve.stroke(step).points
@@ -226,11 +211,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
     annotations = []
     with memory_file(data) as file:
         answers = run_in_sandbox(
-            "vfplan.vectors.curve:read_graphics",
-            where,
-            file=file,
-            where=where,
-            kind=CurveError,
+            "vfplan.vectors.curve:read_graphics", where, file=file, where=where, kind=CurveError
         )
         for head in answers:
             points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
@@ -265,22 +246,15 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                     raise CurveError(
                         f"{name} has {len(coordinates)} coordinates, and two a point are wanted. "
                         "Export the presentation state again.",
-                        where=where,
                         code="vector-unreadable",
                     )
-                head = {
-                    "is_line": True,
-                    "name": name,
-                    "drawn_on": drawn_on,
-                    "smooth": IS_SMOOTH[kind],
-                }
-                lines.append((head, coordinates.reshape(-1, 2)))
+                head = {"name": name, "drawn_on": drawn_on, "smooth": IS_SMOOTH[kind]}
+                lines.append(({"is_line": True, **head}, coordinates.reshape(-1, 2)))
         modality = str(dataset.get("Modality", ""))[:16]
     if not lines:
         content = "; ".join(others[:6]) or f"no drawing ({modality})"
         raise CurveError(
-            f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units.",
-            where=where,
+            f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units."
         )
     for head, points in lines:
         yield head
@@ -308,29 +282,22 @@ def read_presentation(
     Raises `CurveError` where there is no such line, or several and none was chosen.
     """
     annotations = read_annotations(data, where)
-    lines = []
-    names = []
-    not_read = ""
-    for annotation in annotations:
-        if annotation.points is not None:
-            lines.append(annotation)
-            names.append(f"{len(lines)}: {annotation.name}")
-    for annotation in annotations[len(lines) :][:8]:
-        not_read += f"; not read: {annotation.name}"
+    lines = [annotation for annotation in annotations if annotation.points is not None]
+    names = [f"{k}: {line.name}" for k, line in enumerate(lines, start=1)]
+    others = annotations[len(lines) :][:8]
+    not_read = "".join(f"; not read: {annotation.name}" for annotation in others)
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
     count = "1 curve" if len(lines) == 1 else f"{len(lines)} curves"
     if number is None and len(annotations) > 1:
         raise CurveError(
             f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
-            where=where,
             code="vector-several",
             numbers=numbers,
         )
     if number is not None and number > len(lines):
         raise CurveError(
             f"holds no curve number {number}. Choose one of these: {listed}",
-            where=where,
             code="vector-number",
             numbers=numbers,
         )
@@ -348,7 +315,7 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     """A line of a DICOM presentation state."""
     drawn, warnings = read_presentation(data, number, where)
     points, closed = without_repeated_end(drawn.points)
-    points = distinct_points(points, closed, where)
+    points = distinct_points(points, closed)
     curve = VectorDrawing(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
     if not curve.smooth:
         return curve

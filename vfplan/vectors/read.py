@@ -2,55 +2,44 @@
 
 Nothing is measured here: the points are taken as given, and no standard deviation is known.
 
-Curves that were drawn in 3D Slicer: a `.mrk.json`, or a table of control points.
-
-A curve as a table: a CSV with the columns u_px,v_px, or with ImageJ's X,Y.
+ImageJ counts the coordinates of area selections from a pixel's corner, and those of line selections
+from its centre (class `ij.gui.Roi`, since ImageJ 1.52u of March 2020; before, all from the corner).
+Here a whole number is a pixel's centre.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
+from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
+from vfplan.geometry import CORNER_PX
 from vfplan.images.dataset import is_dicom
-from vfplan.io.files import MAX_TEXT_BYTES, read_whole
-from vfplan.io.table import split_rows
-from vfplan.markers.slicer import fcsv_points, lps_points, markups_of
-from vfplan.vectors import imagej
+from vfplan.io.files import MAX_TEXT_BYTES, naming_place, parse_decimal, read_whole, split_rows
+from vfplan.markers.correspondences import fcsv_points, lps_points, markups_of
 from vfplan.vectors.curve import (
-    FINE_M,
     VectorDrawing,
     distinct_points,
     meeting_warnings,
+    read_presentation_curve,
     without_repeated_end,
-)
+)  # fmt: skip
 
-__all__ = ["FINE_M", "SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]
-
-
-def read_table(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorDrawing:
-    """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
-    rows = [row for _, row in split_rows(text, where, MarkerError)]
-    header = [name.strip() for name in rows[0]] if rows else []
-    if imagej.is_xy_table(header):
-        points = imagej.read_xy_table(rows, origin, where)
-    elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.
-        imagej.refuse_origin(origin, "u_px,v_px")
-        points = imagej.parse_pixels(rows[1:], where)
-    else:
-        raise CurveError(
-            f"is no image, and as a curve its header is {','.join(header)[:60]!r}. Give "
-            "u_px,v_px or ImageJ's X,Y",
-            where=where,
-            code="table-header",
-        )
-    points, closed = without_repeated_end(points)
-    return VectorDrawing(distinct_points(points, closed, where), closed, False, "")
+PixelOrigin = Literal["centre", "corner"]
+ORIGINS = ("centre", "corner")
+"""Where ImageJ's zero may lie on the first pixel."""
+AREAS = ("POLYGON", "FREEHAND", "TRACED")
+LINES = ("POLYLINE", "FREELINE")
+UNCLEAR_FORMAT = 228
+"""The format of a `.roi` that counts in either way: ImageJ 1.52i to 1.54 wrote it. The lines of
+older formats count from corners, those of newer ones from centres."""
+NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
 OUT_OF_PLANE_M = 1e-3
@@ -61,9 +50,7 @@ WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
 
 
 def read_vector_curve(
-    path: str | Path,
-    origin: imagej.PixelOrigin | None = None,
-    number: int | str | None = None,
+    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None
 ) -> VectorDrawing:
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
@@ -94,15 +81,14 @@ def read_vector_curve(
     dicom = is_dicom(data)
 
     # An option that has no effect is refused.
-    if origin is not None and origin not in imagej.ORIGINS:
+    if origin is not None and origin not in ORIGINS:
         raise SettingError(
             f"curve_origin is {origin!r}. Give centre or corner", code="origin-unknown"
         )
     is_number = isinstance(number, int)
     if dicom and is_number and (number is True or number < 1):
-        raise SettingError(
-            f"stroke is {number!r}. Give a whole number from 1", code="stroke-unknown"
-        )
+        text = f"stroke is {number!r}. Give a whole number from 1"
+        raise SettingError(text, code="stroke-unknown")
     if number is not None and not (dicom and is_number):
         raise SettingError(
             f"stroke {number!r} has no effect on a vector curve. Leave it out",
@@ -110,13 +96,12 @@ def read_vector_curve(
         )
 
     try:
-        if dicom:
-            from vfplan.vectors.curve import read_presentation_curve
-
-            imagej.refuse_origin(origin, "DICOM")
-            curve = read_presentation_curve(data, number, where)
-        else:
-            curve = read_by_suffix(data, Path(path).suffix.lower(), origin, where)
+        with naming_place(where):
+            if dicom:
+                refuse_origin(origin, "DICOM")
+                curve = read_presentation_curve(data, number, where)
+            else:
+                curve = read_by_suffix(data, Path(path).suffix.lower(), origin, where)
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
     warnings = (*curve.warnings, *meeting_warnings(curve, where))
@@ -146,30 +131,27 @@ def onto_slice(curve: VectorDrawing, T_patient_image: NDArray | None, where: str
             f"lies up to {1e3 * distance:.1f} mm off the slice's plane, and at most "
             f"{1e3 * OUT_OF_PLANE_M:.0f} mm counts as drawn on it. Give the slice that it is "
             "drawn on",
-            where=where,
-            code="vector-out-of-plane",
+            where=where, code="vector-out-of-plane",
             numbers={"distance_mm": distance * 1e3, "distance_max_mm": OUT_OF_PLANE_M * 1e3},
-        )
+        )  # fmt: skip
     return replace(curve, points=pixels.T.copy())
 
 
 def read_by_suffix(
-    data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str
+    data: bytes, suffix: str, origin: PixelOrigin | None, where: str
 ) -> VectorDrawing:
     """A curve of any other file, by how its name ends."""
-    if suffix == ".roi" or imagej.is_roi(data):
-        points, closed, warnings = imagej.read_roi(data, origin, where)
-        return VectorDrawing(distinct_points(points, closed, where), closed, False, "", warnings)
+    if suffix == ".roi" or is_roi(data):
+        points, closed, warnings = read_roi(data, origin, where)
+        return VectorDrawing(distinct_points(points, closed), closed, False, "", warnings)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise CurveError(f"is not text. {WANTED}", where=where, code="vector-not-text") from None
-    if suffix == ".json":
-        imagej.refuse_origin(origin, "Slicer's curves")
-        return read_markups(text, where)
-    if suffix == ".fcsv":
-        imagej.refuse_origin(origin, "Slicer's curves")
-        return read_control_points(text, where)
+        raise CurveError(f"is not text. {WANTED}", code="vector-not-text") from None
+    if suffix in (".json", ".fcsv"):
+        refuse_origin(origin, "Slicer's curves")
+        read_slicer = read_markups if suffix == ".json" else read_control_points
+        return read_slicer(text, where)
     return read_table(text, origin, where)
 
 
@@ -183,31 +165,24 @@ SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 def read_markups(text: str, where: str) -> VectorDrawing:
     """The one curve of a Slicer `.mrk.json`."""
     markups = markups_of(text, where)
-    curves = []
-    types = []
-    for markup in markups:
-        types.append(repr(markup.get("type")))
-        if markup.get("type") in SLICER_CURVES:
-            curves.append(markup)
+    curves = [markup for markup in markups if markup.get("type") in SLICER_CURVES]
     if len(curves) != 1:
-        listed = ", ".join(types) or "nothing"
+        listed = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"
         raise CurveError(
             f"holds {listed}. Give one Curve or ClosedCurve",
-            where=where,
             code="vector-several",
             numbers={"curves": len(curves)},
         )
     closed = SLICER_CURVES[curves[0]["type"]]
-    return VectorDrawing(
-        distinct_points(lps_points(curves[0], where), closed, where), closed, True, ""
-    )
+    points = distinct_points(lps_points(curves[0], where), closed)
+    return VectorDrawing(points, closed, True, "")
 
 
 def read_control_points(text: str, where: str) -> VectorDrawing:
     """A Slicer `.fcsv`, which says no more of its points than their order."""
     control_points = np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3)
     points, closed = without_repeated_end(control_points)
-    curve = VectorDrawing(distinct_points(points, closed, where), closed, True, "")
+    curve = VectorDrawing(distinct_points(points, closed), closed, True, "")
     distance = curve.distance_from_straight()
     if distance <= SPLINE_WARNING_M:
         return curve
@@ -216,3 +191,161 @@ def read_control_points(text: str, where: str) -> VectorDrawing:
         f"{distance * 1e3:.1f} mm from straight lines. Save a .mrk.json Curve to say what is meant"
     )
     return replace(curve, warnings=(warning,))
+
+
+def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawing:
+    """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
+    rows = [row for _, row in split_rows(text, where, MarkerError)]
+    header = [name.strip() for name in rows[0]] if rows else []
+    if is_xy_table(header):
+        points = read_xy_table(rows, origin)
+    elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.
+        refuse_origin(origin, "u_px,v_px")
+        points = parse_pixels(rows[1:])
+    else:
+        raise CurveError(
+            f"is no image, and as a curve its header is {','.join(header)[:60]!r}. Give "
+            "u_px,v_px or ImageJ's X,Y",
+            code="table-header",
+        )
+    points, closed = without_repeated_end(points)
+    return VectorDrawing(distinct_points(points, closed), closed, False, "")
+
+
+def is_roi(data: bytes) -> bool:
+    """Whether the bytes begin as an ImageJ selection does."""
+    return data[:4] == b"Iout"
+
+
+def read_roi(
+    data: bytes, origin: PixelOrigin | None, where: str
+) -> tuple[NDArray[np.float64], bool, tuple[str, ...]]:
+    """The (M, 2) vertices (u, v) [px] of a `.roi`, whether it is closed, and warnings.
+
+    Raises
+    ------
+    CurveError
+        The file is damaged or no polygon and no polyline, or it does not tell how it counts and
+        `origin` is `None`.
+    SettingError
+        The file tells how it counts, and `origin` is given.
+    MissingExtra
+        The package roifile is not installed.
+    """
+    with requires_extra("reading an ImageJ .roi needs the package roifile", "imagej", where):
+        import roifile
+    logging.getLogger("roifile").addHandler(logging.NullHandler())
+    try:
+        roi = roifile.ImagejRoi.frombytes(data)
+        coordinates = roi.coordinates()
+    except Exception as error:  # The file is foreign: numpy, struct and codecs raise all sorts.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise CurveError(
+            f"the ImageJ selection cannot be read: {reason}. Save it again in ImageJ",
+            code="roi-damaged",
+        ) from None
+
+    # What it is.
+    selection = roi.roitype.name
+    if roi.composite:
+        raise _wrong_selection("a composite")
+    if roi.subtype != 0 or selection not in (*AREAS, *LINES):
+        raise _wrong_selection(f"of type {selection}, subtype {roi.subtype.name}")
+    if roi.options & roifile.ROI_OPTIONS.SPLINE_FIT:
+        raise CurveError(
+            "is fitted with a spline that the file does not hold. Apply Edit > Selection > "
+            "Interpolate in ImageJ, which adds its points",
+            code="roi-spline",
+        )
+
+    # How it counts.
+    closed = selection in AREAS
+    if closed:
+        refuse_origin(origin, f"ImageJ's {selection.lower()}")
+    counted_from, warnings = (
+        ("corner", ()) if closed else origin_of_line(roi.version, origin, where)
+    )
+    with np.errstate(invalid="ignore"):  # What is not finite is refused with the other points.
+        points = np.asarray(coordinates, np.float64).reshape(-1, 2)
+    return _from_centres(points, counted_from), closed, warnings
+
+
+def is_xy_table(header: list[str]) -> bool:
+    """Whether a table's header is that of ImageJ's coordinates, with or without row numbers."""
+    return [name for name in header if name][:2] == ["X", "Y"]
+
+
+def read_xy_table(rows: list[list[str]], origin: PixelOrigin | None) -> NDArray[np.float64]:
+    """The (M, 2) points (u, v) [px] of ImageJ's X,Y coordinates, whose header is `rows[0]`.
+
+    Raises `CurveError` where it is a table of every pixel, or where `origin` is `None`: the table
+    does not tell lines from areas; or as `parse_pixels`.
+    """
+    header = [name.strip() for name in rows[0]]
+    if header not in (["X", "Y"], ["", "X", "Y"]):
+        raise CurveError(
+            f"its columns are {','.join(header)[:60]!r}, as of every pixel of an area. Give "
+            "a curve's X,Y",
+            code="table-of-an-area",
+        )
+    if origin is None:
+        raise CurveError(
+            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently. "
+            f"{NAME_ORIGIN} (a line's and an area's)",
+            code="origin-unknown",
+        )
+    first = len(header) - 2
+    points = parse_pixels([row[first:] for row in rows[1:]])
+    return _from_centres(points, origin)
+
+
+def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
+    """Raise `SettingError` where an origin is given for a file that leaves none open."""
+    if origin is not None:
+        raise SettingError(
+            f"curve_origin {origin!r} has no effect on {what}. Leave it out",
+            code="origin-without-effect",
+        )
+
+
+def parse_pixels(rows: list[list[str]]) -> NDArray[np.float64]:
+    """The (M, 2) numbers of a table's rows; raises `CurveError` where one has other than two."""
+    try:
+        points = [(parse_decimal(x), parse_decimal(y)) for x, y in rows]
+    except ValueError as error:
+        raise CurveError(
+            f"holds a row without two numbers: {error}. Correct the row", code="row-not-two-numbers"
+        ) from None
+    return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
+    """Points that are counted from a pixel's centre or corner, counted from centres."""
+    return points - CORNER_PX if origin == "corner" else points
+
+
+def _wrong_selection(description: str) -> CurveError:
+    wanted = ", ".join((*AREAS, *LINES)).lower()
+    return CurveError(f"is {description}. Give one of {wanted}", code="roi-selection")
+
+
+def origin_of_line(
+    version: int, origin: PixelOrigin | None, where: str
+) -> tuple[PixelOrigin, tuple[str, ...]]:
+    """From where on a pixel a line of a format counts, with a warning where that is not sure."""
+    if version > UNCLEAR_FORMAT:
+        refuse_origin(origin, "a selection of this format")
+        return "centre", ()
+    if origin is not None:
+        return origin, ()
+    if version < UNCLEAR_FORMAT:
+        raise CurveError(
+            f"is of an ImageJ before 1.52i (format {version}). {NAME_ORIGIN}",
+            code="origin-unknown",
+            numbers={"format": version},
+        )
+    warning = (
+        f"{where}: is taken to count from the centres of pixels. Had an ImageJ before 1.52u "
+        f"(March 2020) written it, it would lie half a pixel off. {NAME_ORIGIN}"
+    )
+    return "centre", (warning,)

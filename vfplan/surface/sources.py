@@ -1,0 +1,410 @@
+"""What kind of source a file of outlines is, and the reader of each that is no label map.
+
+Outlines come as contours of an RTSTRUCT, frames of a DICOM SEG, Slicer's closed curves, or drawings
+on a folder of DICOM slices. Names, dates and identifiers of the patient are not read; a structure
+that is named like the patient loses its name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError, ImageError, InputError, MarkerError
+from vfplan.geometry.lines import plane_normal
+from vfplan.images.dataset import (
+    begins_like_dicom,
+    group_value,
+    open_dataset,
+    pixel_axes,
+    refuse_costly,
+)  # fmt: skip
+from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_whole
+from vfplan.surface import volumes
+from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
+from vfplan.surface.volumes import MAX_VOXEL_M, MIN_VOXEL_M
+
+Array = NDArray[np.float64]
+HEAD_BYTES = 256
+"""Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132."""
+RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
+SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
+SEGMENTATION_TYPES = ("BINARY", "FRACTIONAL", "LABELMAP")
+CLOSED_CONTOURS = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+MAX_BYTES = MAX_TEXT_BYTES
+"""Largest size of a file [bytes]; the contours in it are text. One of a whole pelvis has some ten
+million."""
+
+
+def read_contours(
+    sources: list[Path], structure: str | None = None, colour: str = "red"
+) -> Contours:
+    """The outlines of one structure.
+
+    Parameters
+    ----------
+    sources
+        One file; or several `.mrk.json`; or a folder of DICOM slices, each with a drawing.
+    structure
+        Its name or number in a source that holds several.
+    colour
+        The pen's, on drawn slices.
+
+    Raises
+    ------
+    InputError
+        A source is none of these, is damaged, or has no such structure.
+    """
+    first = sources[0]
+    where = str(first)
+    are_curves = all(path.name.lower().endswith(".json") for path in sources)
+    if len(sources) > 1 and not are_curves:
+        raise InputError(
+            f"is one of {len(sources)} sources. Give one; several are read of .mrk.json alone.",
+            where=str(sources[1]), code="source-several", numbers={"sources": len(sources)},
+        )  # fmt: skip
+    if structure is not None and (are_curves or first.is_dir()):
+        raise InputError(
+            f"holds drawn curves, which have no names. Leave --structure {structure!r} out.",
+            where=where, code="structure-unknown",
+        )  # fmt: skip
+    if first.is_dir():
+        return read_drawn_slices(first, colour)
+    if are_curves:
+        return read_slicer_curves(sources)
+
+    with opened_file(first) as file:
+        head = file.read(HEAD_BYTES)
+    with naming_place(where):
+        if head.startswith(b"NRRD"):
+            return volumes.contours_of_volume(volumes.read_nrrd(first), structure)
+        if first.name.lower().endswith((".nii", ".nii.gz")):
+            return volumes.contours_of_volume(volumes.read_nifti(first), structure)
+        if begins_like_dicom(head):
+            return read_dicom_contours(first, structure)
+    raise InputError(
+        "is no source of outlines. Give RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json "
+        "or a folder of drawn slices.",
+        where=where, code="source-unknown",
+    )  # fmt: skip
+
+
+def read_dicom_contours(path: Path, structure: str | None) -> Contours:
+    """The outlines of one structure of an RTSTRUCT or a DICOM SEG.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, of another kind, or of a shape that is not supported, or there is no
+        such structure.
+    MissingExtra
+        pydicom is not installed.
+    """
+    where = str(path)
+    data, digest = read_bytes(path, MAX_BYTES)
+    refuse_costly(data, where)
+    with open_dataset(
+        io.BytesIO(data), where, InputError, extra="surface", needs_preamble=False
+    ) as dataset:
+        kind = str(dataset.get("SOPClassUID", ""))
+        if kind == RTSTRUCT:
+            return contours_of_rtstruct(dataset, structure, {"contours": digest})
+        if kind in SEG:
+            return contours_of_segmentation(dataset, structure, {"labels": digest})
+        modality = str(dataset.get("Modality", "")) or "an unknown kind"
+        raise InputError(
+            f"is DICOM of {modality[:16]}. Give RTSTRUCT, SEG or a folder of drawn slices.",
+            code="source-unknown",
+        )
+
+
+def without_patient_names(
+    dataset: Any, numbered_names: list[tuple[int, str]]
+) -> tuple[Structure, ...]:
+    """Structures; a name that holds a part of the patient's name or number is left out."""
+    keywords = ("PatientName", "PatientID", "OtherPatientIDs", "PatientBirthName")
+    text = " ".join(str(dataset.get(keyword, "") or "") for keyword in keywords)
+    secrets = [part for part in text.lower().replace("^", " ").split() if len(part) > 2]
+    return tuple(
+        Structure(number, "" if any(secret in name.lower() for secret in secrets) else name)
+        for number, name in numbered_names
+    )
+
+
+def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
+    """The closed contours of one structure of an RTSTRUCT."""
+    rois = dataset.get("StructureSetROISequence") or ()
+    names = [(int(roi.ROINumber), str(roi.get("ROIName", ""))) for roi in rois]
+    structures = without_patient_names(dataset, names)
+    chosen = choose_structure(structures, wanted)
+
+    rings = []
+    others = 0
+    for roi in dataset.get("ROIContourSequence") or ():
+        if int(roi.ReferencedROINumber) != chosen.number:
+            continue
+        for contour in roi.get("ContourSequence") or ():
+            if str(contour.get("ContourGeometricType", "")) in CLOSED_CONTOURS:
+                rings.append(ring_of_contour(contour))
+            else:
+                others += 1
+    if not rings:
+        raise InputError(
+            f"structure {chosen.number} has no closed contour and {others} that are open or single "
+            "points. Choose another with --structure, or draw its outlines.",
+            code="structure-empty",
+            numbers={"structure": chosen.number, "others": others},
+        )
+    remark = (
+        f"{others} contours are open or single points and are left out. Close them if they are "
+        "outlines."
+    )
+    remarks = (remark,) if others else ()
+    return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
+
+
+def ring_of_contour(contour: Any) -> Array:
+    """(M, 3) LPS [m] of one contour, from its text as it stands in the file."""
+    value = contour.get_item("ContourData").value
+    if isinstance(value, bytes):
+        value = value.rstrip(b" \0").split(b"\\")
+    numbers = np.array([float(x) for x in value], dtype=np.float64)
+    if numbers.size % 3 or not np.isfinite(numbers).all():
+        raise InputError(
+            "a contour is not made of triples of finite numbers. Export the structure again.",
+            code="outline-not-finite",
+        )
+    points = numbers.reshape(-1, 3) * 1e-3
+    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
+
+
+def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
+    """The borders of one segment of a SEG, frame by frame."""
+    from pydicom.pixels import iter_pixels
+
+    segments = dataset.SegmentSequence
+    names = [(int(one.SegmentNumber), str(one.get("SegmentLabel", ""))) for one in segments]
+    structures = without_patient_names(dataset, names)
+    chosen = choose_structure(structures, wanted)
+    kind = str(dataset.SegmentationType)
+    if kind not in SEGMENTATION_TYPES:
+        raise InputError(
+            f"is a segmentation of type {kind[:16]!r}. Give BINARY, FRACTIONAL or LABELMAP.",
+            code="volume-unsupported",
+        )
+    corners, axes, normal, members = frames_of_segment(dataset, chosen.number)
+
+    rings: list[Array] = []
+    drawn = set()
+    stairs = 0
+    largest_share = float(dataset.get("MaximumFractionalValue", 1) or 1)
+    for k, pixels in zip(members, iter_pixels(dataset, indices=members), strict=True):
+        if kind == "FRACTIONAL":
+            borders = volumes.rings_of_share(pixels / largest_share)
+        else:
+            label = chosen.number if kind == "LABELMAP" else 1
+            borders, is_smooth = volumes.rings_of_mask(pixels == label)
+            stairs += not is_smooth
+        for border in borders:
+            rings.append(corners[k] + border[:, ::-1] @ axes.T)
+            drawn.add(k)
+    if not rings:
+        raise InputError(
+            f"segment {chosen.number} has no pixels. Choose another with --structure.",
+            code="structure-empty",
+            numbers={"structure": chosen.number},
+        )
+
+    heights = corners @ normal
+    is_empty = np.abs(heights[sorted(drawn)] - heights[:, None]).min(axis=1) > SAME_M
+    remarks = volumes.stairs_remark(stairs)
+    return Contours(
+        tuple(rings), structures, chosen.number, inputs, normal, corners[is_empty], remarks
+    )
+
+
+def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, list[int]]:
+    """Where the frames of a segmentation lie, in the patient's LPS frame [m].
+
+    (F, 3) the centre of each frame's first pixel, (3, 2) a step from column to column and from row
+    to row, (3,) the frames' unit normal, and which frames belong to the segment, from 0. Raises
+    `InputError` where their places are not sound.
+    """
+    rows, columns = int(dataset.Rows), int(dataset.Columns)
+    count = int(dataset.get("NumberOfFrames") or 1)
+    # A pixel takes a byte or more, and a thousand frames of 512 x 512 have fewer pixels.
+    if not 0 < rows * columns * count <= MAX_BYTES:
+        raise InputError(
+            f"says that it has {count} frames of {rows} x {columns}; {MAX_BYTES} pixels are "
+            "allowed in all. Export a part of it.",
+            code="volume-too-large",
+            numbers={"frames": count, "rows": rows, "columns": columns},
+        )
+    corners = []
+    axes = None
+    members = []
+    for k in range(count):
+        corner, frame_axes = frame_place(dataset, k)
+        corners.append(corner)
+        axes = frame_axes if axes is None else axes
+        if np.abs(frame_axes - axes).max() > 1e-12:
+            raise InputError(
+                f"frame {k + 1} differs from the first in orientation or pixel spacing. Export "
+                "parallel frames of one size.",
+                code="volume-unsupported",
+            )
+        number = group_value(dataset, "SegmentIdentificationSequence", "ReferencedSegmentNumber", k)
+        if number is None or int(number) == segment:
+            members.append(k)
+    corners = np.array(corners)
+    normal = plane_normal(axes)
+    normal /= np.linalg.norm(normal)
+
+    heights = np.sort(corners[members] @ normal)
+    doubled = np.flatnonzero(np.diff(heights) < SAME_M)
+    if len(doubled):
+        raise InputError(
+            f"two frames of the segment lie in one slice, at {1e3 * heights[doubled[0]]:.3f} mm "
+            "along its normal. Export each slice once.",
+            code="slices-doubled",
+        )
+    return corners, axes, normal, members
+
+
+def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:
+    """Corner (3,) and axes (3, 2) of a frame, LPS [m]."""
+    corner = group_value(dataset, "PlanePositionSequence", "ImagePositionPatient", k)
+    orientation = group_value(dataset, "PlaneOrientationSequence", "ImageOrientationPatient", k)
+    spacing = group_value(dataset, "PixelMeasuresSequence", "PixelSpacing", k)
+    if corner is None or orientation is None or spacing is None:
+        raise InputError(
+            f"frame {k + 1} does not say where it lies in the patient. Export it with its place.",
+            code="volume-without-place",
+        )
+    # DICOM writes the distance between rows first.
+    between = [float(x) for x in spacing]
+    if len(between) != 2 or not all(MIN_VOXEL_M < 1e-3 * x < MAX_VOXEL_M for x in between):
+        raise InputError(
+            f"PixelSpacing of frame {k + 1} is not two lengths from {1e3 * MIN_VOXEL_M:g} to "
+            f"{1e3 * MAX_VOXEL_M:g} mm. Export it again.",
+            code="volume-without-place",
+        )
+    axes = pixel_axes(orientation, (between[1], between[0]))
+    if axes is None:
+        raise InputError(
+            f"ImageOrientationPatient of frame {k + 1} is no pair of square unit vectors. Export "
+            "it again.",
+            code="volume-without-place",
+        )
+    return np.array([float(x) for x in corner]) * 1e-3, axes
+
+
+def read_slicer_curves(paths: list[Path]) -> Contours:
+    """Every ClosedCurve of one or more `.mrk.json` files.
+
+    Raises `InputError` where a file holds none, an open curve, or is damaged.
+    """
+    from vfplan.markers.correspondences import lps_points, markups_of
+    from vfplan.vectors.curve import FINE_M, VectorDrawing
+
+    rings = []
+    digest = hashlib.sha256()
+    for path in paths:
+        where = str(path)
+        data = read_whole(path, MAX_TEXT_BYTES, InputError)
+        digest.update(hashlib.sha256(data).digest())
+        try:
+            markups = markups_of(data.decode("utf-8-sig"), where)
+            types = {str(markup.get("type")) for markup in markups}
+            if types != {"ClosedCurve"}:
+                types.discard("ClosedCurve")
+                content = repr(min(types)[:32]) if types else "nothing"
+                raise InputError(
+                    f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
+                )
+            curves = [lps_points(markup, where) for markup in markups]
+        except UnicodeDecodeError:
+            text = "is not UTF-8 text. Save the markups from Slicer as .mrk.json."
+            raise InputError(text, where=where) from None
+        except MarkerError as error:
+            raise InputError(
+                error.message, where=error.where, code=error.code, numbers=error.numbers
+            ) from None
+        for points in curves:
+            if len(points) < 3:
+                text = f"a curve has {len(points)} points. Give at least 3."
+                raise InputError(text, where=where, code="outline-empty")
+            rings.append(VectorDrawing(points, True, True, "").stroke(FINE_M).points)
+    return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
+
+
+def read_drawn_slices(folder: Path, colour: str) -> Contours:
+    """The closed curves drawn on a folder's DICOM slices, each placed by its own slice.
+
+    Slices without a drawing are passed over; they are named by their place in the folder's order,
+    for exporters name files by identifiers.
+
+    Raises `InputError` for a file that is no DICOM slice or has no place in the patient, and for a
+    drawing that is not closed.
+    """
+    from vfplan.curve.extraction import load_libraries
+    from vfplan.images.raster import MAX_TIFF_PARTS
+    from vfplan.images.read import read_image
+    from vfplan.planning.extraction import extract
+    from vfplan.planning.settings import ExtractSettings
+
+    load_libraries()
+    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
+    if not 2 <= len(files) <= MAX_TIFF_PARTS:
+        raise InputError(
+            f"holds {len(files)} files. Give 2 to {MAX_TIFF_PARTS} slices.",
+            where=str(folder), code="slices-too-few",
+            numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_TIFF_PARTS},
+        )  # fmt: skip
+    rings = []
+    digest = hashlib.sha256()
+    slices_without_drawing = 0
+    for number, path in enumerate(files, start=1):
+        where = f"{folder}, file {number} of {len(files)} by name"
+        try:
+            rgb = read_image(path).rgb
+            if (rgb == rgb[..., :1]).all():
+                slices_without_drawing += 1
+                continue
+            extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
+        except InputError as error:
+            raise type(error)(
+                error.message, where=where, code=error.code, numbers=error.numbers
+            ) from None
+        place = extracted.image.T_patient_image
+        if place is None:
+            raise ImageError(
+                "does not say where it lies in the patient. Give DICOM slices.",
+                where=where, code="slice-without-place",
+            )  # fmt: skip
+        digest.update(bytes.fromhex(extracted.image.sha256))
+        for stroke in extracted.extraction.strokes:
+            if not stroke.closed:
+                raise CurveError(
+                    f"a drawing of {stroke.length:.0f} px is open. Close the outline.",
+                    where=where, code="outline-open", numbers={"length_px": stroke.length},
+                )  # fmt: skip
+            pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
+            rings.append((pixels @ place.T)[:, :3])
+    if not rings:
+        raise CurveError(
+            f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
+            where=str(folder), code="structure-empty", numbers={"slices": len(files)},
+        )  # fmt: skip
+    remark = (
+        f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
+        "forgotten."
+    )
+    remarks = (remark,) if slices_without_drawing else ()
+    inputs = {"slices": digest.hexdigest()}
+    return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)
