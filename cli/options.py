@@ -136,11 +136,7 @@ class Number(Numbers):
     """
 
     def __init__(
-        self,
-        metavar: str,
-        scale: float = 1.0,
-        positive: bool = True,
-        zero_allowed: bool = False,
+        self, metavar: str, scale: float = 1.0, positive: bool = True, zero_allowed: bool = False
     ) -> None:
         super().__init__(1, metavar=metavar, positive=positive and not zero_allowed)
         self.zero_allowed = zero_allowed

@@ -201,10 +201,7 @@ def test_what_cannot_be_read_is_code_3_in_one_line(name, text, vfplan_cli, tmp_p
 
 @pytest.mark.parametrize(
     ("points", "says"),
-    [
-        (np.zeros((0, 3)), "0 points"),
-        (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "Point 1"),
-    ],
+    [(np.zeros((0, 3)), "0 points"), (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "Point 1")],
 )
 def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, tmp_path):
     np.save(tmp_path / "a.npy", points)

@@ -207,9 +207,7 @@ def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
     assert vfplan_cli(*common, "--find-markers").code == 2
     other = vfplan_cli(*common, "--find-markers", "--image", ROOT / "samples" / "none.png")
     assert other.code == 3
-    plan = vfplan_cli(
-        *("plan", IMAGE, rough, ROBOT, "-o", tmp_path / "g.h5", "--find-markers"),
-    )
+    plan = vfplan_cli(*("plan", IMAGE, rough, ROBOT, "-o", tmp_path / "g.h5", "--find-markers"))
     assert plan.code == 0
     assert "px away" in plan.stdout
 

@@ -59,10 +59,7 @@ class ExtractResult:
 
 
 def extract(
-    path: str | Path,
-    settings: ExtractSettings | None = None,
-    *,
-    curve: str | Path | None = None,
+    path: str | Path, settings: ExtractSettings | None = None, *, curve: str | Path | None = None
 ) -> ExtractResult:
     """Read a planned slice and extract its curve.
 

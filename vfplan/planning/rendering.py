@@ -193,9 +193,7 @@ def render(
 
 
 def ignored_axis(
-    choice: str | None,
-    registration: Registration,
-    slice_axes: NDArray[np.float64] | None = None,
+    choice: str | None, registration: Registration, slice_axes: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64] | None:
     """(3,) unit vector along which the fixture is infinite; `None` for a fixture in space.
 

@@ -192,8 +192,7 @@ class FixtureSettings:
             _check_range("stiffness", stiffness, 0.0, largest, "N/m")
         if len(self.stiffness) not in (1, 3):
             raise SettingError(
-                f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3",
-                code="stiffness-count",
+                f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3", code="stiffness-count"
             )
         if self.arcs_m is not None:
             _check_range("arcs", 1e3 * self.arcs_m, 1e3 * MIN_ARCS_M, 1e3 * MAX_ARCS_M, "mm")
