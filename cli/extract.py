@@ -17,13 +17,13 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
+from vfplan.settings import settings_from_options
 
 LISTED_GAPS = 4
 """Number of hidden stretches whose places are printed; `--json` has all."""

@@ -16,12 +16,13 @@ from vfplan.cli.extract import (
     write_pictures,
 )
 from vfplan.cli.next_commands import page_command, review_command
-from vfplan.cli.options import FILE, option, options_in_order, output_option, settings_from_options
+from vfplan.cli.options import FILE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.findings import Finding, doubt
+from vfplan.settings import settings_from_options
 
 
 @command(

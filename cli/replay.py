@@ -23,7 +23,6 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
@@ -33,6 +32,7 @@ from vfplan.display import count
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
 from vfplan.replaying.findings import change_words, gap_words
+from vfplan.settings import settings_from_options
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""

@@ -27,10 +27,11 @@ from vfplan.cli.options import (
     WholeNumber,
     option,
     options_in_order,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
+
+from vfplan.settings import settings_from_options
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture

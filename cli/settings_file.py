@@ -7,7 +7,7 @@ and its values are in their units: metres, N/m, pixels. An option that is typed 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,42 +17,18 @@ from vfplan.cli.options import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.settings import argument_of
 
 OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
 """Options that say how a command is called, and nothing of its result."""
 
 
-def arcs_from_metres(metres: float | None) -> tuple[float, ...] | None:
-    """The value of `--arcs`, in millimetres, for the field `arcs_m`."""
-    return None if metres is None else (1e3 * metres,)
-
-
-def arcs_from_points_only(points_only: bool) -> tuple[float, ...] | None:
-    """The value of `--arcs`, which is () for none, for the field `points_only`."""
-    return () if points_only else None
-
-
-def pull_from_metres(values: tuple[float, ...]) -> tuple[float, ...]:
-    """The value of `--guide-pull`, in N and mm/s, for the field `guide_pull`."""
-    return (*values[:1], *(1e3 * speed for speed in values[1:]))
-
-
-def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
-    """The value of `--max-residual` or `--max-tre`: millimetres, () for none, `None` if not typed.
-
-    The text "contact radius" is the default of `--max-tre`.
-    """
-    if metres is None:
-        return ()
-    return None if isinstance(metres, str) else (1e3 * metres,)
-
-
-CONVERTED_FIELDS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "arcs_m": ("arcs", arcs_from_metres),
-    "points_only": ("arcs", arcs_from_points_only),
-    "guide_pull": ("guide_pull", pull_from_metres),
-    "max_residual_m": ("max_residual", gate_from_metres),
-    "max_tre_m": ("max_tre", gate_from_metres),
+CONVERTED_FIELDS = {
+    setting.name: (argument_of(setting), setting.metadata["to_option"])
+    for kind in (ExtractSettings, FixtureSettings)
+    for setting in fields(kind)
+    if "to_option" in setting.metadata
 }
 """Fields whose option has another name or unit: the option's name, and the way to its value."""
 
