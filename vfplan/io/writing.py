@@ -7,11 +7,8 @@ Several files that belong together are renamed together: all of them or none.
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
-import re
-import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -22,13 +19,6 @@ EXISTS = "exists already. Give --overwrite to replace it"
 
 NO_HARD_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
 """Error numbers by which a file system says that it has no hard links."""
-
-HIDDEN = re.compile(r"\.vfplan-[0-9a-f]{16}\..+")
-"""The names that `hidden_name` gives."""
-
-LAST_COPY = stat.S_ISVTX
-"""Mode bit of a hidden file that is all that remains of an old file. Linux gives the bit no other
-meaning on a file, and setting it needs neither room nor a new name."""
 
 
 def hidden_name(path: Path, suffix: str) -> Path:
@@ -63,37 +53,6 @@ def remove_quietly(path: Path) -> None:
 
 
 @contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """Mark a folder as one that is being written to, and remove what killed writers left there.
-
-    Every writer holds a shared lock on the folder while it has hidden files there. A process that
-    gets the lock alone knows that the writers of its user's hidden files have ended. Where a file
-    system has no locks, or somebody else keeps the folder locked, nothing is removed. The last copy
-    of a file that could not be put back (`PlacedFiles.rollback`) is never removed.
-    """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # The writer that follows says what is wrong.
-        yield
-        return
-    try:
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for entry in os.scandir(folder):
-                if not HIDDEN.fullmatch(entry.name):
-                    continue
-                status = entry.stat(follow_symlinks=False)
-                is_own = status.st_uid == os.geteuid() and stat.S_ISREG(status.st_mode)
-                if is_own and not status.st_mode & LAST_COPY:
-                    os.unlink(entry.path)
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-@contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder and those above it; remove the new ones when the block fails."""
     new = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -117,9 +76,6 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
     """
     with whole_file(Path(path), overwrite=overwrite, mode=mode) as file:
         file.writelines(parts)
-        file.seek(0)
-        for part in parts:
-            require_same(file.read(len(part)), part)
 
 
 def require_same(read: object, written: object) -> None:
@@ -142,19 +98,13 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
             )
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=str(path), code="output-exists")
-        with working_in(path.parent), ExitStack() as cleanup:
-            with create(temporary, mode) as file:
-                cleanup.callback(remove_quietly, temporary)
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            put_in_place(temporary, path, overwrite=overwrite)
-            if not overwrite:
-                cleanup.callback(path.unlink, missing_ok=True)
-            sync(path.parent)
-            cleanup.pop_all()
+        with create(temporary, mode) as file, ExitStack() as cleanup:
+            cleanup.callback(remove_quietly, temporary)
+            yield file
+            file.flush()
+            move_into_place([(temporary, path)], overwrite=overwrite)
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise not_written(path, error) from error
 
 
 def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
@@ -164,130 +114,79 @@ def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> 
     """
     moves = [(hidden_name(path, "tmp"), path) for path, _, _ in files]
     with ExitStack() as cleanup:
-        for folder in {path.parent for path, _, _ in files}:
-            cleanup.enter_context(working_in(folder))
-        for temporary, _ in moves:
-            cleanup.callback(remove_quietly, temporary)
         for (temporary, path), (_, data, mode) in zip(moves, files, strict=True):
             try:
                 with create(temporary, mode) as file:
+                    cleanup.callback(remove_quietly, temporary)
                     file.write(data)
             except OSError as error:
-                raise _not_written(path, error) from error
-        move_into_place(moves, overwrite=overwrite).commit()
+                raise not_written(path, error) from error
+        move_into_place(moves, overwrite=overwrite)
 
 
-def move_into_place(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> PlacedFiles:
+def move_into_place(moves: list[tuple[Path, Path]], *, overwrite: bool) -> None:
     """Give finished files, (from, to) in the same folder, their names: all of them or none.
 
     Every file's bytes are on the disk before the first rename, and every rename before this
-    returns: a power cut leaves the old or the new of each, whole. The caller then calls `commit`
-    or `rollback` of what is returned.
+    returns: a power cut leaves the old or the new of each, whole.
 
     Raises OutputError: a file cannot be put into its place, or its name is taken and `overwrite`
         is false; the others are as they were
     """
-    pairs = list(moves)
-    placed = PlacedFiles()
+    old_files = []
     current = Path()
     try:
-        for temporary, current in pairs:  # noqa: B007 - the error below names it
-            sync(temporary, os.O_NOFOLLOW | os.O_NONBLOCK)
-        for temporary, current in pairs:
-            placed.put(temporary, current, overwrite=overwrite)
-        for folder in {target.parent for _, target in pairs}:
-            sync(folder)
-    except BaseException as error:
-        placed.rollback()
-        if isinstance(error, OSError):
-            raise _not_written(current, error) from error
-        raise
-    return placed
+        with ExitStack() as undo:
+            for temporary, current in moves:  # noqa: B007 - the error below names it
+                sync(temporary, os.O_NOFOLLOW | os.O_NONBLOCK)
+            for temporary, current in moves:
+                if overwrite and os.path.lexists(current):
+                    old = hidden_name(current, "old")
+                    give_second_name(current, old)
+                    old_files.append(old)
+                    undo.callback(put_back, current, old)
+                    put_in_place(temporary, current, overwrite=True)
+                else:
+                    put_in_place(temporary, current, overwrite=overwrite)
+                    undo.callback(put_back, current, None)
+            for folder in {target.parent for _, target in moves}:
+                sync(folder)
+            undo.pop_all()
+    except OSError as error:
+        raise not_written(current, error) from error
+    for old in old_files:
+        remove_quietly(old)
 
 
-def _not_written(path: Path, error: OSError) -> OutputError:
+def not_written(path: Path | None, error: OSError) -> OutputError:
+    """The error of an output that the system does not let write."""
     return OutputError(
-        f"cannot be written: {error.strerror}. Check the folder and its free space",
-        where=str(path),
+        f"cannot be written: {error.strerror or error}. Check the folder and its free space",
+        where=None if path is None else str(path),
         code="output-not-written",
         numbers={"errno": error.errno},
     )
 
 
-class PlacedFiles:
-    """Files that got their names together, and can be withdrawn again.
-
-    Until `commit` or `rollback` is called, each file that was replaced stays in the folder under a
-    hidden name.
-    """
-
-    def __init__(self) -> None:
-        # The name that was given, and the hidden name of the file that had it before, if any.
-        self._done: list[tuple[Path, Path | None]] = []
-
-    def put(self, temporary: Path, target: Path, *, overwrite: bool) -> None:
-        """Give a finished file its name; raises `OSError`, or `OutputError` if it is taken."""
-        old = None
-        if overwrite and os.path.lexists(target):
-            old = hidden_name(target, "old")
-            _give_second_name(target, old)
-        try:
-            put_in_place(temporary, target, overwrite=overwrite)
-        except BaseException:
-            if old is not None:
-                old.unlink(missing_ok=True)
-            raise
-        self._done.append((target, old))
-
-    def rollback(self) -> None:
-        """Remove the new files and put the old ones back; a second call does nothing.
-
-        Raises OutputError: an old file cannot be put back; the message says under which name it is
-        """
-        failures: list[OutputError] = []
-        for target, old in reversed(self._done):
-            try:
-                put_back(target, old)
-            except OSError as error:  # The other files are put back all the same.
-                text = f"cannot be removed again: {error.strerror}. Remove it by hand"
-                if old is not None:
-                    text = f"cannot be put back: {error.strerror}. What it held is in {old}"
-                    with suppress(OSError):
-                        old.chmod(stat.S_IMODE(old.stat().st_mode) | LAST_COPY)
-                failures.append(OutputError(text, where=str(target), code="not-put-back"))
-        self._done.clear()
-        if failures:
-            raise failures[0]
-
-    def commit(self) -> None:
-        """Remove the old files; the next writer in the folder removes any that resists now."""
-        for _, old in self._done:
-            if old is not None:
-                remove_quietly(old)
-        self._done.clear()
-
-
 def put_back(target: Path, old: Path | None) -> None:
-    """Give an old file its name again, also where the file system refuses to rename.
+    """Give an old file its name again, or remove a new one.
 
-    Raises OSError: neither a rename nor a second name nor a copy works; the target is as it was
+    Raises OutputError: the system refuses; the message says under which name the old file is
     """
-    if old is None:
-        target.unlink(missing_ok=True)
-        return
     try:
-        os.replace(old, target)
-    except OSError:
-        # A second hidden name shows first that names can be given; only then the new file goes.
-        spare = hidden_name(target, "old")
-        _give_second_name(old, spare)
-        target.unlink(missing_ok=True)
-        _give_second_name(old, target)
-        remove_quietly(old)
-        remove_quietly(spare)
+        if old is None:
+            target.unlink(missing_ok=True)
+        else:
+            os.replace(old, target)
+            remove_quietly(old)  # A rename leaves both of two names of one file.
+    except OSError as error:
+        text = f"cannot be removed again: {error.strerror}. Remove it by hand"
+        if old is not None:
+            text = f"cannot be put back: {error.strerror}. What it held is in {old}"
+        raise OutputError(text, where=str(target), code="not-put-back") from error
 
 
-def _give_second_name(old: Path, name: Path) -> None:
+def give_second_name(old: Path, name: Path) -> None:
     """Give a file a second name, or copy it where the file system has no hard links."""
     try:
         os.link(old, name, follow_symlinks=False)
