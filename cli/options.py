@@ -1,11 +1,12 @@
-"""Options that several commands share, each defined once.
+"""Options that several commands share, and what the values of options may be.
 
-What the value of an option may be; the error of any other names the value and what to type.
+The error of a value that may not be names it, and says what to type.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -117,12 +118,13 @@ class Numbers(Parsed):
             allowed = " or ".join(map(str, self.counts))
             raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
         if self.positive and not min(numbers) > 0:
+            problem = "is not above 0. Type a larger number"
             if len(numbers) > 1:
-                raise ValueError(
-                    f"{text!r} holds a number that is not above 0. The comma separates two "
-                    "numbers: type 0.5 for a half"
+                problem = (
+                    "holds a number that is not above 0. The comma separates two numbers: type "
+                    "0.5 for a half"
                 )
-            raise ValueError(f"{text!r} is not above 0. Type a larger number")
+            raise ValueError(f"{text!r} {problem}")
         return numbers
 
 
@@ -238,11 +240,9 @@ def signature_options(
 
 def parse_stroke(text: str) -> str | int:
     """`all`, `longest` or the number of a stroke."""
-    if text in ("all", "longest"):
-        return text
-    if not text.isdecimal():
+    if text not in ("all", "longest") and not text.isdecimal():
         raise ValueError(f"{text!r} is no stroke. Type all, longest or a number")
-    return int(text)
+    return int(text) if text.isdecimal() else text
 
 
 def parse_rectangle(text: str) -> tuple[int, ...]:
@@ -275,15 +275,11 @@ def parse_margin(text: str) -> str | float:
     """`tre95`, or the probability P of `p=P`, which is above 0 and below 1."""
     if text == "tre95":
         return text
-    probability = 0.0
-    if text.startswith("p="):
-        try:
-            probability = parse_decimal(text.removeprefix("p="))
-        except ValueError:
-            probability = 0.0
-    if not 0 < probability < 1:
-        raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
-    return probability
+    with suppress(ValueError):
+        probability = parse_decimal(text.removeprefix("p="))
+        if text.startswith("p=") and 0 < probability < 1:
+            return probability
+    raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
 
 
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
@@ -432,11 +428,8 @@ def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
 
 def not_compared_warnings(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
     """A warning for each name that `not_compared` gives."""
-    warnings = []
-    for name in not_compared(seal, arguments):
-        words = name.replace("_", " ")
-        warnings.append(
-            f"The bundle is signed for {words} {seal[name]!r}, which was compared with nothing. "
-            f"Give {SIGNED_FOR[name]} as it must be."
-        )
-    return warnings
+    return [
+        f"The bundle is signed for {name.replace('_', ' ')} {seal[name]!r}, which was compared "
+        f"with nothing. Give {SIGNED_FOR[name]} as it must be."
+        for name in not_compared(seal, arguments)
+    ]

@@ -46,66 +46,51 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
     if path is None:
         return arguments
     context = click.get_current_context()
-    params = {}
-    for param in context.command.params:
-        if not isinstance(param, click.Option) or isinstance(param.type, OutputFile):
-            continue
-        if param.name not in OPTIONS_OF_THE_CALL:
-            params[param.name] = param
+    params = {
+        param.name: param
+        for param in context.command.params
+        if isinstance(param, click.Option)
+        and not isinstance(param.type, OutputFile)
+        and param.name not in OPTIONS_OF_THE_CALL
+    }
+    where = str(path)
 
     # The file holds one JSON object.
     data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         settings = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"is not JSON: {error}. Write one object of settings", where=str(path), code="not-json"
-        ) from None
+        message = f"is not JSON: {error}. Write one object of settings"
+        raise InputError(message, where=where, code="not-json") from None
     if not isinstance(settings, dict):
-        raise InputError(
-            "is no JSON object. Write one object of settings", where=str(path), code="not-json"
-        )
+        message = "is no JSON object. Write one object of settings"
+        raise InputError(message, where=where, code="not-json")
 
     # Each of its settings takes the place of an option that was not typed.
     merged = dict(arguments)
     for field, raw in settings.items():
         name, convert = CONVERTED_FIELDS.get(field, (field, None))
         if name not in params:
-            allowed = ", ".join(sorted(params))
             raise SettingError(
                 f"has a setting {field!r}, which {context.info_name} does not have. Choose "
-                f"among {allowed}",
-                where=str(path),
-                code="unknown-setting",
-            )
-        value = _lists_to_tuples(raw)
+                f"among {', '.join(sorted(params))}",
+                where=where, code="unknown-setting",
+            )  # fmt: skip
+        kind, value = params[name].type, _lists_to_tuples(raw)
         if convert is not None:
             try:
                 value = convert(value)
             except TypeError:
-                raise SettingError(
-                    f"{field} {raw!r} is no such setting. See its form in docs/cli.md",
-                    where=str(path), code="setting-of-another-form",
-                ) from None  # fmt: skip
-        else:
-            kind = params[name].type
-            if isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
-                allowed = ", ".join(kind.choices)
-                raise SettingError(
-                    f"{field} is {value!r}. Choose one of {allowed}",
-                    where=str(path),
-                    code="unknown-choice",
-                )
-            if not fits_option(params[name], value):
-                raise SettingError(
-                    f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option",
-                    where=str(path),
-                    code="setting-of-another-form",
-                )
-            is_list = isinstance(kind, Numbers) and not isinstance(kind, Number)
-            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if is_list and is_number:
-                value = (value,)
+                message = f"{field} {raw!r} is no such setting. See its form in docs/cli.md"
+                raise SettingError(message, where=where, code="setting-of-another-form") from None
+        elif isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
+            message = f"{field} is {value!r}. Choose one of {', '.join(kind.choices)}"
+            raise SettingError(message, where=where, code="unknown-choice")
+        elif not fits_option(params[name], value):
+            message = f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option"
+            raise SettingError(message, where=where, code="setting-of-another-form")
+        elif isinstance(kind, Numbers) and not isinstance(kind, Number) and is_number(value):
+            value = (value,)
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             merged[name] = value
     return merged
@@ -126,17 +111,18 @@ def fits_option(param: click.Option, value: Any) -> bool:
     if isinstance(kind, Numbers) or param.multiple:
         return all_numbers(value)
     if isinstance(kind, (click.FloatRange, click.IntRange)):
-        return all_numbers(value) and not isinstance(value, tuple)
-    if isinstance(kind, Parsed):
-        return isinstance(value, str) or all_numbers(value)
-    return isinstance(value, str)
+        return is_number(value)
+    return isinstance(value, str) or (isinstance(kind, Parsed) and all_numbers(value))
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def all_numbers(value: Any) -> bool:
     """Whether a value is a number, or a list of numbers or of such lists."""
-    if isinstance(value, tuple):
-        return all(map(all_numbers, value))
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return all(map(all_numbers, value)) if isinstance(value, tuple) else is_number(value)
 
 
 def _lists_to_tuples(raw: Any) -> Any:

@@ -77,7 +77,6 @@ def extract(
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     from vfplan.curve.extraction import extract_curve, load_libraries
-    from vfplan.images.read import MAX_MEGAPIXELS, read_image
     from vfplan.vectors.read import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
@@ -95,21 +94,7 @@ def extract(
         _refuse_settings(settings, IMAGE_SETTINGS)
         return vector_alone(path, settings)
 
-    # The slice, and how large its pixels are.
-    image = read_image(
-        path,
-        frame=settings.frame,
-        pixel_spacing_mm=settings.pixel_spacing_mm,
-        imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
-    )
-    for spacing in image.pixel_spacing_mm or ():
-        largest = max_number("/image/pixel_spacing")
-        if not MIN_SPACING_MM <= spacing <= largest:
-            message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
-            if settings.pixel_spacing_mm is not None:
-                raise SettingError(message, code="pixel-spacing-range")
-            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+    image = read_slice(path, settings)
 
     # The curve, as it was drawn.
     if curve is None:
@@ -138,6 +123,28 @@ def extract(
     fixture = replace(fixture, findings=findings)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return ExtractResult(fixture, image, extraction, report, findings)
+
+
+def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
+    """The slice, with pixels of a size that a bundle can hold.
+
+    Raises `ImageError`, or `SettingError` where the size was typed.
+    """
+    from vfplan.images.read import MAX_MEGAPIXELS, read_image
+
+    image = read_image(
+        path, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
+        imager_spacing=bool(settings.imager_spacing),
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
+    )  # fmt: skip
+    largest = max_number("/image/pixel_spacing")
+    for spacing in image.pixel_spacing_mm or ():
+        if not MIN_SPACING_MM <= spacing <= largest:
+            message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
+            if settings.pixel_spacing_mm is not None:
+                raise SettingError(message, code="pixel-spacing-range")
+            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+    return image
 
 
 def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
