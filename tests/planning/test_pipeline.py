@@ -20,8 +20,7 @@ from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
 from vfplan.geometry.lines import values_at
 from vfplan.planning.extraction import extract
-from vfplan.planning.plan import plan
-from vfplan.planning.rendering import ignored_axis, render
+from vfplan.planning.plan import ignored_axis, plan, render
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 SAMPLES = ROOT / "samples"
