@@ -48,7 +48,7 @@ def test_numbers_of_a_fault_are_plain_json(monkeypatch, tmp_path):
     def refuse(*_given, **_options):
         raise CurveError("the line forks", code="line-forks", numbers=numbers)
 
-    monkeypatch.setattr("vfplan.planning.extract", refuse)
+    monkeypatch.setattr("vfplan.planning.extraction.extract", refuse)
     words = ["extract", str(ROOT / "samples" / "elbow.png"), "-o", str(tmp_path / "c.h5"), "--json"]
     done = CliRunner().invoke(cli, words)
     assert done.exit_code == 3

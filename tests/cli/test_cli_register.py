@@ -238,11 +238,9 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     t = np.linspace(0, 1, 200)
     line = np.c_[0.05 * np.cos(3 * t), 0.05 * np.sin(3 * t), 0.03 * t]
     drawn = Fixture(
-        "patient_lps",
-        line,
-        Provenance("2024-01-01T00:00:00Z", "vfplan 0"),
+        "patient_lps", line, Provenance("2024-01-01T00:00:00Z", "vfplan 0"),
         curve=Curve(np.zeros(200, np.int32), np.array([False])),
-    )
+    )  # fmt: skip
     write_fixture(drawn, tmp_path / "c.h5")
     points = [(f"x{i}", (p * [-1000, -1000, 1000]).tolist(), "defined") for i, p in
               enumerate(patient)]  # fmt: skip

@@ -221,13 +221,11 @@ def planned_curve(
     if extraction.method != "mask":
         curve = Curve.of(strokes)
     return Fixture(
-        frame="image",
-        points=np.column_stack([points, np.zeros(len(points))]),
+        frame="image", points=np.column_stack([points, np.zeros(len(points))]),
         provenance=Provenance.now(inputs or {"image": image.sha256}, settings or ExtractSettings()),
-        sigma=sigma,
-        curve=curve,
+        sigma=sigma, curve=curve,
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
-    )
+    )  # fmt: skip
 
 
 def resample(

@@ -145,10 +145,8 @@ def refuse_wrong_order(
     if found is not None:
         raise InputError(
             f"the files are in the wrong order: {found}. Give the slice first and the markers "
-            "after it: IMAGE MARKERS [MARKERS2]",
-            where=str(image),
-            code="wrong-order",
-        )
+            "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
+        )  # fmt: skip
 
 
 def holds_markers(path: str | Path) -> bool:
@@ -466,10 +464,8 @@ def ignored_axis(
         raise SettingError(
             f"ignoring {choice} would collapse the curve: it is {tilt_deg:.1f} degrees from "
             f"the slice's normal, and at most {MAX_IGNORED_TILT_DEG:g} are allowed. Ignore "
-            "the normal",
-            code="axis-collapses",
-            numbers={"tilt_deg": float(tilt_deg)},
-        )
+            "the normal", code="axis-collapses", numbers={"tilt_deg": float(tilt_deg)},
+        )  # fmt: skip
     return axis
 
 

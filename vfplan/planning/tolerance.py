@@ -130,14 +130,11 @@ def choose(
     # Faces that can hold the proxy.
     faces = 2 if planar else 3
     return Choice(
-        tolerance_m=tolerance_m,
-        used_tolerance_m=used_m,
-        sampling_tolerance_m=dimple_m,
-        spacing_m=math.sqrt(8 * radius_m * dimple_m),
-        band_m=BAND_SHARE * used_m,
+        tolerance_m=tolerance_m, used_tolerance_m=used_m, sampling_tolerance_m=dimple_m,
+        spacing_m=math.sqrt(8 * radius_m * dimple_m), band_m=BAND_SHARE * used_m,
         max_iterations=iterations(LAG_SHARE * used_m, radius_m, depth_m, speed_m_s / rate_hz)
         + faces,
-    )
+    )  # fmt: skip
 
 
 def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> int:
