@@ -13,8 +13,7 @@ from vfplan.errors import CurveError
 
 
 def test_without_a_command_the_help_is_shown(vfplan_cli):
-    run = vfplan_cli()
-    assert run.code == 0
+    run = vfplan_cli().sound
     assert run.stdout == vfplan_cli("--help").stdout
 
 

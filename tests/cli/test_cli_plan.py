@@ -61,8 +61,7 @@ def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
 
 
 def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).sound
     assert sorted(path.name for path in tmp_path.iterdir()) == ["elbow-sheet.png", "elbow.h5"]
     assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
     again = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
@@ -80,8 +79,7 @@ def test_statistics_stand_behind_v(vfplan_cli, tmp_path):
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
-    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json").sound
     assert set(run.json) >= EXTRACT_KEYS
     assert vfplan.read_fixture(curve).frame == "image"
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", two).code == 0
