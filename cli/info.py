@@ -214,12 +214,8 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     comparison.update(first.trace, second.trace)
     report = comparison.report()
     tick = report.get("first_difference_tick")
-    data = {
-        "first_tick": tick,
-        "proxy_max_m": report["proxy_max_m"],
-        "force_max_n": report["force_max_n"],
-        "ticks": len(recorded.time),
-    }
+    data = {"first_tick": tick, "ticks": len(recorded.time)}
+    data |= {name: report[name] for name in ("proxy_max_m", "force_max_n")}
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
     both = (first.metrics, second.metrics)

@@ -90,11 +90,8 @@ class LazyGroup(click.Group):
             import difflib
 
             similar = difflib.get_close_matches(name, COMMANDS, 1)
-            hint = (
-                f"Did you mean {similar[0]!r}?"
-                if similar
-                else f"Choose one of {', '.join(COMMANDS)}"
-            )
+            choices = f"Choose one of {', '.join(COMMANDS)}"
+            hint = f"Did you mean {similar[0]!r}?" if similar else choices
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
         return getattr(module, f"vfplan_{name}")

@@ -22,6 +22,7 @@ from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.findings import Finding, doubt
+from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
 
@@ -61,7 +62,6 @@ def vfplan_plan(
     """
     from vfplan.bundle.write import write_fixture
     from vfplan.planning.plan import plan
-    from vfplan.planning.settings import ExtractSettings
     from vfplan.robot import read_robot
 
     # The files that have no option of their own are checked before any work, as the others were.
@@ -111,8 +111,12 @@ def vfplan_plan(
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
         write_fixture(planned.fixture, path)
         if sheet is not None:
-            data["sheet"] = str(sheet_path)
-            data["digest"] = write_review_sheet(planned, output.name, sheet)
+            from vfplan.review.sheet import write_sheet
+            from vfplan.review.sheet_input import of_plan
+
+            content = of_plan(planned, output.name)
+            write_sheet(content, sheet)
+            data |= {"sheet": str(sheet_path), "digest": content.digest}
         write_pictures(planned.extracted, mask, overlay)
         write_registration_picture(
             planned.registered, planned.extracted.fixture, planned.extracted.image, picture
@@ -129,16 +133,6 @@ def vfplan_plan(
         data, "\n".join([*lines, wrote]), findings=findings,
         verdict=findings_verdict("planned", planned.fixture), next_step=next_step,
     )  # fmt: skip
-
-
-def write_review_sheet(planned: Any, title: str, path: Path) -> str:
-    """Write the sheet that shows a plan to a person; returns its digest."""
-    from vfplan.review.sheet import write_sheet
-    from vfplan.review.sheet_input import of_plan
-
-    content = of_plan(planned, title)
-    write_sheet(content, path)
-    return content.digest
 
 
 def strong_pull(fixture: Any, robot: Any) -> list[Finding]:

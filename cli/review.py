@@ -51,7 +51,7 @@ FAREWELL_S = 0.5
     option("--sheet-out", type=PNG, metavar="PNG",
            help="Write the review sheet only: the slice, both ends and every bridge enlarged, the "
            "markers and the findings."),
-    option("--slice", type=FILE, metavar="IMAGE",
+    option("--slice", "slice_path", type=FILE, metavar="IMAGE",
            help="Show a bundle on this slice, on which it was drawn (checked by its SHA-256)."),
     option("--by", default="", metavar="NAME", help="Propose this name on the page."),
     option("--key", type=FILE, metavar="KEY",
@@ -95,8 +95,8 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     settings = settings_of(
         settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
     )
-    roles = ("source", "markers", "markers2", "slice", "curve")
-    files = {role: arguments[role] for role in roles}
+    files = {role: arguments[role] for role in ("source", "markers", "markers2", "curve")}
+    files["slice"] = arguments["slice_path"]
     draft = Draft(draft_path(output), files, settings)
     source = files.pop("source")
     with announce_if_slow(f"opening {source.name}"):
@@ -217,7 +217,7 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     from vfplan.review import sheet_input
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
-    if arguments["slice"] is not None:
+    if arguments["slice_path"] is not None:
         raise click.UsageError(
             "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
         )
@@ -244,9 +244,9 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     extraction = settings_from_options(ExtractSettings, arguments)
     refuse_extraction_of_extracted(fixture, extraction)
     image = None
-    if arguments["slice"] is not None:
+    if arguments["slice_path"] is not None:
         image = read_image(
-            arguments["slice"], frame=extraction.frame,
+            arguments["slice_path"], frame=extraction.frame,
             pixel_spacing_mm=extraction.pixel_spacing_mm,
             imager_spacing=bool(extraction.imager_spacing),
         )  # fmt: skip
