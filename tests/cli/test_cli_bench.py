@@ -2,11 +2,12 @@
 
 import csv
 import json
-import sys
 from itertools import pairwise
 
 import pytest
 from conftest import ROOT
+
+pytestmark = pytest.mark.slow
 
 STAGES = ("extract", "sample", "register", "proxy", "plan")
 
@@ -21,6 +22,11 @@ def quick(vfplan_cli, nanoflann_peer, tmp_path_factory):
     return folder, run.json
 
 
+@pytest.fixture(scope="module")
+def document(quick):
+    return quick[1]
+
+
 def of(document, **wanted):
     return [r for r in document["results"] if all(r.get(k) == v for k, v in wanted.items())]
 
@@ -29,9 +35,7 @@ def scenes(document, stage):
     return list(dict.fromkeys(r["scene"] for r in of(document, stage=stage)))
 
 
-@pytest.mark.slow
-def test_results_hold_what_the_contract_names(quick):
-    _, document = quick
+def test_results_hold_what_the_contract_names(document):
     for r in document["results"]:
         for key in ("stage", "scene", "method", "settings", "unit", "pareto"):
             assert key in r
@@ -43,10 +47,8 @@ def test_results_hold_what_the_contract_names(quick):
     assert [p["name"] for p in document["peers"]] == ["nanoflann_peer"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
-def test_every_scene_compares_two_methods_or_more(quick, stage):
-    _, document = quick
+def test_every_scene_compares_two_methods_or_more(document, stage):
     assert scenes(document, stage)
     for scene in scenes(document, stage):
         methods = {r["method"] for r in of(document, stage=stage, scene=scene)}
@@ -59,10 +61,8 @@ def error(result):
     return max(rounded, 1e-9) if result["unit"] == "m" else rounded
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
-def test_fronts_are_not_dominated(quick, stage):
-    _, document = quick
+def test_fronts_are_not_dominated(document, stage):
     for scene in scenes(document, stage):
         rows = of(document, stage=stage, scene=scene)
         for r in rows:
@@ -79,9 +79,7 @@ def falling(rows, key, tightest_last):
     return [r["error_rms"] for r in ordered]
 
 
-@pytest.mark.slow
-def test_errors_fall_as_settings_tighten(quick):
-    _, document = quick
+def test_errors_fall_as_settings_tighten(document):
     for scene in scenes(document, "extract"):
         rows = of(document, stage="extract", scene=scene, method="ridge")
         errors = falling(rows, "scale", tightest_last=True)
@@ -107,9 +105,7 @@ def test_errors_fall_as_settings_tighten(quick):
         assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
 
 
-@pytest.mark.slow
-def test_only_the_affine_map_follows_a_stretched_print(quick):
-    _, document = quick
+def test_only_the_affine_map_follows_a_stretched_print(document):
     rows = {
         r["method"]: r["error_rms"]
         for r in of(document, stage="register")
@@ -119,9 +115,7 @@ def test_only_the_affine_map_follows_a_stretched_print(quick):
     assert rows["similarity"] > 3 * rows["affine"]
 
 
-@pytest.mark.slow
-def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
-    _, document = quick
+def test_the_engines_of_one_rule_agree_and_the_peer_with_them(document):
     for scene in ("segment, above", "circle, outside"):
         rows = of(document, stage="proxy", scene=scene)
         for spacing in (1e-3, 0.5e-3):
@@ -135,9 +129,7 @@ def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
             assert errors == pytest.approx([errors[0]] * 3, rel=1e-6)
 
 
-@pytest.mark.slow
-def test_no_baseline_is_as_near_as_the_robust_rule(quick):
-    _, document = quick
+def test_no_baseline_is_as_near_as_the_robust_rule(document):
     assert len(scenes(document, "proxy")) == 8
     for scene in scenes(document, "proxy"):
         if "noise" in scene:  # both rest on the noise's peaks
@@ -153,9 +145,7 @@ def test_no_baseline_is_as_near_as_the_robust_rule(quick):
             assert rows["robust"]["force_rms_n"] < rows[baseline]["force_rms_n"]
 
 
-@pytest.mark.slow
-def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
-    _, document = quick
+def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(document):
     tolerance = document["tolerance_m"]
     for stage in ("sample", "proxy"):
         for scene in scenes(document, stage):
@@ -171,7 +161,6 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
             assert chosen["time_over_cheapest"] < 6, scene
 
 
-@pytest.mark.slow
 def test_files_say_what_the_document_says(quick):
     folder, document = quick
     assert {p.name for p in folder.iterdir()} == {
@@ -184,9 +173,7 @@ def test_files_say_what_the_document_says(quick):
     assert [float(r["error_rms"]) for r in rows] == [r["error_rms"] for r in document["results"]]
 
 
-@pytest.mark.slow
-def test_the_page_has_a_place_for_every_table(quick, monkeypatch):
-    _, document = quick
+def test_the_page_has_a_place_for_every_table(document, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs")
     from accuracy_tables import TABLES
 
@@ -197,7 +184,6 @@ def test_the_page_has_a_place_for_every_table(quick, monkeypatch):
         assert f"<!-- {name} -->" in page
 
 
-@pytest.mark.slow
 def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
     folder, _ = quick
     again = tmp_path / "again"
@@ -207,7 +193,6 @@ def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
         assert (again / name).read_bytes() == (folder / name).read_bytes()
 
 
-@pytest.mark.slow
 def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
     folder, document = quick
     altered = tmp_path / "altered.json"
@@ -220,9 +205,7 @@ def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
     assert (again / name).read_bytes() != (folder / name).read_bytes()
 
 
-@pytest.mark.slow
-def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path):
-    _, document = quick
+def test_a_document_without_the_stage_draws_nothing(document, vfplan_cli, tmp_path):
     part = tmp_path / "part.json"
     part.write_text(json.dumps(document | {"results": of(document, stage="sample")}))
     run = vfplan_cli("bench", "extract", "--from", part, "-o", tmp_path / "out")
@@ -232,7 +215,6 @@ def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path)
     assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
 
 
-@pytest.mark.slow
 def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
     folder, document = quick
     lines = vfplan_cli("bench", "proxy", "--from", folder / "bench.json").stdout.splitlines()
@@ -246,9 +228,7 @@ def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
     assert len(more) > len(lines)
 
 
-@pytest.mark.slow
-def test_meshes_and_noise_are_among_the_scenes(quick):
-    _, document = quick
+def test_meshes_and_noise_are_among_the_scenes(document):
     told = scenes(document, "proxy")
     assert {"ball-mesh, outside", "box-mesh, over an edge", "sheet, 10 % noise"} <= set(told)
     for scene in ("ball-mesh, outside", "box-mesh, over an edge"):
@@ -257,7 +237,6 @@ def test_meshes_and_noise_are_among_the_scenes(quick):
         assert rows["exact"]["error_rms"] < rows["nanoflann_peer"]["error_rms"] / 2
 
 
-@pytest.mark.slow
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
     run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
@@ -267,33 +246,3 @@ def test_refuses_to_overwrite(quick, vfplan_cli):
     run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder, "--overwrite")
     assert run.code == 2
     assert "is an input of this call" in run.error_line
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (("paint",), 2),
-        (("extract", "--tolerance", "0"), 2),
-        (("proxy", "--quick", "--peer", "/nowhere/peer"), 2),
-        (("--from", "/nowhere/bench.json"), 3),
-        (("extract", "-o", "/nowhere/at/all"), 2),
-        (("extract", "--peer", "true"), 2),
-        (("--from", "bench.json", "--quick"), 2),
-        (("--from", "bench.json", "--tolerance", "0.01"), 2),
-    ],
-)
-def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):
-    run = vfplan_cli("bench", *arguments, "--json")
-    assert run.code == code
-    assert run.json["error"]["message"]
-    assert run.error_line
-
-
-def test_a_failing_peer_leaves_nothing_behind(vfplan_cli, tmp_path):
-    peer = tmp_path / "peer.py"
-    peer.write_text("raise SystemExit('no')")
-    out = tmp_path / "out"
-    run = vfplan_cli("bench", "proxy", "--quick", "--peer", f"{sys.executable} {peer}", "-o", out)
-    assert run.code == 2
-    assert "exit code 1: no" in run.error_line
-    assert not out.exists()
