@@ -68,11 +68,12 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
         write_bench(document, stages, [output / name for name in names])
 
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
-    lines = table_lines(document, stages, every_setting=is_verbose())
-    lines.append("")
-    lines.append(f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}")
     sentences = [sentence for name, sentence in summaries(document).items() if name in stages]
-    lines += sentences[:-1]
+    lines = [
+        *table_lines(document, stages, every_setting=is_verbose()), "",
+        f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
+        *sentences[:-1],
+    ]  # fmt: skip
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
         lines.append(f"wrote {output}/")
@@ -92,10 +93,12 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
 def refuse_idle_options(stages: list[str], source: Path | None) -> None:
     """Raise a usage error for options that would have no effect."""
     context = click.get_current_context()
-    typed = []
-    for name, word in (("quick", "--quick"), ("peers", "--peer"), ("tolerance_m", "--tolerance")):
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            typed.append(word)
+    words = {"quick": "--quick", "peers": "--peer", "tolerance_m": "--tolerance"}
+    typed = [
+        word
+        for name, word in words.items()
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    ]
     if source is not None and typed:
         raise click.UsageError(f"--from measures nothing. Leave out {', '.join(typed)}")
     if "--peer" in typed and "proxy" not in stages:

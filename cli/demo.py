@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -50,22 +51,12 @@ def vfplan_demo(what, output) -> CommandResult:
         report = sample.draw(Path(folder))
         for name, place in zip(sample.FILES, places, strict=True):
             write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
-    if what == "pipeline":
-        data = dict(report)
-        text = pipeline_text(report)
-    elif what == "paper":
-        data = {"figures": report}
-        text = paper_text(report)
-    elif what == "experiments":
-        data = {"experiments": report}
-        text = experiments_text(report)
-    else:
-        data = {"experiments": report}
-        text = panda_text(report)
+    key, tell = TELLERS[what]
+    data = {key: report} if key else dict(report)
     data["files"] = list(sample.FILES)
     return CommandResult(
         data,
-        f"{text}\nwrote into {output}: {', '.join(sample.FILES)}",
+        f"{tell(report)}\nwrote into {output}: {', '.join(sample.FILES)}",
         verdict=f"done: {len(sample.FILES)} files written",
         next_step=f"look at the pictures in {output}; docs/tutorial.md tells the steps one by one",
     )
@@ -101,22 +92,20 @@ def pipeline_text(report: dict[str, Any]) -> str:
 
 def paper_text(report: dict[str, Any]) -> str:
     """The numbers of each of the paper's figures."""
-    lines = []
-    for figure, numbers in report.items():
-        lines.append(f"{figure}: {json.dumps(to_json_types(numbers))}")
-    return "\n".join(lines)
+    return "\n".join(
+        f"{figure}: {json.dumps(to_json_types(numbers))}" for figure, numbers in report.items()
+    )
 
 
 def experiments_text(report: dict[str, Any]) -> str:
     """A line for each of the paper's experiments."""
-    lines = [
+    return "\n".join(
         "{name}: {points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
         "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} µm".format(
             name=name, **numbers
         )
         for name, numbers in report.items()
-    ]
-    return "\n".join(lines)
+    )
 
 
 def panda_text(report: dict[str, Any]) -> str:
@@ -128,3 +117,12 @@ def panda_text(report: dict[str, Any]) -> str:
         lines.append(f"{name}: {metrics['points']} points, {metrics['slope_n_per_m']:.1f} N/m felt")
         lines.append(rehearsed_text(metrics))
     return "\n".join(lines)
+
+
+TELLERS: dict[str, tuple[str, Callable[[dict[str, Any]], str]]] = {
+    "pipeline": ("", pipeline_text),
+    "paper": ("figures", paper_text),
+    "experiments": ("experiments", experiments_text),
+    "panda": ("experiments", panda_text),
+}
+"""What is drawn -> its key in JSON (of the pipeline every number has its own), and its text."""

@@ -1,7 +1,4 @@
-"""`vfplan import`: a bundle from any point cloud or mesh.
-
-`vfplan export`: a bundle's points, or its lines and arcs, for other tools.
-"""
+"""`vfplan import` and `export`: from other tools' clouds and meshes to a bundle, and back."""
 
 from __future__ import annotations
 
@@ -76,20 +73,15 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
             raise
         content, _ = read_bundle(path)
 
-    leak = {name: content[name] for name in content if name.startswith("/leak@")}
-    low = fixture.points.min(axis=0)
-    high = fixture.points.max(axis=0)
+    low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
     triangles = len(fixture.mesh) if fixture.mesh is not None else 0
     rule = best_rule(fixture) if fixture.rendering else None
     data = {
-        "output": str(output),
-        "points": len(fixture.points),
-        "triangles": triangles,
-        "rule": rule,
+        "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
         "band_m": fixture.band,
-        "leak": leak,
+        "leak": {name: content[name] for name in content if name.startswith("/leak@")},
         "extent_m": [low, high],
-    }
+    }  # fmt: skip
 
     # What was read, and whether anything can slip through it.
     size = ", ".join(f"{1e3 * side:.4g}" for side in high - low)
@@ -98,8 +90,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     if content["/leak@kind"] == "cloud":
         # Nothing says what lies between the points of a bare cloud.
         opening = f"no point further than {millimetres(opening_m)} from the next"
-        if data["points"] == 1:
-            opening = "a single point"
+        opening = "a single point" if data["points"] == 1 else opening
     certified = "certified" if content["/leak@certified"] else "not certified"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
@@ -120,16 +111,11 @@ def import_warnings(fixture: Any, opening_m: float) -> list[str]:
     from vfplan.bundle.validation import engine_doubt, mesh_doubts
     from vfplan.fixture import size_doubt
 
-    warnings = []
-    size_warning = size_doubt(fixture.points)
-    if size_warning:
-        warnings.append(size_warning)
-    engine_warning = engine_doubt(fixture)
-    if engine_warning and engine_warning[1]:
-        warnings.append(engine_warning[1])
     ignored = fixture.provenance.settings.get("left_out")
-    if ignored:
-        warnings.append(f"the file says more than the fixture holds, which is left out: {ignored}")
+    left_out = f"the file says more than the fixture holds, which is left out: {ignored}"
+    _, no_engine = engine_doubt(fixture) or ("", "")
+    warnings = [size_doubt(fixture.points), no_engine, left_out if ignored else None]
+    warnings = [warning for warning in warnings if warning]
     if fixture.mesh is not None:
         return warnings + mesh_doubts(fixture)
     width_m = 2 * (fixture.contact_radius + fixture.point_radius)

@@ -17,13 +17,14 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
+from vfplan.planning.settings import ExtractSettings
+from vfplan.settings import settings_from_options
 
 LISTED_GAPS = 4
 """Number of hidden stretches whose places are printed; `--json` has all."""
@@ -64,7 +65,6 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
     """
     from vfplan.bundle.write import write_fixture
     from vfplan.planning.extraction import extract
-    from vfplan.planning.settings import ExtractSettings
 
     settings = settings_from_options(ExtractSettings, arguments)
     page = page_command(image, output=output)
@@ -77,15 +77,11 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
-    text = f"{extracted_text(extracted.report)}\nwrote {output}"
-    slice_path = image if extracted.image is not None else None
     return CommandResult(
-        extracted.report,
-        text,
-        findings=extracted.findings,
-        verdict=findings_verdict("extracted", extracted.fixture),
-        next_step=register_command(output, slice_path),
-    )
+        extracted.report, f"{extracted_text(extracted.report)}\nwrote {output}",
+        findings=extracted.findings, verdict=findings_verdict("extracted", extracted.fixture),
+        next_step=register_command(output, image if extracted.image is not None else None),
+    )  # fmt: skip
 
 
 def findings_verdict(done: str, fixture: Any) -> str:
@@ -93,9 +89,8 @@ def findings_verdict(done: str, fixture: Any) -> str:
     open_count = len(fixture.open_findings)
     if not open_count:
         return f"{done}; no finding wants an answer"
-    if open_count == 1:
-        return f"{done}; 1 finding wants an answer"
-    return f"{done}; {count(open_count, 'finding')} want an answer"
+    want = "wants" if open_count == 1 else "want"
+    return f"{done}; {count(open_count, 'finding')} {want} an answer"
 
 
 @contextmanager
@@ -106,14 +101,9 @@ def drawing_refusal(image: Path, settings: Any, overlay: Path | None) -> Iterato
     except CurveError as error:
         if overlay is not None:
             from vfplan.figures.slice import draw_refusal
-            from vfplan.images.read import MAX_MEGAPIXELS, read_image
+            from vfplan.planning.extraction import read_slice
 
-            planned = read_image(
-                image, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
-                imager_spacing=bool(settings.imager_spacing),
-                max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
-            )  # fmt: skip
-            draw_refusal(planned, error, overlay)
+            draw_refusal(read_slice(image, settings), error, overlay)
             error.message = f"{error.message.rstrip('.')}. The picture {overlay} shows the place."
         raise
 
@@ -127,18 +117,13 @@ def pointing_to_page(page: str) -> Iterator[None]:
         general = "vfplan review IMAGE"
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
-            others = []
-            with_command = ""
-            for sentence in re.split(r"(?<=\.) ", error.message):
-                if sentence.endswith(f"{general}."):
-                    with_command = sentence.removesuffix(".")
-                else:
-                    others.append(sentence)
-            message = " ".join([*others, with_command]).strip()
+            sentences = re.split(r"(?<=\.) ", error.message)
+            message = " ".join(sorted(sentences, key=lambda text: text.endswith(f"{general}.")))
+            if message.endswith(f"{general}."):
+                message = message.removesuffix(".")
             error.message = message.replace(general, page)
         elif error.code in MENDED_ON_PAGE:
-            sentence = error.message.rstrip(".")
-            error.message = f"{sentence}. To mend it on a page: {page}"
+            error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"
         raise
 
 
@@ -149,10 +134,8 @@ def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> N
     from vfplan.figures.slice import draw_mask, draw_overlay
 
     if extracted.image is None or extracted.extraction is None:
-        raise SettingError(
-            "a vector curve alone has no image to draw it on. Leave --mask-out and "
-            "--overlay-out out", code="picture-without-image",
-        )  # fmt: skip
+        message = "a vector curve alone has no image to draw it on. Leave --mask-out and "
+        raise SettingError(f"{message}--overlay-out out", code="picture-without-image")
     if mask is not None:
         if extracted.extraction.method == "vector":
             raise SettingError(
@@ -173,15 +156,11 @@ def extracted_text(report: dict[str, Any]) -> str:
         lines.append(line)
     for stroke in report["strokes"]:
         shape = "closed" if stroke["closed"] else "open"
-        lengths = []
-        if stroke.get("length_px") is not None:
-            lengths.append(f"{stroke['length_px']:.1f} px")
-        if stroke.get("length_mm"):
-            lengths.append(f"{stroke['length_mm']:.1f} mm")
-        line = f"  {shape} curve, {' = '.join(lengths)}, {stroke['points']} points"
-        if stroke.get("bridged_points"):
-            line += f", {stroke['bridged_points']} of them bridged"
-        lines.append(line)
+        units = [unit for unit in ("px", "mm") if stroke.get(f"length_{unit}")]
+        lengths = " = ".join(f"{stroke[f'length_{unit}']:.1f} {unit}" for unit in units)
+        bridged = stroke.get("bridged_points")
+        bridges = f", {bridged} of them bridged" if bridged else ""
+        lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points{bridges}")
     if report.get("account"):
         lines.append(f"  {account_text(report['account'])}")
     return "\n".join(lines)
@@ -189,13 +168,8 @@ def extracted_text(report: dict[str, Any]) -> str:
 
 def account_text(account: list[dict[str, Any]]) -> str:
     """All other ink and the stretches that do not show, in one line."""
-    ink = []
-    hidden = []
-    for entry in account:
-        if entry["what"] == "ink":
-            ink.append(entry)
-        else:
-            hidden.append(entry)
+    ink = [entry for entry in account if entry["what"] == "ink"]
+    hidden = [entry for entry in account if entry["what"] != "ink"]
     parts = []
     if ink:
         share = sum(entry["share"] for entry in ink)

@@ -1,9 +1,4 @@
-"""`vfplan info`: a page about a bundle.
-
-`vfplan diff`: what differs between two bundles.
-
-`vfplan validate`: everything that is wrong with a bundle.
-"""
+"""`vfplan info`, `diff` and `validate`: what a bundle holds, and what is wrong with it."""
 
 from __future__ import annotations
 
@@ -39,30 +34,23 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
         verdict = "sound, signed" if data["seal"]["signed"] else "sound, not signed"
-        image = "IMAGE" if any(path.startswith("/image@") for path in data) else None
         next_step = approval_command(
-            fixture,
-            data["seal"],
-            is_reviewed=data["reviewed"] is not None,
-            image=image,
+            fixture, data["seal"], is_reviewed=data["reviewed"] is not None,
+            has_image=any(path.startswith("/image@") for path in data),
             has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
-        )
+        )  # fmt: skip
     return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
 def summary_text(data: dict[str, Any]) -> str:
     """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
-    lines = [f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points"]
-    lines.append(
-        f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}"
-    )
     seal = data["seal"]
-    line = "  seal        broken" if not seal["ok"] else "  seal        sound"
-    if seal["signed"]:
-        line += f", signed by {seal['key_id']}"
-    else:
-        line += ", not signed"
-    lines.append(line)
+    signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
+    lines = [
+        f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points",
+        f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
+        f"  seal        {'sound' if seal['ok'] else 'broken'}, {signed}",
+    ]
 
     # The geometry.
     closed = data.get("/curve/closed", ())
@@ -76,16 +64,13 @@ def summary_text(data: dict[str, Any]) -> str:
     if "/rendering/stiffness" in data:
         stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
         radius_m = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
-        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, "
-        work = data["tick_work"]
-        if work["us"] is None:
-            line += "but no engine renders it"
-        else:
-            line += (
+        work, cost = data["tick_work"], "but no engine renders it"
+        if work["us"] is not None:
+            cost = (
                 f"rule {work['rule']}, a tick takes at most {work['us']:.0f} us "
                 f"({work['at_most_us']:.0f} us are allowed)"
             )
-        lines.append(line)
+        lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, {cost}")
     if "/pieces/vertices" in data:
         pieces = len(data["/pieces/bulges"]) - (len(closed) - closed_count)
         error_um = 1e6 * data["/pieces@error_m"]
@@ -199,11 +184,10 @@ def vfplan_diff(a, b, session) -> CommandResult:
         next_step = "give a session that touches the fixtures"
     elif failed:
         verdict = "fail"
-        next_step = "; ".join(shlex.join(["vfplan", "info", "--all", str(path)]) for path in (a, b))
+        calls = [["info", "--all", str(path)] for path in (a, b)]
         if session is not None:
-            command_a = shlex.join(["vfplan", "replay", str(a), str(session)])
-            command_b = shlex.join(["vfplan", "replay", str(b), str(session)])
-            next_step = f"{command_a}; {command_b}"
+            calls = [["replay", str(path), str(session)] for path in (a, b)]
+        next_step = "; ".join(shlex.join(["vfplan", *words]) for words in calls)
     return CommandResult(
         data, "\n".join(lines), failed=", ".join(failed), verdict=verdict, next_step=next_step
     )
@@ -211,13 +195,9 @@ def vfplan_diff(a, b, session) -> CommandResult:
 
 def difference_line(difference: dict[str, Any]) -> str:
     """A difference: the place in the file, what differs there, and the values."""
-    values = [
-        f"{name} {value}" for name, value in difference.items() if name not in ("path", "what")
-    ]
+    values = [f"{name} {difference[name]}" for name in difference if name not in ("path", "what")]
     line = f"{difference['path']}: {difference['what']}"
-    if values:
-        line += f" ({', '.join(values)})"
-    return line
+    return f"{line} ({', '.join(values)})" if values else line
 
 
 def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
@@ -234,22 +214,15 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     comparison.update(first.trace, second.trace)
     report = comparison.report()
     tick = report.get("first_difference_tick")
-    data = {
-        "first_tick": tick,
-        "proxy_max_m": report["proxy_max_m"],
-        "force_max_n": report["force_max_n"],
-        "ticks": len(recorded.time),
-    }
+    data = {"first_tick": tick, "ticks": len(recorded.time)}
+    data |= {name: report[name] for name in ("proxy_max_m", "force_max_n")}
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
-    clearances = []
-    for replayed in (first, second):
-        if "clearance_min_m" in replayed.metrics:
-            clearances.append(replayed.metrics["clearance_min_m"])
+    both = (first.metrics, second.metrics)
+    clearances = [m["clearance_min_m"] for m in both if "clearance_min_m" in m]
     if clearances:
         data["clearance_min_m"] = min(clearances)
-    touched = has_touched(first.metrics) or has_touched(second.metrics)
-    return data, touched
+    return data, any(map(has_touched, both))
 
 
 @command("validate")
@@ -261,24 +234,15 @@ def vfplan_validate(fixture) -> CommandResult:
     issues = validate(fixture)
     severities = Counter(issue.severity for issue in issues)
     valid = severities["error"] == 0
-    lines = []
-    for issue in issues:
-        lines.append(f"{issue.severity}: {issue.location}: {issue.message} [{issue.code}]")
-    parts = []
-    for severity in ("error", "warning", "note"):
-        if severities[severity]:
-            parts.append(count(severities[severity], severity))
-    summary = ", ".join(parts) or "no issues"
+    lines = [f"{i.severity}: {i.location}: {i.message} [{i.code}]" for i in issues]
+    named = [(name, severities[name]) for name in ("error", "warning", "note")]
+    summary = ", ".join(count(number, name) for name, number in named if number) or "no issues"
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
+    lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {summary}")
     if valid:
-        lines.append(f"{fixture} is valid: {summary}")
-        return CommandResult(
-            data, "\n".join(lines), verdict="valid",
-            next_step=shlex.join(["vfplan", "info", str(fixture)]),
-        )  # fmt: skip
-    failed = f"{fixture} is NOT valid: {summary}"
-    lines.append(failed)
+        next_step = shlex.join(["vfplan", "info", str(fixture)])
+        return CommandResult(data, "\n".join(lines), verdict="valid", next_step=next_step)
     return CommandResult(
-        data, "\n".join(lines), failed=failed, verdict="not valid",
+        data, "\n".join(lines), failed=lines[-1], verdict="not valid",
         next_step="make the bundle anew; a robot refuses this one",
     )  # fmt: skip

@@ -47,16 +47,13 @@ GROUPS: dict[str, dict[str, str]] = {
         "conformance": "Write files that test a reader of bundles.",
     },
 }
-COMMANDS: dict[str, str] = {}
-for _group in GROUPS.values():
-    COMMANDS.update(_group)
+COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C, as a shell reports an interrupt."""
 
-# The module of each command, imported when the command is called, which keeps `--help` fast. In it
-# `vfplan plan` is the function `vfplan_plan`. A command that is not named here has a file of
-# its own in vfplan.cli.
+# The module of a command, imported when the command is called, which keeps `--help` fast. There the
+# command NAME is the function `vfplan_NAME`. One that is not named here is in vfplan.cli.NAME.
 MODULES = {
     "import": "vfplan.cli.exchange",
     "export": "vfplan.cli.exchange",
@@ -92,22 +89,17 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             import difflib
 
-            hint = "Choose one of " + ", ".join(COMMANDS)
             similar = difflib.get_close_matches(name, COMMANDS, 1)
-            if similar:
-                hint = f"Did you mean {similar[0]!r}?"
+            choices = f"Choose one of {', '.join(COMMANDS)}"
+            hint = f"Did you mean {similar[0]!r}?" if similar else choices
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
         return getattr(module, f"vfplan_{name}")
 
     def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""
-        if args is None:
-            args = sys.argv[1:]
-        words = list(args)
-        if not words:
-            words = ["--help"]
-        elif words[0] == "help":
+        words = list(sys.argv[1:] if args is None else args) or ["--help"]
+        if words[0] == "help":
             words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
         exit_code: object = 0
@@ -118,9 +110,7 @@ class LazyGroup(click.Group):
             exit_code = error.exit_code
         except click.Abort:
             exit_code = INTERRUPTED
-        if not isinstance(exit_code, int):
-            exit_code = 0
-        sys.exit(exit_code)
+        sys.exit(exit_code if isinstance(exit_code, int) else 0)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by groups, without importing them."""
@@ -135,11 +125,8 @@ def print_usage_error(error: click.ClickException, as_json: bool) -> None:
 
     context = getattr(error, "ctx", None)
     message = " ".join(error.format_message().split())
-    where = None
-    hint = ""
-    if context is not None:
-        where = context.command_path
-        hint = f" (see '{where} --help')"
+    where = context.command_path if context is not None else None
+    hint = f" (see '{where} --help')" if where else ""
     if as_json:
         body = {"kind": "UsageError", "message": message, "where": where}
         click.echo(json.dumps({"error": body}, indent=2))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.main import cli
 
 
 def file_beside(path: Path, ending: str, suffix: str = ".h5") -> str:
@@ -75,12 +76,8 @@ def verify_command(
 
 def words_of_signature(case: str, robot_serial: str) -> list[str]:
     """The options that name what a signature is for."""
-    words = []
-    if case:
-        words += ["--case", case]
-    if robot_serial:
-        words += ["--robot-serial", robot_serial]
-    return words
+    named = ("--case", case), ("--robot-serial", robot_serial)
+    return [word for name, value in named if value for word in (name, value)]
 
 
 def public_key_of(private_key: Path) -> str:
@@ -90,25 +87,20 @@ def public_key_of(private_key: Path) -> str:
 
 
 def approval_command(
-    fixture: Path,
-    seal: dict[str, Any],
-    *,
-    is_reviewed: bool,
-    image: Path | str | None,
-    has_page: bool,
+    fixture: Path, seal: dict[str, Any], *, is_reviewed: bool, has_image: bool, has_page: bool
 ) -> str:
     """The command that is open on a sound bundle's way to the robot: review, sign or verify.
 
     seal: as `Seal.describe` gives it
-    image, has_page: as `review_command` takes them
+    has_image: whether it was drawn on a slice
+    has_page: as `review_command` takes it
     """
     if seal["signed"]:
-        return verify_command(
-            fixture, case=seal.get("case", ""), robot_serial=seal.get("robot_serial", "")
-        )
+        signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
+        return verify_command(fixture, **signed_for)
     if is_reviewed:
         return sign_command(fixture)
-    return review_command(fixture, image, has_page=has_page)
+    return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
 def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> str:
@@ -116,13 +108,8 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
-    words = ["vfplan", "review"]
-    for file in files:
-        if file is not None:
-            words.append(str(file))
-    for word in typed_review_options():
-        if overwrites or word != "--overwrite":
-            words.append(word)
+    words = ["vfplan", "review", *(str(file) for file in files if file is not None)]
+    words += [word for word in typed_review_options() if overwrites or word != "--overwrite"]
     return shlex.join([*words, "-o", str(output)])
 
 
@@ -131,22 +118,20 @@ def typed_review_options() -> list[str]:
 
     --json is left out: a person at the page reads text.
     """
-    from vfplan.cli.review import vfplan_review as review
-
-    takes_value = {}
-    for parameter in review.params:
-        if parameter.name == "as_json" or parameter.name.endswith(("_out", "output")):
-            continue
-        if isinstance(parameter, click.Option):
-            for name in parameter.opts:
-                takes_value[name] = not parameter.is_flag
+    review = cli.get_command(click.Context(cli), "review")
+    takes_value = {
+        name: not parameter.is_flag
+        for parameter in review.params
+        if isinstance(parameter, click.Option)
+        and not parameter.name.endswith(("as_json", "_out", "output"))
+        for name in parameter.opts
+    }
     words = []
     typed = iter(sys.argv[2:])
     for word in typed:
         name, has_value, _ = word.partition("=")
-        if name not in takes_value:
-            continue
-        words.append(word)
-        if takes_value[name] and not has_value:
-            words.append(next(typed, ""))
+        if name in takes_value:
+            words.append(word)
+            if takes_value[name] and not has_value:
+                words.append(next(typed, ""))
     return words

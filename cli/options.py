@@ -1,12 +1,13 @@
-"""Options that several commands share, each defined once.
+"""Options that several commands share, and what the values of options may be.
 
-What the value of an option may be; the error of any other names the value and what to type.
+The error of a value that may not be names it, and says what to type.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +15,8 @@ import click
 
 from vfplan.display import count
 from vfplan.io.files import parse_decimal, parse_seconds
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.settings import argument_of, option_words, scale_of, settings_from_options
 
 FILE = click.Path(path_type=Path)
 """An input. The library checks that it exists, and answers with exit code 3 instead of 2."""
@@ -115,12 +118,13 @@ class Numbers(Parsed):
             allowed = " or ".join(map(str, self.counts))
             raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
         if self.positive and not min(numbers) > 0:
+            problem = "is not above 0. Type a larger number"
             if len(numbers) > 1:
-                raise ValueError(
-                    f"{text!r} holds a number that is not above 0. The comma separates two "
-                    "numbers: type 0.5 for a half"
+                problem = (
+                    "holds a number that is not above 0. The comma separates two numbers: type "
+                    "0.5 for a half"
                 )
-            raise ValueError(f"{text!r} is not above 0. Type a larger number")
+            raise ValueError(f"{text!r} {problem}")
         return numbers
 
 
@@ -136,11 +140,7 @@ class Number(Numbers):
     """
 
     def __init__(
-        self,
-        metavar: str,
-        scale: float = 1.0,
-        positive: bool = True,
-        zero_allowed: bool = False,
+        self, metavar: str, scale: float = 1.0, positive: bool = True, zero_allowed: bool = False
     ) -> None:
         super().__init__(1, metavar=metavar, positive=positive and not zero_allowed)
         self.zero_allowed = zero_allowed
@@ -240,11 +240,9 @@ def signature_options(
 
 def parse_stroke(text: str) -> str | int:
     """`all`, `longest` or the number of a stroke."""
-    if text in ("all", "longest"):
-        return text
-    if not text.isdecimal():
+    if text not in ("all", "longest") and not text.isdecimal():
         raise ValueError(f"{text!r} is no stroke. Type all, longest or a number")
-    return int(text)
+    return int(text) if text.isdecimal() else text
 
 
 def parse_rectangle(text: str) -> tuple[int, ...]:
@@ -277,27 +275,11 @@ def parse_margin(text: str) -> str | float:
     """`tre95`, or the probability P of `p=P`, which is above 0 and below 1."""
     if text == "tre95":
         return text
-    probability = 0.0
-    if text.startswith("p="):
-        try:
-            probability = parse_decimal(text.removeprefix("p="))
-        except ValueError:
-            probability = 0.0
-    if not 0 < probability < 1:
-        raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
-    return probability
-
-
-def both_spacings(
-    ctx: click.Context, param: click.Parameter, value: tuple[float, ...] | None
-) -> tuple[float, ...] | None:
-    """One pixel spacing counts along u and v."""
-    return value if value is None or len(value) == 2 else value * 2
-
-
-def none_if_empty(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
-    """An option that was not given is `None`, as the settings want it."""
-    return value or None
+    with suppress(ValueError):
+        probability = parse_decimal(text.removeprefix("p="))
+        if text.startswith("p=") and 0 < probability < 1:
+            return probability
+    raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
 
 
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
@@ -307,12 +289,20 @@ UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
                help="Unit of the session's positions.")  # fmt: skip
 ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
 
-RECTANGLE = Parsed("U,V,W,H", parse_rectangle)
-PLACE = Numbers(2, metavar="U,V", positive=False)
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
-MM_OR_NONE = Numbers(1, metavar="MM|none", word="none")
 COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
+FORMS = {
+    kind.metavar: kind
+    for kind in (
+        Numbers(2, metavar="U,V", positive=False), Parsed("U,V,W,H", parse_rectangle),
+        Numbers(1, 2, metavar="MM[,MM]"), Numbers(1, metavar="MM|none", word="none"),
+        STIFFNESS, Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
+        Parsed("all|longest|N", parse_stroke), Parsed("above|below|X,Y,Z", parse_side),
+        Parsed("tre95|p=P", parse_margin),
+    )
+}  # fmt: skip
+"""Form of a setting -> what reads it."""
 
 ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
 """Where a simulated arm stands: `rehearse` and `plan --rehearse`."""
@@ -320,145 +310,88 @@ ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
 ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
 """The tip of a simulated arm in the frame of its flange: `rehearse` and `plan --rehearse`."""
 
+
+def setting_option(kind: type, name: str) -> Callable[[F], F]:
+    """The option of a field of a class of settings, as `vfplan.settings` declares it."""
+    setting = next(setting for setting in fields(kind) if setting.name == name)
+    rule, form = setting.metadata, setting.metadata.get("form")
+    default = None if "[default:" in rule["help"] else setting.default
+    attributes: dict[str, Any] = {"help": rule["help"], "multiple": "repeatable" in rule}
+    if "flag" in rule or isinstance(default, bool):
+        attributes |= {"is_flag": True, "show_default": False}
+    elif "choices" in rule:
+        attributes["type"] = click.Choice(rule["choices"])
+    elif form in ("MM", "PTS_PER_MM"):
+        attributes["type"] = Number(form, scale_of(setting), zero_allowed=rule.get("least") == 0)
+        if default is not None:
+            default = f"{default / scale_of(setting):g}"
+    elif form in FORMS:
+        attributes["type"] = FORMS[form]
+        if default:
+            default = ",".join(f"{number:g}" for number in default)
+    elif "whole" in rule:
+        attributes |= {"type": WholeNumber(rule["least"]), "metavar": form}
+    elif "least" in rule or "above" in rule:
+        least = rule.get("least", rule.get("above"))
+        bounds = DecimalNumber(least, min_open="above" in rule)
+        attributes |= {"type": bounds, "metavar": form}
+    else:
+        attributes["metavar"] = form
+    if not attributes["multiple"]:
+        attributes["default"] = default
+    words = [f"--{word}" for word in option_words(setting)]
+    return option(*words, argument_of(setting), **attributes)
+
+
+def setting_options(kind: type, names: str) -> Callable[[F], F]:
+    """The options of some fields of a class of settings."""
+    return options_in_order(*(setting_option(kind, name) for name in names.split()))
+
+
 EXTRACT_OPTIONS = options_in_order(
-    option("--colour", **COLOUR, help="Colour of the planning pen."),
-    option("--pixel-spacing", "pixel_spacing_mm", type=Numbers(1, 2, metavar="MM[,MM]"),
-           callback=both_spacings,
-           help="Size of a pixel along u and v [mm], in place of the size in the file."),
-    option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
-           help="Measure the middle of the line (ridge), thin it (skeleton), or take every "
-           "pixel of the pen (mask)."),
-    option("--roi", type=RECTANGLE, help="Look for the line in this rectangle only [px]."),
-    option("--stroke", type=Parsed("all|longest|N", parse_stroke),
-           help="Take this candidate if there are several."),
-    option("--max-gap", "max_gap_px", type=DecimalNumber(min=0), default=20.0, metavar="PX",
-           help="Bridge gaps in the pen's line up to this length [px]."),
-    option("--exclude", type=RECTANGLE, multiple=True, callback=none_if_empty,
-           help="Ignore the ink in this rectangle [px]; repeatable."),
-    option("--start", type=PLACE, help="Begin the curve at this place on the line [px]."),
-    option("--end", type=PLACE, help="End the curve at this place on the line [px]."),
-    option("--accept-width", is_flag=True, default=None,
-           help="Take a wider stretch as the same pen, pressed harder."),
+    setting_options(
+        ExtractSettings,
+        "colour pixel_spacing_mm method roi stroke max_gap_px exclude start end accept_width",
+    ),
     option("--curve", type=FILE, metavar="FILE",
            help="Take the curve from this vector file (Slicer, ImageJ, CSV or DICOM)."),
-    option("--curve-origin", type=click.Choice(["centre", "corner"]),
-           help="Count ImageJ's X,Y from the centre or from the corner of a pixel. Needed if "
-           "the file does not say it."),
-    option("--page", "--frame", "frame", type=WholeNumber(min=1), metavar="N",
-           help="Read this frame of a multi-frame DICOM, or this page of a TIFF."),
-    option("--imager-spacing", is_flag=True, default=None,
-           help="Take the pixel spacing from DICOM's ImagerPixelSpacing, which is that of the "
-           "detector and not of the patient."),
-    option("--max-megapixels", type=DecimalNumber(0, min_open=True), metavar="N",
-           help="Read pictures of up to this many million pixels.  [default: 64]"),
+    setting_options(ExtractSettings, "curve_origin frame imager_spacing max_megapixels"),
     option("--mask-out", type=PNG, metavar="PNG", help="Write a picture of the pen's mask."),
     option("--overlay-out", type=PNG, metavar="PNG",
            help="Write a picture of the slice with the curve, or with the numbered candidates."),
 )  # fmt: skip
-"""How the curve is read from the image: `extract`, `plan` and `review`; fields of
-`ExtractSettings`."""
+"""How the curve is read from the image: `extract`, `plan` and `review`."""
 
 FIXTURE_OPTIONS = options_in_order(
-    option("--model", type=click.Choice(["affine", "similarity", "rigid"]), default="affine",
-           help="Kind of transform from image to robot."),
-    option("--robust", is_flag=True, help="Leave out markers that do not fit, and name them."),
-    option("--tolerance", "tolerance_m", type=MM,
-           help="Allow a surface that is rendered from points to lie this far from the drawn one "
-           "[mm].  [default: 0.01]"),
-    option("--density", "density_per_m", type=Number("PTS_PER_MM", 1e3),
-           help="Put this many points on a millimetre, in place of --tolerance."),
-    option("--arcs", type=Numbers(1, metavar="MM|none", word="none"),
-           help="Fit lines and arcs to the curve within this distance [mm]; none makes points "
-           "only.  [default: 0.001, if it can be reached]"),
-    option("--stiffness", type=STIFFNESS, default="1000",
-           help="Stiffness K [N/m]: one number, or one for each axis."),
-    option("--contact-radius", type=MM, default="5",
-           help="Distance that the tool keeps from the curve [mm]."),
-    option("--point-radius", type=MM_OR_ZERO, default="0",
-           help="Radius of each point, added to the contact radius [mm]."),
-    option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
-           help="Extend the fixture without end along this axis.  [default: normal, of the "
-           "drawn slice]"),
-    option("--seen-from", type=Parsed("above|below|X,Y,Z", parse_side),
-           help="Say from which side you look at the slice: above (robot +z), below, or a "
-           "direction in the robot's frame. Refuse markers that say otherwise."),
-    option("--max-residual", type=MM_OR_NONE,
-           help="Refuse markers whose residual (rms) is larger [mm].  [default: 1]"),
-    option("--max-tre", type=MM_OR_NONE,
-           help="Refuse a plan whose 95 % bound of the error is larger [mm].  [default: the "
-           "contact radius]"),
-    option("--markers-as-given", is_flag=True,
-           help="Skip the checks of the labels and of the marks on the slice."),
-    option("--common", is_flag=True,
-           help="Use the markers that both files have, and drop the others."),
-    option("--margin", type=Parsed("tre95|p=P", parse_margin),
-           help="Add the 95 % bound (tre95), or the margin that --campaign gives for P, to the "
-           "point radius.  [default: none]"),
+    setting_options(
+        FixtureSettings,
+        "model robust tolerance_m density_per_m arcs_m stiffness contact_radius point_radius "
+        "ignore_axis seen_from max_residual_m max_tre_m markers_as_given common margin",
+    ),
     option("--campaign", type=FILE, metavar="DIR",
            help="Folder of `vfplan campaign`, for --margin p=P."),
-    option("--find-markers", is_flag=True,
-           help="Move each marker to the centre of the cross or dot that is drawn near it."),
-    option("--guide", "guide_m", type=MM,
-           help="Make a guide: keep the tip in a tube of this radius around the curve [mm]."),
-    option("--ends", "guide_ends", type=click.Choice(["stop", "open"]),
-           help="Close the ends of a guide's tube, or let the tip leave there.  [default: stop]"),
-    option("--guide-stroke", type=click.IntRange(0), metavar="N",
-           help="Guide along this stroke only; the others are a forbidden region.  [default: all "
-           "strokes guide]"),
-    option("--guide-pull", type=Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
-           help="Pull the tip along the curve with this force [N], which falls to 0 at this speed "
-           "[mm/s].  [default: no pull; 20 mm/s]"),
-    option("--guide-cut-bends", is_flag=True,
-           help="Accept a bend that is tighter than the tube. The tip may cut it."),
+    setting_options(
+        FixtureSettings,
+        "find_markers guide_m guide_ends guide_stroke guide_pull guide_cut_bends",
+    ),
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write a picture of the slice with the residuals and the error along the curve."),
 )  # fmt: skip
-"""How a curve becomes a fixture: `register`, `plan` and `review`; fields of `FixtureSettings`."""
+"""How a curve becomes a fixture: `register`, `plan` and `review`."""
 
 
-def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
-    """A dataclass of settings from the arguments of a command that have its fields' names."""
-    chosen = {}
-    for setting in fields(kind):
-        if arguments.get(setting.name) is not None:
-            chosen[setting.name] = arguments[setting.name]
-    return kind(**chosen)
-
-
-def fixture_settings(arguments: dict[str, Any]) -> Any:
-    """`vfplan.planning.FixtureSettings` from the arguments of a command."""
-    from vfplan.planning.settings import FixtureSettings
-
-    # Combinations of options that would leave one of them without effect.
+def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:
+    """The settings of a fixture from the arguments of a command."""
     margin = arguments["margin"]
-    is_probability = isinstance(margin, float)
     if arguments["tolerance_m"] and arguments["density_per_m"]:
         raise click.UsageError("--tolerance and --density exclude each other. Give one")
-    if is_probability != (arguments["campaign"] is not None):
+    if isinstance(margin, float) != (arguments["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR belong together. Give both")
-
-    # Options that are written in another unit than the field, or in another form.
-    chosen = dict(arguments)
-    if is_probability:
+    if isinstance(margin, float):
         from vfplan.campaign.statistics import margin_for
 
-        chosen["margin"] = margin_for(arguments["campaign"], margin)
-    if arguments["arcs"] == ():
-        chosen["points_only"] = True
-    elif arguments["arcs"] is not None:
-        chosen["arcs_m"] = 1e-3 * arguments["arcs"][0]
-    if arguments["guide_pull"]:
-        force, *speeds = arguments["guide_pull"]
-        chosen["guide_pull"] = (force, *(1e-3 * speed for speed in speeds))
-    settings = settings_from_options(FixtureSettings, chosen)
-
-    # A gate that is typed is a length, or none.
-    for name, setting in (("max_residual", "max_residual_m"), ("max_tre", "max_tre_m")):
-        if arguments[name] == ():
-            settings = replace(settings, **{setting: None})
-        elif arguments[name] is not None:
-            settings = replace(settings, **{setting: 1e-3 * arguments[name][0]})
-    return settings
+        arguments = arguments | {"margin": margin_for(arguments["campaign"], margin)}
+    return settings_from_options(FixtureSettings, arguments)
 
 
 def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
@@ -495,11 +428,8 @@ def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
 
 def not_compared_warnings(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
     """A warning for each name that `not_compared` gives."""
-    warnings = []
-    for name in not_compared(seal, arguments):
-        words = name.replace("_", " ")
-        warnings.append(
-            f"The bundle is signed for {words} {seal[name]!r}, which was compared with nothing. "
-            f"Give {SIGNED_FOR[name]} as it must be."
-        )
-    return warnings
+    return [
+        f"The bundle is signed for {name.replace('_', ' ')} {seal[name]!r}, which was compared "
+        f"with nothing. Give {SIGNED_FOR[name]} as it must be."
+        for name in not_compared(seal, arguments)
+    ]

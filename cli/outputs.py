@@ -40,100 +40,80 @@ def refuse_outputs() -> None:
 def refuse_named_files(*paths: Path | None) -> None:
     """As `refuse_outputs`, with files that the command names by itself besides its options."""
     outputs = _output_options()
-    for path in paths:
-        if path is not None and path not in outputs:
-            outputs.append(path)
-    _refuse(outputs)
+    _refuse([*outputs, *(path for path in paths if path is not None and path not in outputs)])
 
 
 def refuse_folder(folder: Path | None, *names: str) -> None:
     """As `refuse_outputs`, for files in a folder that is made; without names it must be empty."""
     if folder is None:
         return
-    if folder.is_dir():
-        _refuse([folder / name for name in names])
-        if not names and any(folder.iterdir()) and not is_overwriting():
-            raise OutputError(
-                "is not empty. Give --overwrite to replace what is in it, or name a new "
-                "folder",
-                where=str(folder), code="folder-not-empty",
-            )  # fmt: skip
-    elif folder.exists():
-        raise OutputError("is a file. Name a folder", where=str(folder), code="folder-is-a-file")
-    else:
+    if not folder.exists():
         _refuse([folder])
+    elif not folder.is_dir():
+        raise refusal(folder, "is a file. Name a folder", "folder-is-a-file")
+    elif names:
+        _refuse([folder / name for name in names])
+    elif any(folder.iterdir()) and not is_overwriting():
+        message = "is not empty. Give --overwrite to replace what is in it, or name a new folder"
+        raise refusal(folder, message, "folder-not-empty")
 
 
 def _output_options() -> list[Path]:
     """The files that the options of the running command name as its outputs."""
     context = click.get_current_context()
-    paths = []
-    for param in context.command.params:
-        path = context.params.get(param.name)
-        if isinstance(param.type, OutputFile) and path:
-            paths.append(path)
-    return paths
+    outputs = [param for param in context.command.params if isinstance(param.type, OutputFile)]
+    return [path for param in outputs if (path := context.params.get(param.name))]
+
+
+def refusal(path: Path, message: str, code: str) -> OutputError:
+    """The error of a path that is no place for an output."""
+    return OutputError(message, where=str(path), code=code)
 
 
 def _refuse(paths: list[Path]) -> None:
     """Raise `OutputError` for the first path that cannot become an output of this call."""
-    inputs = set()
     context = click.get_current_context(silent=True)
-    if context is not None:
-        for value in context.params.values():
-            if isinstance(value, Path) and not any(value is path for path in paths):
-                inputs.add(value.resolve())
+    given = context.params.values() if context is not None else ()
+    inputs = {
+        value.resolve()
+        for value in given
+        if isinstance(value, Path) and not any(value is path for path in paths)
+    }
     resolved: set[Path] = set()
     for path in paths:
         if path.resolve() in resolved:
-            raise OutputError(
-                "is given for two outputs. Give each its own name",
-                where=str(path), code="output-twice",
-            )  # fmt: skip
+            message = "is given for two outputs. Give each its own name"
+            raise refusal(path, message, "output-twice")
         resolved.add(path.resolve())
         if path.resolve() in inputs:
-            raise OutputError(
-                "is an input of this call. Give the output another name",
-                where=str(path), code="output-is-input",
-            )  # fmt: skip
+            message = "is an input of this call. Give the output another name"
+            raise refusal(path, message, "output-is-input")
         try:
             refuse_place(path)
         except OSError as error:
             # The name is too long, or the folder may not be looked into.
-            reason = error.strerror or str(error)
-            raise OutputError(
-                f"{reason}. Name another file", where=str(path), code="output-place"
-            ) from None
+            message = f"{error.strerror or error}. Name another file"
+            raise refusal(path, message, "output-place") from None
         try:
-            check_takes_files(path.parent)
+            # A folder may exist and take no file.
+            trial = hidden_name(path.parent / "trial", "tmp")
+            create(trial).close()
+            trial.unlink()
         except OSError as error:
             raise not_written(path, error) from None
-
-
-def check_takes_files(folder: Path) -> None:
-    """Make an empty file in a folder and remove it; raises `OSError` where that cannot be done."""
-    trial = hidden_name(folder / "trial", "tmp")
-    create(trial).close()
-    trial.unlink()
 
 
 def refuse_place(path: Path) -> None:
     """Raise `OutputError` where no file may be written at a path."""
     if path.is_dir():
-        raise OutputError(
-            "is a directory. Name a file", where=str(path), code="output-is-a-directory"
-        )
+        raise refusal(path, "is a directory. Name a file", "output-is-a-directory")
     if path.exists() and not path.is_file():
         # To move a file there would unmake the device.
-        raise OutputError(
-            "is a device or a pipe. Name a file", where=str(path), code="output-is-a-device"
-        )
+        raise refusal(path, "is a device or a pipe. Name a file", "output-is-a-device")
     if path.exists() and not is_overwriting():
-        raise OutputError(EXISTS, where=str(path), code="output-exists")
+        raise refusal(path, EXISTS, "output-exists")
     if not path.parent.is_dir():
-        raise OutputError(
-            "its folder does not exist. Make it first", where=str(path), code="no-output-folder"
-        )
+        raise refusal(path, "its folder does not exist. Make it first", "no-output-folder")
 
 
 @contextmanager

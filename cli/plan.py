@@ -16,12 +16,14 @@ from vfplan.cli.extract import (
     write_pictures,
 )
 from vfplan.cli.next_commands import page_command, review_command
-from vfplan.cli.options import FILE, option, options_in_order, output_option, settings_from_options
+from vfplan.cli.options import FILE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.findings import Finding, doubt
+from vfplan.planning.settings import ExtractSettings
+from vfplan.settings import settings_from_options
 
 
 @command(
@@ -60,7 +62,6 @@ def vfplan_plan(
     """
     from vfplan.bundle.write import write_fixture
     from vfplan.planning.plan import plan
-    from vfplan.planning.settings import ExtractSettings
     from vfplan.robot import read_robot
 
     # The files that have no option of their own are checked before any work, as the others were.
@@ -73,10 +74,9 @@ def vfplan_plan(
     extraction = settings_from_options(ExtractSettings, arguments)
     settings = options.fixture_settings(arguments)
     robot = read_robot(arguments["robot"])
-    page = page_command(image, markers, markers2, output=output)
     with (
         announce_if_slow(f"planning on {image.name}"),
-        pointing_to_page(page),
+        pointing_to_page(page_command(image, markers, markers2, output=output)),
         drawing_refusal(image, extraction, overlay_out),
     ):
         planned = plan(
@@ -97,15 +97,13 @@ def vfplan_plan(
         findings += strong_pull(fixture, robot)
         stability = fixture.stability.as_dict()
         data["stability"] = stability
-        lines.append(
-            f"stable up to {stability['k_max_n_per_m']:.0f} N/m with robot {stability['robot']}"
-        )
+        largest = f"{stability['k_max_n_per_m']:.0f} N/m"
+        lines.append(f"stable up to {largest} with robot {stability['robot']}")
     if arguments["rehearse"] is not None:
         from vfplan.arm.command import rehearsed_text
 
         data["rehearsal"] = rehearse_approaches(fixture, robot, arguments)
-        for metrics in data["rehearsal"]:
-            lines.append(rehearsed_text(metrics))
+        lines += map(rehearsed_text, data["rehearsal"])
 
     # The bundle and its sheet.
     planned = replace(planned, fixture=replace(fixture, findings=tuple(findings)))
@@ -113,8 +111,12 @@ def vfplan_plan(
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
         write_fixture(planned.fixture, path)
         if sheet is not None:
-            data["sheet"] = str(sheet_path)
-            data["digest"] = write_review_sheet(planned, output.name, sheet)
+            from vfplan.review.sheet import write_sheet
+            from vfplan.review.sheet_input import of_plan
+
+            content = of_plan(planned, output.name)
+            write_sheet(content, sheet)
+            data |= {"sheet": str(sheet_path), "digest": content.digest}
         write_pictures(planned.extracted, mask, overlay)
         write_registration_picture(
             planned.registered, planned.extracted.fixture, planned.extracted.image, picture
@@ -122,35 +124,22 @@ def vfplan_plan(
     data["output"] = str(output)
 
     # The last lines: how it ended, and what to do.
-    verdict = findings_verdict("planned", planned.fixture)
     next_step = review_command(output, image)
     wrote = f"wrote {output}"
     if sheet_path is not None:
         wrote += f" and {sheet_path}, its review sheet"
         next_step = f"look at {sheet_path}, then {next_step}"
-    lines.append(wrote)
     return CommandResult(
-        data, "\n".join(lines), findings=findings, verdict=verdict, next_step=next_step
-    )
-
-
-def write_review_sheet(planned: Any, title: str, path: Path) -> str:
-    """Write the sheet that shows a plan to a person; returns its digest."""
-    from vfplan.review.sheet import write_sheet
-    from vfplan.review.sheet_input import of_plan
-
-    content = of_plan(planned, title)
-    write_sheet(content, path)
-    return content.digest
+        data, "\n".join([*lines, wrote]), findings=findings,
+        verdict=findings_verdict("planned", planned.fixture), next_step=next_step,
+    )  # fmt: skip
 
 
 def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
     """A doubt where the robot cannot pull along the guide as strongly as the guide wants."""
     limit = robot.force_limit_n
-    if fixture.guidance is None or limit is None:
-        return []
-    pull = fixture.guidance.lead_force
-    if not pull or abs(pull) <= limit:
+    pull = fixture.guidance.lead_force if fixture.guidance is not None else None
+    if limit is None or not pull or abs(pull) <= limit:
         return []
     text = (
         f"The guide pulls with {abs(pull):g} N, but robot {robot.name!r} is limited to "

@@ -66,24 +66,19 @@ def vfplan_register(
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_image, picture)
-    text = f"{registered_text(planned.report)}\nwrote {output}"
     if planned.fixture.frame == "robot_base":
-        slice_path = "IMAGE" if image is None and planned.fixture.image is not None else image
-        codes = [finding.code for finding in planned.findings]
-        if "image-other" in codes:
-            # The page shows the curve on its own slice alone.
-            slice_path = "IMAGE"
-        has_page = planned.fixture.curve is not None
-        next_step = review_command(output, slice_path, has_page=has_page)
+        # The page shows a curve on its own slice alone, so another image is not named.
+        is_other = any(finding.code == "image-other" for finding in planned.findings)
+        if is_other or (image is None and planned.fixture.image is not None):
+            image = "IMAGE"
+        next_step = review_command(output, image, has_page=planned.fixture.curve is not None)
     else:
         next_step = register_command(output)
     return CommandResult(
-        planned.report,
-        text,
-        findings=planned.findings,
-        verdict=findings_verdict("registered", planned.fixture),
+        planned.report, f"{registered_text(planned.report)}\nwrote {output}",
+        findings=planned.findings, verdict=findings_verdict("registered", planned.fixture),
         next_step=next_step,
-    )
+    )  # fmt: skip
 
 
 def write_registration_picture(
@@ -102,25 +97,27 @@ def registered_text(report: dict[str, Any]) -> str:
 
     With `-v` also the statistics of each marker, of the error and of the map.
     """
-    error = report["tre"]
-    lines = []
+    residuals = report["residuals"]
     if is_verbose():
-        lines += statistics_lines(report)
+        lines = statistics_lines(report)
     else:
-        used = [marker for marker in report["residuals"] if marker["used"]]
+        used = [marker for marker in residuals if marker["used"]]
         worst = max(used, key=lambda marker: marker["residual_m"])
         markers = count(len(used), "marker")
         if len(used) < report["markers"]:
             markers = f"{len(used)} of {report['markers']} markers"
-        lines.append(
-            f"{markers} ({report['model']}) fit to "
-            f"{millimetres(report['fre_rms_m'])} rms; the largest residual is that of "
-            f"{worst['label']}, {millimetres(worst['residual_m'])}"
-        )
-        lines.append(
-            f"  95 % bound of the error on the whole curve: {millimetres(error['curve95_max_m'])}"
-        )
-        lines += unused_markers_lines(report)
+        lines = [
+            f"{markers} ({report['model']}) fit to {millimetres(report['fre_rms_m'])} rms; the "
+            f"largest residual is that of {worst['label']}, {millimetres(worst['residual_m'])}",
+            "  95 % bound of the error on the whole curve: "
+            f"{millimetres(report['tre']['curve95_max_m'])}",
+        ]
+        unused = [str(marker["label"]) for marker in residuals if not marker["used"]]
+        if unused:
+            lines.append(f"  left out: {', '.join(unused)}")
+        suspect = [str(m["label"]) for m in used if m["label"] in report["outliers"]]
+        if suspect:
+            lines.append(f"  suspect: {', '.join(suspect)}")
         if "markers_found" in report:
             moved_px = max(marker["moved_px"] for marker in report["markers_found"])
             lines.append(f"  the marks on the slice are up to {moved_px:.2f} px away")
@@ -136,8 +133,9 @@ def registered_text(report: dict[str, Any]) -> str:
         lines.append(f"  The slice is seen from {report['seen_from']}.")
     lines.append(rendering_line(report))
     if "margin" in report:
-        margin = millimetres(report["margin"]["largest_m"])
-        lines.append(f"margin: {margin} added to the point radius")
+        lines.append(
+            f"margin: {millimetres(report['margin']['largest_m'])} added to the point radius"
+        )
     if "guide" in report:
         lines.append(guide_line(report["guide"]))
     return "\n".join(lines)
@@ -157,30 +155,24 @@ def statistics_lines(report: dict[str, Any]) -> list[str]:
     # Marks on the slice beside the given positions; where marks were measured, the table has them.
     marks = report.get("marks_drawn")
     if marks is not None and "markers_found" not in report:
+        line = "  no marks are drawn at the given positions: they are taken as given"
         if "rms_px" in marks:
-            lines.append(
+            line = (
                 f"  {marks['near']} of {report['markers']} given positions have a mark near them "
                 f"on the slice, {marks['rms_px']:.2f} px rms away"
             )
-        else:
-            lines.append("  no marks are drawn at the given positions: they are taken as given")
+        lines.append(line)
 
     # The predicted error, with its worst place in pixels, or in millimetres for 3-D markers.
     worst = error["worst_source"]
-    scale = 1.0
-    unit = ""
-    if len(worst) == 3:
-        scale = 1e3
-        unit = " mm"
+    scale, unit = (1e3, " mm") if len(worst) == 3 else (1.0, "")
     place = ", ".join(f"{x * scale:.1f}" for x in worst) + unit
-    lines.append(
+    lines += [
         f"  predicted TRE over the curve {millimetres(error['rms_m'])} rms, at most "
-        f"{millimetres(error['max_rms_m'])}"
-    )
-    lines.append(
+        f"{millimetres(error['max_rms_m'])}",
         f"  95 % bound: {millimetres(error['bound95_max_m'])} at its worst point ({place}), "
-        f"{millimetres(error['curve95_max_m'])} for the whole curve at once"
-    )
+        f"{millimetres(error['curve95_max_m'])} for the whole curve at once",
+    ]
 
     # The map itself.
     if "scale_m_per_px" in report:
@@ -204,11 +196,11 @@ def marker_table(report: dict[str, Any]) -> list[str]:
     lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
     for marker in report["residuals"]:
         label = marker["label"]
-        line = f"  {label!s:<{width}}"
-        line += f"  {number_or_dash(1e3 * marker['residual_m'], 8, 3)}"
-        line += f"  {number_or_dash(1e3 * marker['loo_m'], 13, 3)}"
-        line += f"  {number_or_dash(marker['leverage'], 8, 3)}"
-        line += f"  {number_or_dash(marker['f'], 6, 1)}"
+        line = (
+            f"  {label!s:<{width}}  {number_or_dash(1e3 * marker['residual_m'], 8, 3)}"
+            f"  {number_or_dash(1e3 * marker['loo_m'], 13, 3)}"
+            f"  {number_or_dash(marker['leverage'], 8, 3)}  {number_or_dash(marker['f'], 6, 1)}"
+        )
         if label in moved_px:
             line += f"  found {moved_px[label]:.2f} px away"
         if not marker["used"]:
@@ -219,23 +211,6 @@ def marker_table(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-def unused_markers_lines(report: dict[str, Any]) -> list[str]:
-    """The markers that the fit leaves out, and those that look wrong."""
-    unused = []
-    suspect = []
-    for marker in report["residuals"]:
-        if not marker["used"]:
-            unused.append(str(marker["label"]))
-        elif marker["label"] in report["outliers"]:
-            suspect.append(str(marker["label"]))
-    lines = []
-    if unused:
-        lines.append(f"  left out: {', '.join(unused)}")
-    if suspect:
-        lines.append(f"  suspect: {', '.join(suspect)}")
-    return lines
-
-
 def number_or_dash(value: float, width: int, decimals: int) -> str:
     """A number of a table; a dash where it is not known."""
     return f"{'-':>{width}}" if not math.isfinite(value) else f"{value:{width}.{decimals}f}"
@@ -243,17 +218,13 @@ def number_or_dash(value: float, width: int, decimals: int) -> str:
 
 def rendering_line(report: dict[str, Any]) -> str:
     """What the robot renders, and how far that is from the curve."""
+    line = points = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
     if "pieces" in report:
         pieces = report["pieces"]
         error = micrometres(pieces["error_m"], 1)
         line = f"{pieces['lines_and_arcs']} lines and arcs within {error} of the curve"
         if is_verbose():
-            line += (
-                f"; {report['points']} points, {millimetres(report['spacing_m'])} apart, for "
-                "engines that know points alone"
-            )
-    else:
-        line = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
+            line += f"; {points}, for engines that know points alone"
     if "sampling_error_m" in report:
         line += (
             "; between points the surface departs from the curve's by at most "

@@ -23,7 +23,6 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
@@ -33,6 +32,7 @@ from vfplan.display import count
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
 from vfplan.replaying.findings import change_words, gap_words
+from vfplan.settings import settings_from_options
 
 TICKS_OF_REPORT = 65536
 """Number of ticks that are kept for the pictures of `--report`."""
@@ -47,13 +47,6 @@ def parse_limit(text: str) -> tuple[str, float]:
         raise ValueError(f"{text!r} is no limit. Type NAME=NUMBER, e.g. force_max_n=20") from None
 
 
-def micrometres_to_metres(
-    ctx: click.Context, param: click.Parameter, value: float | None
-) -> float | None:
-    """A length in metres; a division keeps 10 µm the number that 1e-5 is."""
-    return None if value is None else value / 1e6
-
-
 LIMIT = Parsed("NAME=NUMBER", parse_limit)
 
 LINK_OPTIONS = options_in_order(
@@ -64,7 +57,8 @@ LINK_OPTIONS = options_in_order(
     option("--delay", "delay_ticks", type=WholeNumber(0), metavar="TICKS",
            help="Lossy link: delay all samples by this many ticks."),
     option("--quantise", "quantum_m", type=DecimalNumber(0, min_open=True), metavar="UM",
-           callback=micrometres_to_metres,
+           # A division keeps 10 µm the number that 1e-5 is.
+           callback=lambda _ctx, _param, value: None if value is None else value / 1e6,
            help="Lossy link: round positions to multiples of this [µm]."),
     option("--seed", type=WholeNumber(0), metavar="N", default=0,
            help="Lossy link: seed of its random numbers."),
@@ -154,45 +148,27 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             text = page(replayed, image=arguments["image"], command=command_line())
             write_whole(index, [text.encode("utf-8")], overwrite=True)
     metrics = replayed.metrics
-    lines = [replay_text(metrics)]
-    for path in (output, csv_out, index_path):
-        if path is not None:
-            lines.append(f"wrote {path}")
-    wrote_files = any(path is not None for path in (output, csv_out, index_path))
+    written = [path for path in (output, csv_out, index_path) if path is not None]
+    lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
         image = "IMAGE" if replayed.fixture.image is not None else None
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
-        warnings.append(
-            f"Nobody has answered {count(unanswered, 'finding')} of this fixture. Answer first: "
-            f"{review}"
-        )
+        findings = count(unanswered, "finding")
+        warnings.append(f"Nobody has answered {findings} of this fixture. Answer first: {review}")
     verdict = replayed.verdict
     if replayed.passed:
         verdict += gap_words(metrics) + change_words(metrics)
+    robot = str(arguments["robot"] or "NAME")
     return CommandResult(
-        metrics,
-        "\n".join(lines),
-        warnings=warnings,
-        failed=failed_line(metrics),
-        verdict=verdict,
-        next_step=next_step(
-            metrics,
-            str(fixture),
-            str(arguments["robot"] or "NAME"),
-            index_path,
-            wrote_files=wrote_files,
-        ),
-    )
+        metrics, "\n".join(lines), warnings=warnings, failed=failed_line(metrics), verdict=verdict,
+        next_step=next_step(metrics, str(fixture), robot, index_path, wrote_files=bool(written)),
+    )  # fmt: skip
 
 
 def replay_with_outputs(
-    fixture: Path,
-    session: Path,
-    result_path: Path | None,
-    csv_path: Path | None,
-    arguments: dict[str, Any],
+    fixture: Path, session: Path, result: Path | None, table: Path | None, arguments: dict[str, Any]
 ) -> Any:
     """Replay a session as the options say, and write each tick to the files that are wanted.
 
@@ -210,16 +186,15 @@ def replay_with_outputs(
 
     # The session, and what happens to the fixture during it.
     ros = RosOptions(arguments["topic"], arguments["field"], arguments["tool_tip"])
-    if ros == RosOptions():
-        ros = None
-    source = open_session(session, units=arguments["units"], frame=arguments["frame"], ros=ros)
-    poses = arguments["poses"]
-    events = arguments["events"]
+    source = open_session(
+        session, units=arguments["units"], frame=arguments["frame"],
+        ros=None if ros == RosOptions() else ros,
+    )  # fmt: skip
+    poses, events = arguments["poses"], arguments["events"]
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])
     else:
         poses, events = as_the_loop_saw(session, poses, events)
-    moving = moving_frame_settings(arguments)
 
     # The rule, and the limits of the robot and of the caller.
     rule = arguments["rule"]
@@ -232,62 +207,35 @@ def replay_with_outputs(
         if arguments["governor"]:
             step_n, max_n = arguments["governor"]
             governed_robot = replace(governed_robot, force_step_limit_n=step_n, force_limit_n=max_n)
-    limits = []
-    for sense in ("at_most", "at_least"):
-        for name, limit in arguments[sense]:
-            limits.append((name, sense, limit))
-    kept_ticks = TICKS_OF_REPORT if arguments["report"] is not None else 0
+    limits = [
+        (name, sense, limit)
+        for sense in ("at_most", "at_least")
+        for name, limit in arguments[sense]
+    ]
 
     with ExitStack() as files:
-        # A sink takes the name of a rule and a block of its ticks.
-        sinks: list[Any] = []
-        second_rule = None
-        groups: tuple[str, ...] = ("",)
-        if rule == "both":
-            second_rule = "paper"
-            groups = ("", second_rule)
-        writer = None
-        if result_path is not None:
-            writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
-
-            def append_result(name: str, block: Any) -> None:
-                group = name if name == second_rule else ""
-                writer.append(block, group)
-
-            sinks.append(append_result)
-        if csv_path is not None:
-            table = files.enter_context(CsvWriter(csv_path))
-
-            def append_row(name: str, block: Any) -> None:
-                if name != second_rule:
-                    table.append(block)
-
-            sinks.append(append_row)
+        # A sink takes the name of a rule and a block of its ticks. The ticks of both rules are the
+        # same ones.
+        second_rule = "paper" if rule == "both" else None
         done = files.enter_context(progress("replay", source.ticks or rough_ticks(session)))
-
-        def advance(name: str, block: Any) -> None:
-            # The ticks of both rules are the same ones.
-            if name != second_rule:
-                done(len(block))
-
-        sinks.append(advance)
+        sinks: list[Any] = [lambda name, block: done(len(block)) if name != second_rule else None]
+        if result is not None:
+            groups = ("",) if second_rule is None else ("", second_rule)
+            writer = files.enter_context(ResultWriter(result, {}, groups=groups))
+            sinks.append(
+                lambda name, block: writer.append(block, name if name == second_rule else "")
+            )
+        if table is not None:
+            rows = files.enter_context(CsvWriter(table))
+            sinks.append(lambda name, block: rows.append(block) if name != second_rule else None)
         replayed = replay(
-            fixture,
-            source,
-            rule=rule,
-            engine=arguments["engine"],
-            robot=robot,
-            link=settings_from_options(Link, arguments),
-            governor=governed_robot,
-            limits=tuple(limits),
-            keep=kept_ticks,
-            sinks=sinks,
-            trust=options.trust(arguments),
-            poses=poses,
-            events=events,
-            moving=moving,
-        )
-        if writer is not None:
+            fixture, source, rule=rule, engine=arguments["engine"], robot=robot,
+            link=settings_from_options(Link, arguments), governor=governed_robot,
+            limits=tuple(limits), sinks=sinks, trust=options.trust(arguments),
+            keep=TICKS_OF_REPORT if arguments["report"] is not None else 0,
+            poses=poses, events=events, moving=moving_frame_settings(arguments),
+        )  # fmt: skip
+        if result is not None:
             writer.set(replayed.record)
     return replayed
 
@@ -296,10 +244,8 @@ def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     """The settings of the moving frame that were typed."""
     settings: dict[str, Any] = {}
     if arguments["pose_limits"]:
-        age_s, speed_m_s, turn_rad_s = arguments["pose_limits"]
-        settings = {
-            "max_age_s": age_s, "max_speed_m_s": speed_m_s, "max_turn_rad_s": turn_rad_s
-        }  # fmt: skip
+        names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
+        settings = dict(zip(names, arguments["pose_limits"], strict=True))
     if arguments["pivot"] is not None:
         settings["pivot"] = arguments["pivot"]
     if settings and arguments["poses"] is None:

@@ -21,14 +21,8 @@ from vfplan.replaying.findings import LIMITS, has_touched
 from vfplan.replaying.metrics import episode_count
 
 UNITS = {
-    "_m_s": " m/s",
-    "_nm": " N m",
-    "_m": " m",
-    "_n": " N",
-    "_s": " s",
-    "_j": " J",
-    "_hz": " Hz",
-}
+    "_m_s": " m/s", "_nm": " N m", "_m": " m", "_n": " N", "_s": " s", "_j": " J", "_hz": " Hz"
+}  # fmt: skip
 """The unit that a number of the report has, by the ending of its name."""
 
 NO_TOUCH = "the tool never touched the fixture"
@@ -39,10 +33,8 @@ UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
-    lines = []
-    if not has_touched(report):
-        lines.append(f"NOT TESTED: {NO_TOUCH}")
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
+    lines = [] if has_touched(report) else [f"NOT TESTED: {NO_TOUCH}"]
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
@@ -50,21 +42,17 @@ def replay_text(report: dict[str, Any]) -> str:
     )
     lines += figure_lines(report)
     if "paper" in report:
-        lines.append("rule paper, side by side:")
-        for line in figure_lines(report["paper"]):
-            lines.append(f"  {line}")
-        lines.append(comparison_line(report["apart"]))
+        paper = [f"  {line}" for line in figure_lines(report["paper"])]
+        lines += ["rule paper, side by side:", *paper, comparison_line(report["apart"])]
     if "link" in report:
         lines.append(link_line(report["link"]))
     if "robot" in report:
         lines.append(robot_line(report["robot"]))
     if is_verbose():
         lines += episode_lines(report)
-    for finding in report["findings"]:
-        lines.append(f"{finding['severity']}: {finding['code']}: {finding['message']}")
+    lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in report["findings"]]
     for check in report.get("checks", []):
-        word = "pass" if check["pass"] else "FAIL"
-        lines.append(f"{word}: {check_text(check)}")
+        lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")
     return "\n".join(lines)
 
 
@@ -80,10 +68,9 @@ def figure_lines(report: dict[str, Any]) -> list[str]:
     force += f", step max {report['force_step_max_n']:.3f} N"
     lines = [penetration, force]
     if "clearance_min_m" in report:
-        line = f"clearance    min {length(report['clearance_min_m'])}"
-        if is_verbose():
-            line += f" ({geometry_text(report['scene'])})"
-        lines.append(f"{line}; {report['entrenched_ticks']} ticks entrenched")
+        geometry = f" ({geometry_text(report['scene'])})" if is_verbose() else ""
+        clearance = f"{length(report['clearance_min_m'])}{geometry}"
+        lines.append(f"clearance    min {clearance}; {report['entrenched_ticks']} ticks entrenched")
     if is_verbose():
         lines.append(
             f"energy       {millijoules(report['energy_j'])} net given to the hand; holding each "
@@ -175,10 +162,8 @@ def comparison_line(comparison: dict[str, Any]) -> str:
 
 def link_line(link: dict[str, Any]) -> str:
     """What a lossy link lost, and what that changed."""
-    faults = []
-    for name in ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed"):
-        if name in link:
-            faults.append(f"{name} {link[name]:g}")
+    names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
+    faults = [f"{name} {link[name]:g}" for name in names if name in link]
     line = f"lossy link   {', '.join(faults)}"
     if "lost" in link:
         line += f"; {link['lost']} packets lost, {link['lost_longest']} in a row"
@@ -194,30 +179,30 @@ def link_line(link: dict[str, Any]) -> str:
 
 def robot_line(robot: dict[str, Any]) -> str:
     """In how many ticks a robot would have objected."""
-    parts = []
-    for name, unit in UNITS_OF_LIMITS.items():
-        key = LIMITS[name][0]
-        if key in robot:
-            ticks = robot[f"{name}_over_ticks"]
-            parts.append(f"{name.replace('_', ' ')} over {robot[key]:g} {unit} in {ticks} ticks")
-    return f"robot {robot['name']}: " + ", ".join(parts)
+    parts = [
+        f"{name.replace('_', ' ')} over {robot[key]:g} {unit} in "
+        f"{robot[f'{name}_over_ticks']} ticks"
+        for name, unit in UNITS_OF_LIMITS.items()
+        if (key := LIMITS[name][0]) in robot
+    ]
+    return f"robot {robot['name']}: {', '.join(parts)}"
 
 
 def episode_lines(report: dict[str, Any]) -> list[str]:
     """The contacts one by one."""
     lines = []
     for episode in report["episodes"][:MAX_LISTED]:
-        line = (
-            f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, up "
-            f"to {millimetres(episode['penetration_max_m'])} deep"
-        )
         if "deepest_along" in episode:
-            place = episode["deepest_along"]
-            line += f", {millimetres(place['s_m'], 1)} along stroke {place['stroke']}"
+            along = episode["deepest_along"]
+            place = f", {millimetres(along['s_m'], 1)} along stroke {along['stroke']}"
         else:
-            place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
-            line += f" near ({place}) mm"
-        lines.append(f"{line}, up to {episode['force_max_n']:.3f} N")
+            deepest = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
+            place = f" near ({deepest}) mm"
+        lines.append(
+            f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, up "
+            f"to {millimetres(episode['penetration_max_m'])} deep{place}, up to "
+            f"{episode['force_max_n']:.3f} N"
+        )
     if len(report["episodes"]) > MAX_LISTED:
         kept = "the deepest" if "episodes_left_out" in report else "all"
         lines.append(f"  and {episode_count(report) - MAX_LISTED} more (--json has {kept})")
@@ -259,10 +244,7 @@ def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
     sense = "at_most" if "at_most" in check else "at_least"
     words = sense.replace("_", " ")
-    unit = ""
-    for ending, symbol in UNITS.items():
-        if check["name"].endswith(ending):
-            unit = symbol
-            break
+    endings = [ending for ending in UNITS if check["name"].endswith(ending)]
+    unit = UNITS[endings[0]] if endings else ""
     value = f"{check['value']:.6g}{unit}"
     return f"{check['name']} is {value}, {words} {check[sense]:g}{unit} is allowed"

@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli import options
@@ -27,25 +27,18 @@ from vfplan.cli.options import (
     WholeNumber,
     option,
     options_in_order,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
+
+from vfplan.planning.settings import ExtractSettings
+from vfplan.settings import settings_from_options
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
 
 FAREWELL_S = 0.5
 """Seconds that the page has to show its last message before the server goes."""
-
-
-class ReviewFiles(NamedTuple):
-    """The files that a review shows: a slice or bundle, its markers, and the slice of a bundle."""
-
-    source: Path
-    markers: Path | None
-    markers2: Path | None
-    slice_path: Path | None
 
 
 @command("review", settings_file=True)
@@ -71,9 +64,7 @@ class ReviewFiles(NamedTuple):
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def vfplan_review(
-    source, markers, markers2, output, sheet_out, slice_path, **arguments
-) -> CommandResult:
+def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
     SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.
@@ -88,15 +79,13 @@ def vfplan_review(
         raise click.UsageError(
             "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
         )
-    files = ReviewFiles(source, markers, markers2, slice_path)
     if sheet_out is not None:
-        return draw_sheet(files, sheet_out, arguments)
-    return serve_page(files, output, arguments)
+        return draw_sheet(sheet_out, arguments)
+    return serve_page(output, arguments)
 
 
-def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> CommandResult:
+def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
-    from vfplan.planning.settings import ExtractSettings
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
     from vfplan.review.source import settings_of
@@ -106,27 +95,12 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
     settings = settings_of(
         settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
     )
-    draft = Draft(
-        draft_path(output),
-        {
-            "source": files.source,
-            "markers": files.markers,
-            "markers2": files.markers2,
-            "slice": files.slice_path,
-            "curve": arguments["curve"],
-        },
-        settings,
-    )
-    with announce_if_slow(f"opening {files.source.name}"):
-        session = Session.open(
-            files.source,
-            files.markers,
-            files.markers2,
-            slice=files.slice_path,
-            curve=arguments["curve"],
-            **settings,
-        )
-        session = draft.take_up(session)
+    files = {role: arguments[role] for role in ("source", "markers", "markers2", "curve")}
+    files["slice"] = arguments["slice_path"]
+    draft = Draft(draft_path(output), files, settings)
+    source = files.pop("source")
+    with announce_if_slow(f"opening {source.name}"):
+        session = draft.take_up(Session.open(source, **files, **settings))
     server = ReviewServer(
         session, draft, port=arguments["port"], by=arguments["by"],
         signs=arguments["key"] is not None,
@@ -163,8 +137,8 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
         )  # fmt: skip
     data["output"] = str(output)
     if arguments["key"] is None:
-        source = session.source
-        next_step = sign_command(output, case=source.case, robot_serial=source.robot_serial)
+        signed_for = {"case": session.source.case, "robot_serial": session.source.robot_serial}
+        next_step = sign_command(output, **signed_for)
     else:
         keys = public_key_of(arguments["key"])
         next_step = verify_command(output, keys, case=arguments["case"])
@@ -181,12 +155,9 @@ def open_page(address: str) -> None:
     else:
         # xdg-open lists every browser that it looked for, so its own words are not shown. In a
         # session of its own the browser outlives a Ctrl-C that ends the review.
-        silent = subprocess.DEVNULL
+        streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
         try:
-            code = subprocess.call(
-                ["xdg-open", address], stdin=silent, stdout=silent, stderr=silent,
-                start_new_session=True,
-            )  # fmt: skip
+            code = subprocess.call(["xdg-open", address], **streams, start_new_session=True)
         except OSError:
             code = 1
     if code:
@@ -212,87 +183,83 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
             sign(unsigned, path, arguments["key"], case=arguments["case"])
 
 
-def draw_sheet(files: ReviewFiles, sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
+def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     """Draw the review sheet."""
     from vfplan.review.sheet import write_sheet
 
-    with announce_if_slow(f"drawing the review sheet of {files.source.name}"):
-        if files.source.name.lower().endswith(HDF5.suffixes):
-            content = sheet_of_bundle(files, arguments)
-        else:
-            content = sheet_of_slice(files, arguments)
+    source = arguments["source"]
+    is_bundle = source.name.lower().endswith(HDF5.suffixes)
+    with announce_if_slow(f"drawing the review sheet of {source.name}"):
+        content = sheet_of_bundle(arguments) if is_bundle else sheet_of_slice(arguments)
         with outputs(sheet_out) as (path,):
             write_sheet(content, path)
-    data = {"digest": content.digest, "sheet": str(sheet_out)}
-    approved = sheet_out.with_name(f"{files.source.stem}-approved.h5")
     if content.missing_slice:
-        words = ["vfplan", "review", str(files.source), "--slice", "IMAGE"]
+        words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
         following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
     elif content.rgb is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
-        following = accept_command(files.source, content.digest)
+        following = accept_command(source, content.digest)
     else:
-        following = page_command(
-            files.source, files.markers, files.markers2, output=approved, overwrites=False
-        )
+        files = (source, arguments["markers"], arguments["markers2"])
+        approved = sheet_out.with_name(f"{source.stem}-approved.h5")
+        following = page_command(*files, output=approved, overwrites=False)
     return CommandResult(
-        data, f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
-        verdict=content.verdict,
-        next_step=f"look at {sheet_out}, then {following}",
+        {"digest": content.digest, "sheet": str(sheet_out)},
+        f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
+        verdict=content.verdict, next_step=f"look at {sheet_out}, then {following}",
     )  # fmt: skip
 
 
-def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
+def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a planned slice, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
-    from vfplan.planning.settings import ExtractSettings
     from vfplan.review import sheet_input
 
-    if files.slice_path is not None:
+    source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
+    if arguments["slice_path"] is not None:
         raise click.UsageError(
             "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
         )
     settings = settings_from_options(ExtractSettings, arguments)
-    if files.markers is None:
-        extracted = extract(files.source, settings, curve=arguments["curve"])
-        return sheet_input.of_extraction(extracted, files.source.name)
+    if markers is None:
+        return sheet_input.of_extraction(extract(source, settings, curve=curve), source.name)
     planned = plan(
-        files.source, files.markers, files.markers2, extraction=settings,
-        curve=arguments["curve"], settings=options.fixture_settings(arguments),
+        source, markers, arguments["markers2"], extraction=settings, curve=curve,
+        settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return sheet_input.of_plan(planned, files.source.name)
+    return sheet_input.of_plan(planned, source.name)
 
 
-def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
+def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
     from vfplan.images.read import read_image
     from vfplan.planning.plan import register
-    from vfplan.planning.settings import ExtractSettings
     from vfplan.review import sheet_input
     from vfplan.review.source import refuse_extraction_of_extracted, refuse_planning_of_planned
 
-    fixture = read_fixture(files.source)
-    refuse_extraction_of_extracted(fixture, settings_from_options(ExtractSettings, arguments))
+    source, markers = arguments["source"], arguments["markers"]
+    fixture = read_fixture(source)
+    extraction = settings_from_options(ExtractSettings, arguments)
+    refuse_extraction_of_extracted(fixture, extraction)
     image = None
-    if files.slice_path is not None:
+    if arguments["slice_path"] is not None:
         image = read_image(
-            files.slice_path, frame=arguments["frame"],
-            pixel_spacing_mm=arguments["pixel_spacing_mm"],
-            imager_spacing=bool(arguments["imager_spacing"]),
+            arguments["slice_path"], frame=extraction.frame,
+            pixel_spacing_mm=extraction.pixel_spacing_mm,
+            imager_spacing=bool(extraction.imager_spacing),
         )  # fmt: skip
         sheet_input.check_slice(fixture, image)
-    if files.markers is None:
-        refuse_planning_of_planned(fixture, options.fixture_settings(arguments))
-        return sheet_input.of_fixture(fixture, files.source.name, image=image)
+    settings = options.fixture_settings(arguments)
+    if markers is None:
+        refuse_planning_of_planned(fixture, settings)
+        return sheet_input.of_fixture(fixture, source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
         )
-    planned = register(
-        fixture, files.markers, files.markers2, options.fixture_settings(arguments), image=image
-    )
+    planned = register(fixture, markers, arguments["markers2"], settings, image=image)
     return sheet_input.of_fixture(
-        planned.fixture, files.source.name, image=image, registration=planned.registration
+        planned.fixture, source.name, image=image, registration=planned.registration
     )

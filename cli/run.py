@@ -1,17 +1,12 @@
-"""What every command shares at run time: output, errors, exit codes, progress.
+"""What every command shares: its help, its output, its errors, its progress, and how it is stopped.
 
-A command's function computes and returns a `CommandResult`, and this module prints it. The rules
-hold for every command because they are written once, here: one JSON document on stdout and nothing
-else, one line on stderr for an error, and no file left behind.
+A command's function computes and returns a `CommandResult`, and this module prints it: one JSON
+document on stdout and nothing else, or text, and one line on stderr for an error.
 
-A command that is stopped by SIGINT, SIGTERM or SIGHUP cleans up first, as after an error.
-
-Without this module Python would die of the last two at once and leave unfinished files. Python also
-runs a signal handler between two of its own instructions only, so a signal just before a wait in C,
-or one that the system hands to another thread, would count after the wait, however long. A thread
-repeats the signal until the main thread has noticed it.
-
-The help of a command: one screen for most calls, every option behind `--help-all`.
+SIGINT, SIGTERM and SIGHUP end a command as an error does, so that it cleans up first. Python runs a
+signal handler between two of its own instructions only. A signal just before a wait in C, or one
+that the system hands to another thread, would count after the wait, however long. So a thread
+repeats it until the main thread has noticed it.
 """
 
 from __future__ import annotations
@@ -26,17 +21,16 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TextIO
 from unicodedata import category
 
 import click
-from vfplan.cli.matplotlib_settings import ignore_matplotlib_settings
-from vfplan.cli.options import FILE
+from vfplan.cli.options import FILE, option, options_in_order
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
 from vfplan.cli.settings_file import merge_settings_file
 
@@ -95,18 +89,21 @@ def stoppable() -> Iterator[Callable[[], None]]:
     if threading.current_thread() is not threading.main_thread():
         yield stopper.raise_if_stopped
         return
-    before = {}
-    for number in SIGNALS:
-        handler = signal.getsignal(number)
-        if handler in (signal.SIG_DFL, signal.default_int_handler):
-            before[number] = handler
-            signal.signal(number, stopper.handle)
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    heard = [number for number in SIGNALS if signal.getsignal(number) in usual]
+    with _handled_by(stopper.handle, heard), _repeated_signals(stopper):
+        yield stopper.raise_if_stopped
+
+
+@contextmanager
+def _handled_by(handler: Callable[[int, FrameType | None], None], numbers: list) -> Iterator[None]:
+    """Handle these signals inside."""
+    before = [(number, signal.signal(number, handler)) for number in numbers]
     try:
-        with _repeated_signals(stopper):
-            yield stopper.raise_if_stopped
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, handler_before in before:
+            signal.signal(number, handler_before)
 
 
 @contextmanager
@@ -123,10 +120,7 @@ def _repeated_signals(stopper: _Stopper) -> Iterator[None]:
 
     def repeat() -> None:
         with open(read_end, "rb", 0) as pipe:
-            while True:
-                arrival = pipe.read(1)
-                if not arrival:
-                    return
+            while arrival := pipe.read(1):
                 number = arrival[0]
                 since = time.monotonic()
                 if signal.getsignal(number) != stopper.handle:
@@ -153,19 +147,9 @@ def noted_signals() -> Iterator[Callable[[], bool]]:
     A signal that is ignored, as by nohup, stays so.
     """
     arrivals: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        arrivals.append(number)
-
-    before = {}
-    for number in SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            before[number] = signal.signal(number, note)
-    try:
+    heard = [number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    with _handled_by(lambda number, _frame: arrivals.append(number), heard):
         yield lambda: bool(arrivals)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 SHOW_ALL = "vfplan.cli.show_all"
@@ -195,34 +179,21 @@ class PagedCommand(click.Command):
                 hidden=not self.first_screen,
             )
         )
-        known = set()
-        for param in self.params:
-            known.update(param.opts)
-        unknown = set(self.first_screen) - known
+        unknown = set(first_screen) - {word for param in self.params for word in param.opts}
         assert not unknown, f"{self.name} has no option {unknown}"
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the options of the first screen, or every one."""
-        always = {"--help", "--help-all"}
-        listed = []
-        hidden_count = 0
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if record is None or isinstance(param, click.Argument):
-                continue
-            names = set(param.opts)
-            if (
-                ctx.meta.get(SHOW_ALL)
-                or not self.first_screen
-                or names & always
-                or names & set(self.first_screen)
-            ):
-                listed.append(record)
-            else:
-                hidden_count += 1
-        if listed:
+        listed = {"--help", "--help-all", *self.first_screen}
+        is_whole = ctx.meta.get(SHOW_ALL) or not self.first_screen
+        options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
+        records = [(option, option.get_help_record(ctx)) for option in options]
+        records = [(option, record) for option, record in records if record is not None]
+        shown = [record for option, record in records if is_whole or listed & set(option.opts)]
+        if shown:
             with formatter.section("Options"):
-                formatter.write_dl(listed)
+                formatter.write_dl(shown)
+        hidden_count = len(records) - len(shown)
         if hidden_count:
             formatter.write_paragraph()
             formatter.write_text(f"{hidden_count} more options: {ctx.command_path} --help-all")
@@ -279,14 +250,13 @@ class CommandResult:
 
 
 class Failure(NamedTuple):
-    """An error as it is printed."""
+    """An error as it is printed; `more` holds the code and the numbers of an error of vfplan."""
 
     kind: str
     message: str
     where: str | None
     exit_code: int
-    code: str | None = None
-    numbers: dict[str, Any] | None = None
+    more: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -306,14 +276,11 @@ class Printer:
             Stdout takes no more, as on a full disk.
         """
         # A person reads the findings first, in the log.
-        warnings = []
-        for finding in result.findings or ():
-            word = "warning" if finding.severity == "doubt" else "note"
-            warnings.append(finding.text)
-            click.echo(printable(f"vfplan: {word}: {finding.text}"), err=True)
-        for warning in result.warnings:
-            warnings.append(warning)
-            click.echo(printable(f"vfplan: warning: {warning}"), err=True)
+        words = {"doubt": "warning", "note": "note"}
+        told = [(words[finding.severity], finding.text) for finding in result.findings or ()]
+        told += [("warning", warning) for warning in result.warnings]
+        for word, text in told:
+            click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
             reason = " ".join((result.failed or "a check did not hold").split())
             click.echo(printable(f"vfplan: failed: {reason}"), err=True)
@@ -322,8 +289,8 @@ class Printer:
         if self.as_json:
             name = click.get_current_context().info_name
             data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
-            if warnings:
-                data.setdefault("warnings", warnings)
+            if told:
+                data.setdefault("warnings", [text for _, text in told])
             if result.findings is not None:
                 data.setdefault("findings", [finding.as_dict() for finding in result.findings])
             if result.verdict and result.verdict_in_json:
@@ -335,14 +302,9 @@ class Printer:
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             click.echo(text)
         elif not self.quiet:
-            lines = []
-            if result.text:
-                lines.append(result.text)
-            if result.verdict:
-                lines.append(f"verdict: {result.verdict}")
-            if result.next_step:
-                lines.append(f"next: {result.next_step}")
-            click.echo(printable("\n".join(lines)))
+            verdict = f"verdict: {result.verdict}" if result.verdict else ""
+            following = f"next: {result.next_step}" if result.next_step else ""
+            click.echo(printable("\n".join(filter(None, (result.text, verdict, following)))))
 
     def exit_with(self, failure: Failure) -> NoReturn:
         """Print a failure: one line on stderr, and with `--json` a document on stdout."""
@@ -350,19 +312,25 @@ class Printer:
             import traceback
 
             traceback.print_exc()
+        kind, message, where, exit_code, more = failure
         if self.as_json:
-            error: dict[str, Any] = {
-                "kind": failure.kind,
-                "message": failure.message,
-                "where": failure.where,
-            }
-            if failure.code is not None:
-                error["code"] = failure.code
-                error["numbers"] = to_json_types(failure.numbers or {})
+            error = {"kind": kind, "message": message, "where": where, **more}
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
-        line = f"{failure.where}: {failure.message}" if failure.where else failure.message
+        line = f"{where}: {message}" if where else message
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
-        sys.exit(failure.exit_code)
+        sys.exit(exit_code)
+
+
+COMMON_OPTIONS = (
+    option("--settings", "settings_file", type=FILE, metavar="FILE.json",
+           help="Take options from a file that holds fields of ExtractSettings and "
+           "FixtureSettings in their units; a typed option wins."),
+    option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
+    option("-q", "--quiet", is_flag=True, help="Print warnings and failures only."),
+    option("-v", "--verbose", count=True,
+           help="Print the statistics too; -vv adds the traceback of an error."),
+)  # fmt: skip
+"""Options of every command, but for the first one, which only some have."""
 
 
 def command_line() -> str:
@@ -400,7 +368,6 @@ def command(
             level = LOG_LEVELS[min(verbose, 2)]
             logging.basicConfig(level=level, stream=sys.stderr, force=True)
             logging.getLogger().handlers[0].setFormatter(_PrintableLines("vfplan: %(message)s"))
-            ignore_matplotlib_settings()
             arguments.pop("overwrite", None)
             path = arguments.pop("settings_file", None)
             printer = Printer(as_json, quiet, verbose)
@@ -429,23 +396,7 @@ def command(
                 except Stopped as stop:
                     printer.exit_with(Failure("Stopped", str(stop), None, stop.exit_code))
 
-        body = click.option(
-            "-v", "--verbose", count=True,
-            help="Print the statistics too; -vv adds the traceback of an error.",
-        )(body)  # fmt: skip
-        body = click.option(
-            "-q", "--quiet", is_flag=True,
-            help="Print warnings and failures only.",
-        )(body)  # fmt: skip
-        body = click.option(
-            "--json", "as_json", is_flag=True, help="Print one JSON document on stdout."
-        )(body)
-        if settings_file:
-            body = click.option(
-                "--settings", "settings_file", type=FILE, metavar="FILE.json",
-                help="Take options from a file that holds fields of ExtractSettings and "
-                "FixtureSettings in their units; a typed option wins.",
-            )(body)  # fmt: skip
+        body = options_in_order(*COMMON_OPTIONS[not settings_file :])(body)
         listed = first_screen.split()
         return click.command(name, cls=PagedCommand, first_screen=listed, **attributes)(body)
 
@@ -454,17 +405,15 @@ def command(
 
 def describe_error(error: Exception) -> Failure:
     """An exception as the line, the exit code and the JSON that a command ends with."""
+    kind = type(error).__name__
     if isinstance(error, VfplanError):
-        return Failure(
-            error.kind, error.message, error.where, error.exit_code, error.code, error.numbers
-        )
+        more = {"code": error.code, "numbers": to_json_types(error.numbers)}
+        return Failure(kind, error.message, error.where, error.exit_code, more)
     if isinstance(error, OSError):
         # A device, a name or a folder that nobody foresaw.
-        reason = error.strerror or type(error).__name__
-        return Failure("OSError", reason, error.filename, 3)
+        return Failure("OSError", error.strerror or kind, error.filename, 3)
     if isinstance(error, MemoryError):
         return Failure("MemoryError", "not enough memory for this input", None, 3)
-    kind = type(error).__name__
     return Failure(kind, f"unforeseen {kind}: {error} (-vv shows where; please report)", None, 3)
 
 
@@ -480,12 +429,10 @@ def printable(text: str) -> str:
 
     Names and labels come from files that others wrote.
     """
-    characters = []
-    for character in text:
-        if character != "\n" and category(character) in INVISIBLE_CATEGORIES:
-            character = ascii(character)[1:-1]
-        characters.append(character)
-    return "".join(characters)
+    return "".join(
+        ascii(sign)[1:-1] if sign != "\n" and category(sign) in INVISIBLE_CATEGORIES else sign
+        for sign in text
+    )
 
 
 def echo_if_possible(text: str, stream: TextIO | None) -> None:

@@ -7,7 +7,7 @@ and its values are in their units: metres, N/m, pixels. An option that is typed 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,42 +17,18 @@ from vfplan.cli.options import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.settings import argument_of
 
 OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
 """Options that say how a command is called, and nothing of its result."""
 
 
-def arcs_from_metres(metres: float | None) -> tuple[float, ...] | None:
-    """The value of `--arcs`, in millimetres, for the field `arcs_m`."""
-    return None if metres is None else (1e3 * metres,)
-
-
-def arcs_from_points_only(points_only: bool) -> tuple[float, ...] | None:
-    """The value of `--arcs`, which is () for none, for the field `points_only`."""
-    return () if points_only else None
-
-
-def pull_from_metres(values: tuple[float, ...]) -> tuple[float, ...]:
-    """The value of `--guide-pull`, in N and mm/s, for the field `guide_pull`."""
-    return (*values[:1], *(1e3 * speed for speed in values[1:]))
-
-
-def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
-    """The value of `--max-residual` or `--max-tre`: millimetres, () for none, `None` if not typed.
-
-    The text "contact radius" is the default of `--max-tre`.
-    """
-    if metres is None:
-        return ()
-    return None if isinstance(metres, str) else (1e3 * metres,)
-
-
-CONVERTED_FIELDS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "arcs_m": ("arcs", arcs_from_metres),
-    "points_only": ("arcs", arcs_from_points_only),
-    "guide_pull": ("guide_pull", pull_from_metres),
-    "max_residual_m": ("max_residual", gate_from_metres),
-    "max_tre_m": ("max_tre", gate_from_metres),
+CONVERTED_FIELDS = {
+    setting.name: (argument_of(setting), setting.metadata["to_option"])
+    for kind in (ExtractSettings, FixtureSettings)
+    for setting in fields(kind)
+    if "to_option" in setting.metadata
 }
 """Fields whose option has another name or unit: the option's name, and the way to its value."""
 
@@ -70,66 +46,51 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
     if path is None:
         return arguments
     context = click.get_current_context()
-    params = {}
-    for param in context.command.params:
-        if not isinstance(param, click.Option) or isinstance(param.type, OutputFile):
-            continue
-        if param.name not in OPTIONS_OF_THE_CALL:
-            params[param.name] = param
+    params = {
+        param.name: param
+        for param in context.command.params
+        if isinstance(param, click.Option)
+        and not isinstance(param.type, OutputFile)
+        and param.name not in OPTIONS_OF_THE_CALL
+    }
+    where = str(path)
 
     # The file holds one JSON object.
     data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         settings = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"is not JSON: {error}. Write one object of settings", where=str(path), code="not-json"
-        ) from None
+        message = f"is not JSON: {error}. Write one object of settings"
+        raise InputError(message, where=where, code="not-json") from None
     if not isinstance(settings, dict):
-        raise InputError(
-            "is no JSON object. Write one object of settings", where=str(path), code="not-json"
-        )
+        message = "is no JSON object. Write one object of settings"
+        raise InputError(message, where=where, code="not-json")
 
     # Each of its settings takes the place of an option that was not typed.
     merged = dict(arguments)
     for field, raw in settings.items():
         name, convert = CONVERTED_FIELDS.get(field, (field, None))
         if name not in params:
-            allowed = ", ".join(sorted(params))
             raise SettingError(
                 f"has a setting {field!r}, which {context.info_name} does not have. Choose "
-                f"among {allowed}",
-                where=str(path),
-                code="unknown-setting",
-            )
-        value = _lists_to_tuples(raw)
+                f"among {', '.join(sorted(params))}",
+                where=where, code="unknown-setting",
+            )  # fmt: skip
+        kind, value = params[name].type, _lists_to_tuples(raw)
         if convert is not None:
             try:
                 value = convert(value)
             except TypeError:
-                raise SettingError(
-                    f"{field} {raw!r} is no such setting. See its form in docs/cli.md",
-                    where=str(path), code="setting-of-another-form",
-                ) from None  # fmt: skip
-        else:
-            kind = params[name].type
-            if isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
-                allowed = ", ".join(kind.choices)
-                raise SettingError(
-                    f"{field} is {value!r}. Choose one of {allowed}",
-                    where=str(path),
-                    code="unknown-choice",
-                )
-            if not fits_option(params[name], value):
-                raise SettingError(
-                    f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option",
-                    where=str(path),
-                    code="setting-of-another-form",
-                )
-            is_list = isinstance(kind, Numbers) and not isinstance(kind, Number)
-            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if is_list and is_number:
-                value = (value,)
+                message = f"{field} {raw!r} is no such setting. See its form in docs/cli.md"
+                raise SettingError(message, where=where, code="setting-of-another-form") from None
+        elif isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
+            message = f"{field} is {value!r}. Choose one of {', '.join(kind.choices)}"
+            raise SettingError(message, where=where, code="unknown-choice")
+        elif not fits_option(params[name], value):
+            message = f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option"
+            raise SettingError(message, where=where, code="setting-of-another-form")
+        elif isinstance(kind, Numbers) and not isinstance(kind, Number) and is_number(value):
+            value = (value,)
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             merged[name] = value
     return merged
@@ -150,17 +111,18 @@ def fits_option(param: click.Option, value: Any) -> bool:
     if isinstance(kind, Numbers) or param.multiple:
         return all_numbers(value)
     if isinstance(kind, (click.FloatRange, click.IntRange)):
-        return all_numbers(value) and not isinstance(value, tuple)
-    if isinstance(kind, Parsed):
-        return isinstance(value, str) or all_numbers(value)
-    return isinstance(value, str)
+        return is_number(value)
+    return isinstance(value, str) or (isinstance(kind, Parsed) and all_numbers(value))
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def all_numbers(value: Any) -> bool:
     """Whether a value is a number, or a list of numbers or of such lists."""
-    if isinstance(value, tuple):
-        return all(map(all_numbers, value))
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return all(map(all_numbers, value)) if isinstance(value, tuple) else is_number(value)
 
 
 def _lists_to_tuples(raw: Any) -> Any:

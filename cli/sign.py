@@ -1,11 +1,4 @@
-"""`vfplan sign`: approve a bundle.
-
-`vfplan verify`: does a trusted key vouch for this bundle?
-
-`vfplan keygen`: a key pair for approving bundles.
-
-`vfplan accept`: a script's way to approve what somebody saw on the review sheet.
-"""
+"""`vfplan keygen`, `sign` and `verify`: who vouches for a bundle; `accept`: who looked at it."""
 
 from __future__ import annotations
 
@@ -57,15 +50,12 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
-    data = {"output": str(output), **seal.describe()}
+    signed_for = {"case": seal.case, "robot_serial": seal.robot_serial}
     return CommandResult(
-        data,
-        f"wrote {output}",
+        {"output": str(output), **seal.describe()}, f"wrote {output}",
         verdict=f"signed with key {seal.key_id.hex()}",
-        next_step=verify_command(
-            output, public_key_of(key), case=seal.case, robot_serial=seal.robot_serial
-        ),
-    )
+        next_step=verify_command(output, public_key_of(key), **signed_for),
+    )  # fmt: skip
 
 
 @command("verify")
@@ -94,12 +84,9 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         missing = [SIGNED_FOR[name] for name in data["not_compared"]]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if seal.despite_findings:
-        reasons = []
-        if signed.open_findings:
-            reasons.append("findings were not answered")
-        if signed.reviewed is None:
-            reasons.append("nobody had reviewed it")
-        reason = " and ".join(reasons)
+        unanswered = ["findings were not answered"] if signed.open_findings else []
+        unseen = ["nobody had reviewed it"] if signed.reviewed is None else []
+        reason = " and ".join(unanswered + unseen)
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
         next_step = "ask who signed it why, before a robot loads it"
@@ -111,20 +98,14 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
 
 def seal_lines(seal: dict[str, Any]) -> list[str]:
     """What a signature is for: case, robot and time, where they are given."""
-    lines = []
-    for name, word in (("case", "case"), ("robot_serial", "robot"), ("signed_utc", "time")):
-        if name in seal:
-            lines.append(f"  {word:<11} {seal[name]}")
-    return lines
+    words = ("case", "case"), ("robot_serial", "robot"), ("signed_utc", "time")
+    return [f"  {word:<11} {seal[name]}" for name, word in words if name in seal]
 
 
 def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
     """Who reviewed the plan, and its findings, a line each."""
-    lines = []
-    if reviewed is None:
-        lines.append("  reviewed    by nobody")
-    else:
-        lines.append(f"  reviewed    by {reviewed['by']}, {reviewed['utc']}")
+    who = f"{reviewed['by']}, {reviewed['utc']}" if reviewed is not None else "nobody"
+    lines = [f"  reviewed    by {who}"]
     for finding in findings:
         line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"
         if finding["answered_by"] is not None:
@@ -145,14 +126,12 @@ def vfplan_keygen(output) -> CommandResult:
     from vfplan.bundle.trust import keygen
 
     public, key_id = keygen(output, overwrite=is_overwriting())
-    data = {"private_key": str(output), "public_key": str(public), "key_id": key_id}
     return CommandResult(
-        data,
-        f"wrote {output} and {public}",
-        verdict=f"made key {key_id}",
+        {"private_key": str(output), "public_key": str(public), "key_id": key_id},
+        f"wrote {output} and {public}", verdict=f"made key {key_id}",
         next_step=f"keep {output} secret, give {public} to the robots, and sign: vfplan sign "
         f"FIXTURE.h5 --key {shlex.quote(str(output))} -o SIGNED.h5",
-    )
+    )  # fmt: skip
 
 
 @command("accept")
@@ -183,11 +162,8 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
         write_fixture(accepted, path)
     answered = [finding.code for finding in accepted.findings if finding not in before.findings]
     data = {
-        "output": str(output),
-        "digest": accepted.reviewed.digest,
-        "by": by,
-        "answered": answered,
-    }
+        "output": str(output), "digest": accepted.reviewed.digest, "by": by, "answered": answered
+    }  # fmt: skip
     return CommandResult(
         data, f"wrote {output}", findings=accepted.findings,
         verdict=f"accepted by {by}",

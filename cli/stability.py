@@ -80,22 +80,16 @@ def vfplan_stability(
 
     refuse_folder(output, REPORT_FILE, TABLE_FILE, PICTURE_FILE)
     judged_robot = read_robot(robot) or DEFAULT_ROBOT
-    for name, value in robot_figures.items():
-        if value is not None:
-            judged_robot = replace(judged_robot, **{name: value})
-    judged = None
-    if fixture is not None:
-        judged, seal = read_sealed(fixture)
+    typed = {name: value for name, value in robot_figures.items() if value is not None}
+    if typed:
+        judged_robot = replace(judged_robot, **typed)
+    judged, seal = read_sealed(fixture) if fixture is not None else (None, None)
     with naming_place(fixture):
         studied = study(
             judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
             jobs=jobs, progress=progress,
         )  # fmt: skip
-    lines = []
-    if is_verbose():
-        lines.append(studied.as_text(every_case=True))
-    else:
-        lines.append(short_text(studied))
+    lines = [studied.as_text(every_case=True) if is_verbose() else short_text(studied)]
     if output is not None:
         write_study(output, studied)
         lines.append(f"wrote {output}")
@@ -105,8 +99,8 @@ def vfplan_stability(
     subject = f"K = {judgement.k_n_per_m:g} N/m"
     failed = []
     if studied.failed:
-        names = [row.case for row in studied.failed]
-        failed.append(f"{count(len(names), 'case')} did not end as it should, first {names[0]}")
+        cases = count(len(studied.failed), "case")
+        failed.append(f"{cases} did not end as it should, first {studied.failed[0].case}")
         verdict = "fail: a case did not end as it should"
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
@@ -119,14 +113,10 @@ def vfplan_stability(
             again = shlex.join(["vfplan", "stability", str(fixture)])
             next_step = f"judge it with your own robot: {again} {robot_words}"
         else:
-            image = "IMAGE" if judged.image is not None else None
             next_step = approval_command(
-                fixture,
-                seal.describe(),
-                is_reviewed=judged.reviewed is not None,
-                image=image,
-                has_page=judged.curve is not None,
-            )
+                fixture, seal.describe(), is_reviewed=judged.reviewed is not None,
+                has_image=judged.image is not None, has_page=judged.curve is not None,
+            )  # fmt: skip
     if not studied.rows:
         failed.append("not tested: no case ran")
         verdict = "not-tested: no case ran"
@@ -154,8 +144,7 @@ def short_text(studied: Any) -> str:
     if outcomes["finding"]:
         line += f", {outcomes['finding']} show what the paper's rule does, which no robot renders"
     lines.append(f"{line}; -v lists them")
-    for row in studied.failed:
-        lines.append(f"fail    {row.case}: {row.detail}")
+    lines += [f"fail    {row.case}: {row.detail}" for row in studied.failed]
     return "\n".join(lines)
 
 
@@ -163,11 +152,8 @@ def write_study(folder: Path, studied: Any) -> None:
     """Write the report and the table, and a picture where there is something to draw."""
     from vfplan.figures.style import passivity_plot, save_png
 
-    picture_path = None
-    for row in studied.rows:
-        if row.case.startswith("passivity/"):
-            picture_path = folder / PICTURE_FILE
-    paths = (folder / REPORT_FILE, folder / TABLE_FILE, picture_path)
+    is_drawn = any(row.case.startswith("passivity/") for row in studied.rows)
+    paths = (folder / REPORT_FILE, folder / TABLE_FILE, folder / PICTURE_FILE if is_drawn else None)
     with outputs(*paths) as (report, table, picture):
         text = json.dumps(to_json_types(studied.as_dict()), indent=2) + "\n"
         write_whole(report, [text.encode()], overwrite=True)

@@ -42,16 +42,14 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     if result is not None:
         ticks, attributes = read_result(result)
         require_fixture(attributes, seal.sha256.hex(), result.name)
-    image = None
-    if slice_path is not None:
-        image = read_image(slice_path)
+    image = read_image(slice_path) if slice_path is not None else None
+    if image is not None:
         check_slice(planned, image)
 
     from vfplan import view3d
-    from vfplan import view3d as opengl
 
     with announce_if_slow("trying how pictures can be drawn here"):
-        opengl.ready_pyvista(screen=screenshot is None)
+        view3d.ready_pyvista(screen=screenshot is None)
     data: dict[str, Any] = {"points": len(planned.points), "files": []}
     if ticks is not None:
         data["ticks"] = len(ticks)
@@ -62,6 +60,5 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     with outputs(screenshot) as (picture,):
         view3d.draw_view(planned, picture, ticks=ticks, at_s=at_s, image=image)
     data["files"] = [str(screenshot)]
-    return CommandResult(
-        data, f"wrote {screenshot}", verdict="drawn", next_step=f"look at {screenshot}"
-    )
+    look = f"look at {screenshot}"
+    return CommandResult(data, f"wrote {screenshot}", verdict="drawn", next_step=look)

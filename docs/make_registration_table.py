@@ -339,7 +339,7 @@ def photographed(plate: NDArray[np.float64], tilt_deg: float) -> NDArray[np.floa
 def processor_time() -> str:
     """Processor time of `register`'s work in a plan of the sample, modules loaded."""
     from vfplan.planning.extraction import extract
-    from vfplan.planning.match import match
+    from vfplan.planning.match import Record, match
     from vfplan.planning.plan import register
     from vfplan.planning.settings import FixtureSettings
 
@@ -353,7 +353,7 @@ def processor_time() -> str:
     match_s = []
     for _ in range(REPEATS):
         started = time.process_time()
-        matched = match(extracted.fixture, *files, FixtureSettings(), extracted.image)
+        matched = match(extracted.fixture, *files, FixtureSettings(), extracted.image, Record())
         target_error(matched.registration, extracted.fixture.points)
         match_s.append(time.process_time() - started)
     return (

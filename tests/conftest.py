@@ -126,6 +126,12 @@ class Run:
         return json.loads(self.stdout, parse_constant=refuse)
 
     @property
+    def sound(self) -> Run:
+        """Itself, where the command ended with exit code 0."""
+        assert self.code == 0, self.stderr
+        return self
+
+    @property
     def error_line(self) -> str:
         """The one line on stderr of a failed command."""
         lines = [line for line in self.stderr.splitlines() if line.strip()]

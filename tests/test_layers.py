@@ -11,7 +11,7 @@ from conftest import ROOT
 # each other.
 LAYERS = [
     ["errors", "display"],
-    ["io", "geometry", "palette", "findings"],
+    ["io", "geometry", "palette", "findings", "settings"],
     ["robot"],
     ["fixture"],
     ["engine"],

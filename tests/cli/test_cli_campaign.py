@@ -12,9 +12,8 @@ def planned(vfplan_cli, tmp_path_factory):
     folder = tmp_path_factory.mktemp("plan")
     sample = files("vfplan.samples")
     markers = [sample / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
-    run = vfplan_cli("plan", sample / "elbow.png", *markers, "--pixel-spacing", "0.5",
-                     "-o", folder / "f.h5", "-q")  # fmt: skip
-    assert run.code == 0, run.stderr
+    assert vfplan_cli("plan", sample / "elbow.png", *markers, "--pixel-spacing", "0.5",
+                     "-o", folder / "f.h5", "-q").sound  # fmt: skip
     return folder / "f.h5", sample / "elbow_session.csv", sample / "elbow.png", markers
 
 
@@ -38,8 +37,7 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
 
     margin = ("--margin", "p=0.2", "--campaign", tmp_path / "c")
     wider = vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", *margin,
-                       "-o", tmp_path / "w.h5", "--json")  # fmt: skip
-    assert wider.code == 0, wider.stderr
+                       "-o", tmp_path / "w.h5", "--json").sound  # fmt: skip
     added = wider.json["register"]["margin"]
     assert added["kind"] == "given"
     assert added["largest_m"] > 1e-3, "the session presses millimetres beyond the curve"

@@ -33,8 +33,7 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     done = vfplan_cli(
         "extract", image, "-o", out, "--mask-out", mask, "--overlay-out", overlay,
         "--pixel-spacing", "0.5,0.4", "--json",
-    )  # fmt: skip
-    assert done.code == 0, done.stderr
+    ).sound  # fmt: skip
     report = done.json
     assert report["image"] == {"width_px": 320, "height_px": 240, "pixel_spacing_mm": [0.5, 0.4]}
     (stroke,) = report["strokes"]
@@ -64,8 +63,7 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     done = vfplan_cli(
         *("extract", image, "-o", tmp_path / "c.h5", "--exclude", "30,10,80,24"),
         *("--start", first, "--end", last, "--accept-width", "--json"),
-    )
-    assert done.code == 0, done.stderr
+    ).sound
     (begin, _) = done.json["strokes"][0]["ends_px"]
     assert np.hypot(*(np.array(begin) - CURVE[-1])) < 2
     assert done.json["account"] == []
@@ -117,8 +115,7 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     assert done.code == 3
     assert str(numbers) in done.error_line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
-    chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json")
-    assert chosen.code == 0
+    chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json").sound
     assert [entry["what"] for entry in chosen.json["account"]] == ["ink"]
     everything = vfplan_cli("extract", image, "-o", out, "--stroke", "all", "--overwrite", "--json")
     assert len(everything.json["strokes"]) == 2
@@ -196,8 +193,7 @@ def test_vector_curves(vfplan_cli, image, tmp_path):
     beside = vfplan_cli(
         "extract", image, "--curve", line, "-o", tmp_path / "b.h5",
         "--overlay-out", tmp_path / "o.png", "--json",
-    )  # fmt: skip
-    assert beside.code == 0, beside.stderr
+    ).sound  # fmt: skip
     assert beside.json["points"] == 96
     assert (tmp_path / "o.png").exists()
     mask = vfplan_cli(

@@ -164,8 +164,7 @@ def test_points_come_back(suffix, vfplan_cli, tmp_path):
         np.save(path, points)
     else:
         export(bundles.minimal(), path)
-    run = vfplan_cli("import", path, "--units", "m", "-o", tmp_path / "a.h5", "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("import", path, "--units", "m", "-o", tmp_path / "a.h5", "--json").sound
     assert run.json["leak"]["/leak@kind"] == "cloud"
     found = vfplan.read_fixture(tmp_path / "a.h5").points
     assert found.tobytes() == points.tobytes()
@@ -201,10 +200,7 @@ def test_what_cannot_be_read_is_code_3_in_one_line(name, text, vfplan_cli, tmp_p
 
 @pytest.mark.parametrize(
     ("points", "says"),
-    [
-        (np.zeros((0, 3)), "0 points"),
-        (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "Point 1"),
-    ],
+    [(np.zeros((0, 3)), "0 points"), (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "Point 1")],
 )
 def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, tmp_path):
     np.save(tmp_path / "a.npy", points)
@@ -314,8 +310,7 @@ def test_facets_that_are_felt_are_a_finding(contact_radius_mm, is_coarse, vfplan
     run = vfplan_cli(
         "import", tmp_path / "ball.stl", "--units", "mm", "--contact-radius", contact_radius_mm,
         "-o", tmp_path / "ball.h5", "--json",
-    )  # fmt: skip
-    assert run.code == 0, run.stderr
+    ).sound  # fmt: skip
     assert run.json["rule"] == "exact"
     codes = [finding["code"] for finding in run.json["findings"]]
     assert codes == (["mesh-coarse"] if is_coarse else [])

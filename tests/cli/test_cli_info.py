@@ -26,8 +26,7 @@ def test_json_names_every_value_by_its_path(vfplan_cli, path):
 
 
 def test_the_page_names_frame_and_size(vfplan_cli, path):
-    run = vfplan_cli("info", path)
-    assert run.code == 0
+    run = vfplan_cli("info", path).sound
     assert "robot_base" in run.stdout
     assert "70" in run.stdout
 

@@ -61,8 +61,7 @@ def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
 
 
 def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).sound
     assert sorted(path.name for path in tmp_path.iterdir()) == ["elbow-sheet.png", "elbow.h5"]
     assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
     again = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
@@ -80,8 +79,7 @@ def test_statistics_stand_behind_v(vfplan_cli, tmp_path):
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
-    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json").sound
     assert set(run.json) >= EXTRACT_KEYS
     assert vfplan.read_fixture(curve).frame == "image"
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", two).code == 0
@@ -196,8 +194,7 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, ca
 
 @pytest.mark.parametrize("command", ["plan", "review"])
 @pytest.mark.parametrize(
-    "files",
-    [(PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)],
+    "files", [(PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)]
 )
 def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli, tmp_path):
     run = vfplan_cli(command, *files, "-o", tmp_path / "f.h5", "--json")
@@ -207,8 +204,7 @@ def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli,
 
 
 @pytest.mark.parametrize(
-    ("name", "error"),
-    [("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)],
+    ("name", "error"), [("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)]
 )
 def test_what_is_no_wrong_order_is_not_called_one(name, error, vfplan_cli, tmp_path):
     (tmp_path / "curve.csv").write_text("u_px,v_px\n100,100\n200,200\n")

@@ -95,8 +95,7 @@ def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_pa
     assert (run.code, run.json["error"]["code"]) == (1, "residual-large")
     assert "x4" in run.error_line
     assert not (tmp_path / "a.h5").exists()
-    run = vfplan_cli(*common, "--max-residual", "none")
-    assert run.code == 0
+    run = vfplan_cli(*common, "--max-residual", "none").sound
     assert run.json["outliers"] == ["x4"]
     assert [f["code"] for f in run.json["findings"]] == ["marker-suspect"]
     assert all(marker["used"] for marker in run.json["residuals"])
@@ -119,7 +118,7 @@ def test_exchanged_labels_are_refused_and_diagnosed_when_left_out(vfplan_cli, cu
     assert "x2 and x7" in run.error_line
     assert not (tmp_path / "a.h5").exists()
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json", "--robust")
-    assert run.code == 0
+    assert run.code == 0, run.stderr
     assert run.json["outliers"] == ["x2", "x7"]
     assert "labels-doubtful" in [f["code"] for f in run.json["findings"]]
 
@@ -172,8 +171,7 @@ def test_rigid_needs_a_spacing(vfplan_cli, tmp_path):
     run = vfplan_cli(
         *("plan", IMAGE, PIXELS, ROBOT, "-o", out, "--model", "rigid"),
         *("--pixel-spacing", "0.5,0.5", "--json"),
-    )
-    assert run.code == 0
+    ).sound
     assert abs(run.json["register"]["scale_m_per_px"] - 5e-4) < 1e-15
     assert abs(run.json["register"]["spacing_departure"][0]) < 2e-3
 
@@ -198,8 +196,7 @@ def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
     out = tmp_path / "f.h5"
     exact = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--json").json
     common = ("register", curve, rough, ROBOT, "-o", out, "--overwrite", "--json")
-    run = vfplan_cli(*common, "--find-markers", "--image", IMAGE)
-    assert run.code == 0, run.stderr
+    run = vfplan_cli(*common, "--find-markers", "--image", IMAGE).sound
     found = run.json["markers_found"]
     assert len(found) == 9
     assert all(2 < marker["moved_px"] < 4 for marker in found)
@@ -207,10 +204,8 @@ def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
     assert vfplan_cli(*common, "--find-markers").code == 2
     other = vfplan_cli(*common, "--find-markers", "--image", ROOT / "samples" / "none.png")
     assert other.code == 3
-    plan = vfplan_cli(
-        *("plan", IMAGE, rough, ROBOT, "-o", tmp_path / "g.h5", "--find-markers"),
-    )
-    assert plan.code == 0
+    plan = vfplan_cli(*("plan", IMAGE, rough, ROBOT, "-o", tmp_path / "g.h5", "--find-markers"))
+    assert plan.code == 0, plan.stderr
     assert "px away" in plan.stdout
 
 
@@ -240,11 +235,9 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     t = np.linspace(0, 1, 200)
     line = np.c_[0.05 * np.cos(3 * t), 0.05 * np.sin(3 * t), 0.03 * t]
     drawn = Fixture(
-        "patient_lps",
-        line,
-        Provenance("2024-01-01T00:00:00Z", "vfplan 0"),
+        "patient_lps", line, Provenance("2024-01-01T00:00:00Z", "vfplan 0"),
         curve=Curve(np.zeros(200, np.int32), np.array([False])),
-    )
+    )  # fmt: skip
     write_fixture(drawn, tmp_path / "c.h5")
     points = [(f"x{i}", (p * [-1000, -1000, 1000]).tolist(), "defined") for i, p in
               enumerate(patient)]  # fmt: skip
@@ -256,8 +249,7 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     out = tmp_path / "f.h5"
     run = vfplan_cli(
         "register", tmp_path / "c.h5", slicer, csv, "-o", out, "--model", "rigid", "--json"
-    )
-    assert run.code == 0, run.stderr
+    ).sound
     assert np.shape(run.json["T_robot_image"]) == (4, 4)
     assert run.json["scale"] == pytest.approx(1)
     assert "scale_m_per_px" not in run.json
@@ -268,11 +260,10 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     off = cKDTree(line @ R.T + [0.4, 0.1, 0.2]).query(fixture.points)[0]
     assert off.max() < 2e-3
     assert fixture.registration.source_frame == "patient_lps"
-    picture = vfplan_cli(
+    assert vfplan_cli(
         *("register", tmp_path / "c.h5", slicer, csv, "-o", tmp_path / "g.h5", "--model", "rigid"),
         *("--picture-out", tmp_path / "p.png"),
-    )
-    assert picture.code == 0, picture.stderr
+    ).sound
     from PIL import Image
 
     assert Image.open(tmp_path / "p.png").width > 900
@@ -297,8 +288,7 @@ def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
     drawn, out = tmp_path / "c.h5", tmp_path / "f.h5"
     assert vfplan_cli("extract", IMAGE, "-o", drawn).code == 0
     words = ["--density", "0.5", "--contact-radius", "100", "--max-residual", "none"]
-    run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words)
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words).sound
     assert "Is a unit wrong?" in run.stderr
     assert "Is a unit wrong?" in vfplan_cli("validate", out).stdout
 
@@ -313,8 +303,7 @@ def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, t
     for name, text in (("lps", mrk(points)), ("ras", mrk(flipped, coordinateSystem="RAS"))):
         slicer, out = tmp_path / f"{name}.mrk.json", tmp_path / f"{name}.h5"
         slicer.write_text(text)
-        run = vfplan_cli("register", curve, PIXELS, slicer, "-o", out, "--json")
-        assert run.code == 0, run.stderr
+        run = vfplan_cli("register", curve, PIXELS, slicer, "-o", out, "--json").sound
         assert run.json["target_frame"] == "patient_lps"
         assert [f["code"] for f in run.json["findings"]] == ["target-not-robot"]
         T = run.json["T_robot_image"]

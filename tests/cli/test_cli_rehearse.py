@@ -36,8 +36,7 @@ def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_pat
     out, page, png = tmp_path / "r.h5", tmp_path / "page", tmp_path / "arm.png"
     done = vfplan_cli(
         "rehearse", *scene, "-o", out, "--report", page, "--picture-out", png, "--json"
-    )
-    assert done.code == 0, done.stderr
+    ).sound
     found = done.json
     for key in (
         "ticks", "duration_s", "reflexes", "torque_step_max_nm", "torque_max_nm", "elapsed_s",
@@ -86,8 +85,7 @@ def test_bad_calls(scene, vfplan_cli, tmp_path):
 def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     out, far = tmp_path / "good.h5", tmp_path / "far.h5"
     asked = (*PLANNED, "--pixel-spacing", "0.5", "--rehearse", "panda")
-    good = vfplan_cli("plan", *asked, "--base", "0.15,0,0", "-o", out, "--json")
-    assert good.code == 0, good.stderr
+    good = vfplan_cli("plan", *asked, "--base", "0.15,0,0", "-o", out, "--json").sound
     ways = [found["way"] for found in good.json["rehearsal"]]
     assert ways == ["stroke 0, left side", "stroke 0, right side"]
     assert all(found["reachable"] and not found["reflexes"] for found in good.json["rehearsal"])
@@ -99,8 +97,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
 
 @pytest.mark.full
 def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfplan_cli):
-    run = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json").sound
     found = run.json
     assert sorted(found["files"]) == sorted(path.name for path in (tmp_path / "demo").iterdir())
     for numbers in found["experiments"].values():

@@ -28,8 +28,7 @@ def desk(vfplan_cli, tmp_path_factory):
     words = ["--case", "C1", "--robot-serial", "R7", "--registered-at", hour_ago]
     words += ["--despite-findings"]
     key = folder / "alice.key"
-    run = vfplan_cli("sign", folder / "a.h5", "--key", key, *words, "-o", folder / "s.h5")
-    assert run.code == 0, run.stderr
+    assert vfplan_cli("sign", folder / "a.h5", "--key", key, *words, "-o", folder / "s.h5").sound
     return folder
 
 
@@ -51,8 +50,7 @@ def test_a_signed_bundle_holds_the_same_values(desk):
 
 def test_verify_names_the_key(desk, vfplan_cli):
     words = ["--case", "C1", "--robot-serial", "R7", "--max-age", "2h"]
-    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json")
-    assert run.code == 0
+    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
     assert run.json["ok"]
     assert bytes.fromhex(run.json["key_id"]) in read_keys(desk / "alice.pub")
     assert (run.json["case"], run.json["robot_serial"]) == ("C1", "R7")
@@ -68,8 +66,7 @@ def test_verify_names_the_key(desk, vfplan_cli):
     ],
 )
 def test_what_was_compared_with_nothing_is_said(words, names, desk, vfplan_cli):
-    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json")
-    assert run.code == 0
+    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
     assert run.json["not_compared"] == names
     assert len(run.json.get("warnings", [])) == len(names)
 

@@ -33,12 +33,9 @@ def test_plan_then_replay_a_franka_recording(vfplan_cli, shared_data, tmp_path, 
     planned, name = shared_data / "planned", image[:8]
     bundle, result = tmp_path / "f.h5", tmp_path / "r.h5"
     run = vfplan_cli(
-        "plan",
-        planned / image,
-        planned / f"{name}_markers_image.csv",
-        planned / f"{name}_markers_robot.csv",
-        *("-o", bundle, "--pixel-spacing", 0.5954),
-    )
+        "plan", planned / image, planned / f"{name}_markers_image.csv",
+        planned / f"{name}_markers_robot.csv", *("-o", bundle, "--pixel-spacing", 0.5954),
+    )  # fmt: skip
     assert run.code == 0, run.stderr
     fixture = vfplan.read_fixture(bundle)
     recording = shared_data / "panda_sessions" / "recording_1.csv"

@@ -15,8 +15,8 @@ from replays import fixture_of
 import vfplan
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
-from vfplan.planning.plan import plan
-from vfplan.planning.rendering import add_guidance
+from vfplan.planning.match import Record
+from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import check_arcs_error
 from vfplan.robot import Robot
@@ -63,24 +63,25 @@ def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
 
 def test_one_stroke_guides_beside_the_one_that_is_forbidden():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1)
-    fixture, report, findings = add_guidance(two_lines(0.02), settings)
+    record = Record()
+    fixture = add_guidance(two_lines(0.02), settings, record)
     assert (fixture.forbidden[:, 1] == 0).all()
-    assert report["guide"]["clearance_min_m"] == pytest.approx(0.015, abs=1e-5)
-    assert not findings
-    _, _, findings = add_guidance(two_lines(5.5e-3), settings)
-    assert [finding.code for finding in findings] == ["guide-in-forbidden"]
+    assert record.report["guide"]["clearance_min_m"] == pytest.approx(0.015, abs=1e-5)
+    assert not record.findings
+    add_guidance(two_lines(5.5e-3), settings, record)
+    assert [finding.code for finding in record.findings] == ["guide-in-forbidden"]
 
 
 def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place():
     x = np.arange(0, 0.1, 0.5e-3)
     slope = np.column_stack([x, 0.02 - 0.18 * x, 0 * x])  # 5 mm near at x = 82 mm
     with pytest.raises(CheckFailed, match=r"at arc 10\d.* mm, \[99.5, 2.09"):
-        add_guidance(two_lines(0, slope), FixtureSettings(guide_m=1e-3, guide_stroke=1))
+        add_guidance(two_lines(0, slope), FixtureSettings(guide_m=1e-3, guide_stroke=1), Record())
 
 
 def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0, 0.03))
-    fixture = add_guidance(two_lines(0.02), settings)[0]
+    fixture = add_guidance(two_lines(0.02), settings, Record())
     vfplan.write_fixture(fixture, tmp_path / "led.h5")
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
@@ -91,7 +92,7 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
 
 def test_a_pull_without_a_speed_has_the_usual_one():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0,))
-    assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings)[0]) is not None
+    assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings, Record())) is not None
 
 
 def test_a_margin_that_would_do_nothing_for_a_guide_is_refused():
@@ -105,7 +106,9 @@ def test_a_closed_guide_has_no_ends():
     base = two_lines(0.02)
     closed = replace(base, curve=replace(base.curve, closed=np.array([False, True])))
     with pytest.raises(SettingError, match="closed curve has no ends"):
-        add_guidance(closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"))
+        add_guidance(
+            closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"), Record()
+        )
 
 
 def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
@@ -113,10 +116,11 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     bent = np.column_stack([x, 0.02 + np.abs(x - 0.025), 0 * x])
     settings = {"guide_m": 3e-3, "guide_stroke": 1}
     with pytest.raises(SettingError, match=r"mm fit the bends, .* at arc 3\d"):
-        add_guidance(two_lines(0, bent), FixtureSettings(**settings))
+        add_guidance(two_lines(0, bent), FixtureSettings(**settings), Record())
     cutting = FixtureSettings(**settings, guide_cut_bends=True)
-    _, _, findings = add_guidance(two_lines(0, bent), cutting)
-    assert "guide-tight-bend" in [finding.code for finding in findings]
+    record = Record()
+    add_guidance(two_lines(0, bent), cutting, record)
+    assert "guide-tight-bend" in [finding.code for finding in record.findings]
 
 
 @pytest.mark.parametrize(
@@ -132,7 +136,7 @@ def test_what_cannot_guide_is_refused(change, says):
     turn = np.linspace(0, 2 * np.pi, 200)
     ring = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     with pytest.raises(SettingError, match=says):
-        add_guidance(two_lines(0, ring), settings)
+        add_guidance(two_lines(0, ring), settings, Record())
 
 
 def test_settings_without_a_guide_are_refused():
@@ -146,7 +150,7 @@ def test_a_pull_that_the_robot_cannot_give_is_warned_of():
     from vfplan.cli.plan import strong_pull
 
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(-25.0,))
-    fixture = add_guidance(two_lines(0.02), settings)[0]
+    fixture = add_guidance(two_lines(0.02), settings, Record())
     weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=20.0)
     (finding,) = strong_pull(fixture, weak)
     assert (finding.code, finding.severity, finding.stage) == ("guide-pull-strong", "doubt", "plan")
@@ -165,7 +169,7 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     with refuses(SettingError, "arcs-coarse"):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
     with refuses(SettingError, "guide-stroke"):
-        add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0))
+        add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0), Record())
 
 
 @pytest.mark.parametrize("beside", [0.317e-3, 0.5e-3, 1e-3, 2.1e-6, 1.5e-6])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 from layouts import PX, R, grid
@@ -9,36 +11,33 @@ from margins import CLOCKWISE, LINE, registered
 
 from vfplan import FixtureSettings
 from vfplan.errors import SettingError
-from vfplan.planning.plan import add_margin
+from vfplan.planning.plan import margin_of, plan
 from vfplan.registration.registration import fit_registration
+
+SAMPLES = files("vfplan.samples")
+ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 @pytest.mark.parametrize("curve", [LINE, CLOCKWISE])
-def test_the_bound_of_the_whole_curve_is_added_to_the_point_radius(curve):
+def test_the_margin_is_the_bound_of_the_whole_curve(curve):
     registration = registered()
-    settings = FixtureSettings(margin="tre95", point_radius=1e-3)
-    thicker, margin = add_margin(curve, registration, settings)
     bound_m = registration.tre95_curve_m(curve.points).max()
-    assert bound_m <= margin.largest_m <= bound_m + 1e-9
-    assert thicker.point_radius == 1e-3 + margin.largest_m
-    assert margin.report == {
-        "kind": "tre95",
-        "side": "both",
-        "largest_m": margin.largest_m,
-        "added_point_radius_m": margin.largest_m,
-    }
+    assert bound_m <= margin_of(curve, registration, "tre95") <= bound_m + 1e-9
 
 
 @pytest.mark.parametrize("given", [0, 0.0, 2.5e-3])
-def test_a_given_margin_is_added_as_it_is(given):
-    thicker, margin = add_margin(LINE, registered(), FixtureSettings(margin=given))
-    assert (margin.kind, margin.largest_m, thicker.point_radius) == ("given", given, given)
+def test_a_given_margin_is_added_to_the_point_radius(given):
+    made = plan(*ELBOW, settings=FixtureSettings(margin=given, point_radius=1e-3))
+    assert made.fixture.point_radius == 1e-3 + given
+    assert made.report["register"]["margin"] == {
+        "kind": "given", "side": "both", "largest_m": given, "added_point_radius_m": given
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("margin", ["tre99", True, -1, np.inf, np.nan, "1"])
 def test_an_unknown_margin_is_refused(margin):
     with pytest.raises(SettingError) as caught:
-        add_margin(LINE, registered(), FixtureSettings(margin=margin))
+        margin_of(LINE, registered(), margin)
     assert caught.value.code == "margin-unknown"
 
 
@@ -51,7 +50,7 @@ def test_what_is_protected_stays_protected():
     covered = 0
     for _ in range(100):
         registration = fit_registration(source, flat + rng.normal(0, 3e-4, (9, 3)))
-        _, margin = add_margin(LINE, registration, FixtureSettings(margin="tre95"))
+        margin_m = margin_of(LINE, registration, "tre95")
         error_m = np.linalg.norm(registration.apply(line) - truth, axis=1)
-        covered += bool((error_m <= margin.largest_m).all())
+        covered += bool((error_m <= margin_m).all())
     assert covered >= 93

@@ -20,8 +20,7 @@ from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
 from vfplan.geometry.lines import values_at
 from vfplan.planning.extraction import extract
-from vfplan.planning.plan import plan
-from vfplan.planning.rendering import ignored_axis, render
+from vfplan.planning.plan import ignored_axis, plan, render
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 SAMPLES = ROOT / "samples"
@@ -30,11 +29,9 @@ SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
 
 def elbow(**kwargs):
     return plan(
-        SAMPLES / "elbow.png",
-        SAMPLES / "elbow_markers_image.csv",
-        SAMPLES / "elbow_markers_robot.csv",
-        **{"extraction": SPACING, **kwargs},
-    )
+        SAMPLES / "elbow.png", SAMPLES / "elbow_markers_image.csv",
+        SAMPLES / "elbow_markers_robot.csv", **{"extraction": SPACING, **kwargs},
+    )  # fmt: skip
 
 
 def mapped_truth(folder, name):
@@ -90,11 +87,9 @@ def test_sample_reproduces_the_papers_cloud():
 def test_real_slice_comes_out_within_a_millimetre(shared_data, image, closed):
     folder, name = shared_data / "planned", image[:8]
     made = plan(
-        folder / image,
-        folder / f"{name}_markers_image.csv",
-        folder / f"{name}_markers_robot.csv",
+        folder / image, folder / f"{name}_markers_image.csv", folder / f"{name}_markers_robot.csv",
         extraction=ExtractSettings(pixel_spacing_mm=(0.5954, 0.5954)),
-    )
+    )  # fmt: skip
     line = mapped_truth(folder, name)
     # The ink of slice c goes on for 2.7 px (1.6 mm) beyond the last point of its truth.
     limit_m = 1.35e-3 if name == "pelvis_c" else 1e-3

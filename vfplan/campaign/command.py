@@ -20,12 +20,12 @@ from vfplan.cli.options import (
     WholeNumber,
     option,
     options_in_order,
-    settings_from_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress
 from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
+from vfplan.settings import settings_from_options
 
 
 @command(

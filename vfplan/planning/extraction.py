@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
 # Settings that only a pen's drawing can follow.
 PEN_SETTINGS = (
-    *("colour", "method", "roi", "max_gap_px"),
-    *("exclude", "start", "end", "accept_width"),
-)
+    "colour", "method", "roi", "max_gap_px", "exclude", "start", "end", "accept_width"
+)  # fmt: skip
 
 # Settings that only an image can follow.
 IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
@@ -59,10 +58,7 @@ class ExtractResult:
 
 
 def extract(
-    path: str | Path,
-    settings: ExtractSettings | None = None,
-    *,
-    curve: str | Path | None = None,
+    path: str | Path, settings: ExtractSettings | None = None, *, curve: str | Path | None = None
 ) -> ExtractResult:
     """Read a planned slice and extract its curve.
 
@@ -80,7 +76,6 @@ def extract(
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     from vfplan.curve.extraction import extract_curve, load_libraries
-    from vfplan.images.read import MAX_MEGAPIXELS, read_image
     from vfplan.vectors.read import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
@@ -98,21 +93,7 @@ def extract(
         _refuse_settings(settings, IMAGE_SETTINGS)
         return vector_alone(path, settings)
 
-    # The slice, and how large its pixels are.
-    image = read_image(
-        path,
-        frame=settings.frame,
-        pixel_spacing_mm=settings.pixel_spacing_mm,
-        imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
-    )
-    for spacing in image.pixel_spacing_mm or ():
-        largest = max_number("/image/pixel_spacing")
-        if not MIN_SPACING_MM <= spacing <= largest:
-            message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
-            if settings.pixel_spacing_mm is not None:
-                raise SettingError(message, code="pixel-spacing-range")
-            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+    image = read_slice(path, settings)
 
     # The curve, as it was drawn.
     if curve is None:
@@ -137,10 +118,31 @@ def extract(
                 "with a point if the comma was meant as one."
             )
             findings += (note("pixel-spacing-uneven", "extract", text),)
-    fixture = planned_curve(extraction, image, settings, inputs=inputs)
-    fixture = replace(fixture, findings=findings)
+    fixture = replace(planned_curve(extraction, image, settings, inputs=inputs), findings=findings)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return ExtractResult(fixture, image, extraction, report, findings)
+
+
+def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
+    """The slice, with pixels of a size that a bundle can hold.
+
+    Raises `ImageError`, or `SettingError` where the size was typed.
+    """
+    from vfplan.images.read import MAX_MEGAPIXELS, read_image
+
+    image = read_image(
+        path, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
+        imager_spacing=bool(settings.imager_spacing),
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
+    )  # fmt: skip
+    largest = max_number("/image/pixel_spacing")
+    for spacing in image.pixel_spacing_mm or ():
+        if not MIN_SPACING_MM <= spacing <= largest:
+            message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
+            if settings.pixel_spacing_mm is not None:
+                raise SettingError(message, code="pixel-spacing-range")
+            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+    return image
 
 
 def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
@@ -166,8 +168,8 @@ def read_vectors(
     placed = onto_slice(curve, image.T_patient_image, str(path))
     extraction = vector_stroke(placed.stroke(1.0), image, str(path))
     findings = [note("vector-curve", "extract", text) for text in curve.warnings]
-    for text in check_drawn_on(curve.drawn_on, image, settings.frame, str(path)):
-        findings.append(doubt("vector-image-unknown", "extract", text))
+    doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
+    findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
     return replace(extraction, findings=tuple(findings)), curve.sha256
 
 
@@ -184,12 +186,9 @@ def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
             "a density per millimetre needs a pixel spacing, and so an image. Leave it out",
             code="density-without-spacing",
         )
-    if is_in_image:
-        frame, step = "image", 1.0
-    elif settings.density_per_mm is not None:
-        frame, step = "patient_lps", 1e-3 / settings.density_per_mm
-    else:
-        frame, step = "patient_lps", FINE_M
+    frame, step = "image" if is_in_image else "patient_lps", 1.0
+    if not is_in_image:
+        step = 1e-3 / settings.density_per_mm if settings.density_per_mm is not None else FINE_M
     stroke = curve.stroke(step)
     points = stroke.points
     described = {"length_mm": stroke.length * 1e3}
@@ -198,19 +197,12 @@ def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
         described = {"length_px": stroke.length}
     described |= {"closed": stroke.closed, "points": len(points)}
     findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
-    fixture = Fixture(
-        frame=frame,
-        points=points,
-        provenance=Provenance.now({"curve": curve.sha256}, settings),
-        curve=Curve.of([stroke]),
-        findings=findings,
-    )
+    provenance = Provenance.now({"curve": curve.sha256}, settings)
+    fixture = Fixture(frame, points, provenance, curve=Curve.of([stroke]), findings=findings)
     report: dict[str, Any] = {
-        "frame": frame,
-        "strokes": [described],
-        "points": len(points),
+        "frame": frame, "strokes": [described], "points": len(points),
         "elapsed_s": time.perf_counter() - started,
-    }
+    }  # fmt: skip
     return ExtractResult(fixture, None, None, report, findings)
 
 
@@ -230,13 +222,11 @@ def planned_curve(
     if extraction.method != "mask":
         curve = Curve.of(strokes)
     return Fixture(
-        frame="image",
-        points=np.column_stack([points, np.zeros(len(points))]),
+        frame="image", points=np.column_stack([points, np.zeros(len(points))]),
         provenance=Provenance.now(inputs or {"image": image.sha256}, settings or ExtractSettings()),
-        sigma=sigma,
-        curve=curve,
+        sigma=sigma, curve=curve,
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
-    )
+    )  # fmt: skip
 
 
 def resample(
@@ -271,30 +261,22 @@ def resample(
 def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
     """What `extract --json` reports of a curve, but for the time it took."""
     spacing = image.pixel_spacing_mm
-    report: dict[str, Any] = {
-        "image": {
-            "width_px": image.width_px,
-            "height_px": image.height_px,
-            "pixel_spacing_mm": spacing,
-        }
-    }
+    size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
+    report: dict[str, Any] = {"image": size}
     if extraction.method != "vector":
         report["mask_pixels"] = int(extraction.mask.sum())
-    report["strokes"] = []
-    point_count, gap_count = 0, 0
-    for stroke in extraction.strokes:
-        report["strokes"].append(describe_stroke(stroke, spacing))
-        point_count += len(stroke.points)
-        gap_count += len(stroke.points)
-        if stroke.is_ordered and not stroke.closed:
-            gap_count -= 1
-    report |= {"points": point_count, "spacing_mm": None, "density_per_mm": None}
+    strokes = extraction.strokes
+    report |= {
+        "strokes": [describe_stroke(stroke, spacing) for stroke in strokes],
+        "points": sum(len(stroke.points) for stroke in strokes),
+        "spacing_mm": None, "density_per_mm": None,
+    }  # fmt: skip
     if extraction.method != "vector":
         report["account"] = [asdict(entry) for entry in extraction.account]
     if spacing is not None:
-        length_mm = 0.0
-        for stroke in report["strokes"]:
-            length_mm += stroke["length_mm"]
+        open_count = sum(stroke.is_ordered and not stroke.closed for stroke in strokes)
+        gap_count = report["points"] - open_count
+        length_mm = sum(stroke["length_mm"] for stroke in report["strokes"])
         report["spacing_mm"] = length_mm / gap_count
         if length_mm:
             report["density_per_mm"] = gap_count / length_mm

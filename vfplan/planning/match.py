@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,9 @@ from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
 from vfplan.io.files import naming_place, read_table
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
-from vfplan.registration.registration import Registration
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
-    from vfplan.markers.check_marks import MarkComparison
     from vfplan.markers.correspondences import Correspondences
     from vfplan.markers.find_marks import DrawnMarker
     from vfplan.registration.registration import Registration
@@ -33,6 +31,30 @@ if TYPE_CHECKING:
 # RMS distance of a layout's markers from their centre [m]: metres read as millimetres are below.
 # The smallest fixture's markers lie half its extent from their centre.
 MIN_LAYOUT_RADIUS_M = MIN_EXTENT_M / 2
+
+
+@dataclass
+class Record:
+    """What the steps of `register` have to say; each step adds to it.
+
+    Parameters
+    ----------
+    report
+        For `--json`.
+    findings
+        What a person should look at.
+    inputs, settings
+        For the provenance: the SHA-256 of each file read, and what was chosen or left out.
+    """
+
+    report: dict[str, Any] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    inputs: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def doubt(self, code: str, text: str, stage: str = "register", **place: Any) -> None:
+        """Add a finding that wants an answer."""
+        self.findings.append(doubt(code, stage, text, **place))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +68,6 @@ class MatchResult:
     slice_axes: NDArray[np.float64] | None
     correspondences: Correspondences
     registration: Registration
-    # Markers whose pixels were taken from the slice.
-    drawn_markers: tuple[DrawnMarker, ...]
-    # The given positions against the marks drawn; `None` where no slice was given.
-    marks: MarkComparison | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """What `register --json` reports of the marks that the slice shows."""
-        report: dict[str, Any] = {}
-        if self.marks is not None:
-            report["marks_drawn"] = self.marks.as_dict()
-        if self.drawn_markers:
-            report["markers_found"] = [asdict(marker) for marker in self.drawn_markers]
-        return report
 
 
 def match(
@@ -68,7 +75,8 @@ def match(
     markers: str | Path,
     markers2: str | Path | None,
     settings: FixtureSettings,
-    image: PlannedImage | None = None,
+    image: PlannedImage | None,
+    record: Record,
 ) -> MatchResult:
     """Read the markers, fit the registration, and refuse what is plainly wrong.
 
@@ -112,15 +120,13 @@ def match(
             code="frame-differs",
         )
     is_in_image = correspondences.source_frame == "image"
-    where = str(markers)
-    if markers2 is not None:
-        where = f"{markers}, {markers2}"
+    where = str(markers) if markers2 is None else f"{markers}, {markers2}"
+    labels, source = correspondences.labels, correspondences.source
+    drawn_markers, marks = None, None
     with naming(where):
         refuse_implausible(correspondences, curve, slice_image)
 
         # The positions as given, or where the marks are drawn.
-        drawn_markers = ()
-        source = correspondences.source
         if settings.find_markers:
             drawn_markers = find_drawn(correspondences, image, slice_image)
             source = np.array([marker.position_px for marker in drawn_markers])
@@ -131,56 +137,42 @@ def match(
             along_u, along_v = curve.image.pixel_spacing_mm
             pixel_spacing_m = (along_u * 1e-3, along_v * 1e-3)
         registration = fit_registration(
-            source,
-            correspondences.target,
-            model=settings.model,
-            robust=settings.robust,
-            labels=correspondences.labels,
-            pixel_spacing=pixel_spacing_m,
-            sigma=correspondences.sigma,
+            source, correspondences.target, model=settings.model, robust=settings.robust,
+            labels=labels, pixel_spacing=pixel_spacing_m, sigma=correspondences.sigma,
             seen_from=settings.seen_from,
-        )
-        marks = None
+        )  # fmt: skip
+        as_given = settings.markers_as_given
         if slice_image is not None and is_in_image:
             marks = compare_with_marks(
-                slice_image.rgb,
-                correspondences.labels,
-                correspondences.source,
-                markers_as_given=settings.markers_as_given,
+                slice_image.rgb, labels, correspondences.source, markers_as_given=as_given
             )
-        refuse_wrong_markers(
-            registration, settings.max_residual_m, markers_as_given=settings.markers_as_given
-        )
+        refuse_wrong_markers(registration, settings.max_residual_m, markers_as_given=as_given)
 
     # What is not refused and a person should look at.
-    findings = [*correspondences.findings, *registration_findings(registration)]
-    if settings.seen_from is None and correspondences.target_frame == "robot_base":
-        side = side_finding(registration)
-        if side is not None:
-            findings.append(side)
-    if marks is not None and not drawn_markers:
-        findings += marks.findings
-    if correspondences.target_frame != "robot_base":
-        text = (
-            f"The target markers, and so the fixture, are in {correspondences.target_frame}, "
-            "which no robot renders. Register it to the robot's own frame first."
-        )
-        findings.append(doubt("target-not-robot", "register", text))
+    record.inputs |= correspondences.inputs
+    record.findings += [*correspondences.findings, *registration_findings(registration)]
+    target_frame = correspondences.target_frame
+    side = side_finding(registration)
+    if side is not None and settings.seen_from is None and target_frame == "robot_base":
+        record.findings.append(side)
+    if marks is not None:
+        record.report["marks_drawn"] = marks.as_dict()
+    if drawn_markers:
+        record.report["markers_found"] = [asdict(marker) for marker in drawn_markers]
+    elif marks is not None:
+        record.findings += marks.findings
+    if target_frame != "robot_base":
+        record.doubt(
+            "target-not-robot", f"The target markers, and so the fixture, are in {target_frame}, "
+            "which no robot renders. Register it to the robot's own frame first.",
+        )  # fmt: skip
     if image is not slice_image:
-        text = (
-            "The image given is not the file that the curve was drawn on (SHA-256 differs), "
-            "so nothing was compared with it. Give that file."
-        )
-        findings.append(doubt("image-other", "register", text))
-    return MatchResult(
-        curve=curve,
-        slice_axes=slice_axes,
-        correspondences=replace(correspondences, source=source),
-        registration=registration,
-        drawn_markers=drawn_markers,
-        marks=marks,
-        findings=tuple(findings),
-    )
+        record.doubt(
+            "image-other", "The image given is not the file that the curve was drawn on (SHA-256 "
+            "differs), so nothing was compared with it. Give that file.",
+        )  # fmt: skip
+    found = replace(correspondences, source=source)
+    return MatchResult(curve, slice_axes, found, registration)
 
 
 def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
@@ -243,14 +235,11 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     """
     place = image.T_patient_image if image is not None else None
     if place is None:
-        reason = (
-            "its slice does not say soundly where it lies in the patient. Give a slice that does"
-        )
-        if image is None:
-            reason = (
-                "which no slice places in the patient. Give the DICOM slice it was drawn on "
-                "with --image"
-            )
+        reason = "which no slice places in the patient. Give the DICOM slice it was drawn on with "
+        reason += "--image"
+        if image is not None:
+            reason = "its slice does not say soundly where it lies in the patient. Give a slice "
+            reason += "that does"
         raise MarkerError(
             f"markers are given in frame 'patient_lps', the curve in 'image', and {reason}",
             code="slice-without-place",
@@ -269,11 +258,10 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
                 code="pixel-spacing-differs",
             )
     pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
-    sigma = curve.sigma
-    if sigma is not None:
-        sigma = sigma * float(np.sqrt(spacing_mm.prod())) * 1e-3
-    carried = replace(curve, frame="patient_lps", points=(pixels @ place.T)[:, :3], sigma=sigma)
-    return carried, axes
+    scale = float(np.sqrt(spacing_mm.prod()))
+    sigma = curve.sigma * scale * 1e-3 if curve.sigma is not None else None
+    points = (pixels @ place.T)[:, :3]
+    return replace(curve, frame="patient_lps", points=points, sigma=sigma), axes
 
 
 def refuse_implausible(
@@ -324,20 +312,9 @@ COLUMNS = ("x_m", "y_m", "z_m")
 MAX_TIP_RADIUS_M = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class RefineResult:
-    """A registration refined by touch, with its part of the report."""
-
-    registration: Registration
-    report: dict[str, Any]
-    findings: tuple[Finding, ...]
-    # SHA-256 of the file of touched points.
-    sha256: str
-
-
 def refine(
-    curve: Fixture, registration: Registration, path: str | Path, tip_radius: float
-) -> RefineResult:
+    curve: Fixture, registration: Registration, path: str | Path, tip_radius: float, record: Record
+) -> Registration:
     """Refine the registration of a surface by the points in a file.
 
     Raises SettingError: the fixture is no surface, the registration is not rigid, or the radius is
@@ -357,7 +334,7 @@ def refine(
             f"tip radius is {1e3 * tip_radius:g} mm. Give 0 to {1e3 * MAX_TIP_RADIUS_M:g} mm",
             code="tip-radius-range",
         )
-    points, sha256 = read_points(path)
+    points, record.inputs["touched"] = read_points(path)
     with naming_place(path):
         refined = refine_by_touch(registration, points, curve.points, curve.mesh, tip_radius)
 
@@ -367,34 +344,25 @@ def refine(
     bound_m = registration.tre95_curve_m(curve.points)
     moved_over_bound = float((moved_m / np.maximum(bound_m, 1e-12)).max())
     strays = np.flatnonzero(~refined.used) + 1
-    report = {
-        "points": len(points),
-        "left_out": strays,
-        "rms_m": refined.rms_m,
+    record.report["touched"] = {
+        "points": len(points), "left_out": strays, "rms_m": refined.rms_m,
         "before_rms_m": float(np.sqrt((refined.before_m[refined.used] ** 2).mean())),
-        "held": refined.constraint,
-        "moved_max_m": float(moved_m.max()),
-        "moved_over_markers_bound95": moved_over_bound,
-        "tip_radius_m": tip_radius,
-    }
-    findings = []
+        "held": refined.constraint, "moved_max_m": float(moved_m.max()),
+        "moved_over_markers_bound95": moved_over_bound, "tip_radius_m": tip_radius,
+    }  # fmt: skip
     if len(strays):
-        rows = ", ".join(map(str, strays[:8]))
-        if len(strays) > 8:
-            rows += ", ..."
-        text = (
-            f"{len(strays)} of {len(points)} touched points lie off the surface and are left "
-            f"out: {rows}. Check that the bone was touched there."
-        )
-        findings.append(doubt("touch-left-out", "register", text))
+        rows = ", ".join(map(str, strays[:8])) + (", ..." if len(strays) > 8 else "")
+        record.doubt(
+            "touch-left-out", f"{len(strays)} of {len(points)} touched points lie off the surface "
+            f"and are left out: {rows}. Check that the bone was touched there.",
+        )  # fmt: skip
     if moved_over_bound > 1:
-        text = (
-            f"Touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
+        record.doubt(
+            "touch-moves-far", f"Touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
             f"{moved_over_bound:.1f} times the markers' 95 % bound. Did a marker move, or is "
-            "something else touched?"
-        )
-        findings.append(doubt("touch-moves-far", "register", text))
-    return RefineResult(refined.registration, report, tuple(findings), sha256)
+            "something else touched?",
+        )  # fmt: skip
+    return refined.registration
 
 
 def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
@@ -415,8 +383,5 @@ def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
         )
     columns = tuple(table.header[names.index(name)] for name in COLUMNS)
     table.check_decimals(columns)
-    places = np.empty((len(table.rows), 3))
-    for i, row in enumerate(table.rows):
-        for k, column in enumerate(columns):
-            places[i, k] = table.number(row, column)
-    return places, sha256
+    places = [[table.number(row, column) for column in columns] for row in table.rows]
+    return np.array(places, float).reshape(-1, 3), sha256

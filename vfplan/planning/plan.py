@@ -2,87 +2,52 @@
 
     slice              -> the drawn curve                        extract()
     markers            -> the registration and its error         register(): match, target_error
-    curve              -> points, lines and arcs for the robot   register(): add_margin, render
+    curve              -> points, lines and arcs for the robot   register(): margin_of, render
     all of these       -> the fixture, with a guide if wanted    register(): make_fixture
 
 `extract` gives the curve as a `Fixture` whose points are pixels of the slice. `register` turns that
-into a `Fixture` whose points lie in front of the robot.
-
-A safety margin against registration error: a fixture that is thicker by it.
+into a `Fixture` whose points lie in front of the robot. What its steps have to say goes into one
+`Record`.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+import warnings
+from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
-from vfplan.errors import InputError, SettingError
-from vfplan.findings import Finding, doubt
-from vfplan.fixture import Fixture, Provenance, size_doubt
+from vfplan.errors import CheckFailed, InputError, SettingError
+from vfplan.findings import Finding, note
+from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import ExtractResult, extract
-from vfplan.planning.match import MatchResult, RefineResult, match, refine
-from vfplan.planning.rendering import RenderingResult, add_guidance, render
+from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.planning.tolerance import (
+    BAND_SHARE,
+    CarriedPoints,
+    Choice,
+    carry,
+    check_arcs_error,
+    choose,
+    lines_and_arcs_of,
+)
 
 if TYPE_CHECKING:
-    from vfplan.fixture import Fixture
+    from vfplan.engine.guide import Guide
     from vfplan.images.read import PlannedImage
-    from vfplan.planning.settings import FixtureSettings
     from vfplan.registration.registration import Registration
 
-
-@dataclass(frozen=True)
-class Margin:
-    """What was added to the point radius."""
-
-    # "tre95", or "given" for a number of metres.
-    kind: str
-    # The margin [m], the same all along the curve.
-    largest_m: float
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """For `--json`."""
-        return {
-            "kind": self.kind,
-            "side": "both",
-            "largest_m": self.largest_m,
-            "added_point_radius_m": self.largest_m,
-        }
-
-
-def add_margin(
-    curve: Fixture, registration: Registration, settings: FixtureSettings
-) -> tuple[FixtureSettings, Margin]:
-    """The settings with a point radius that is larger by the margin that they ask for.
-
-    "tre95" is the largest value, along the curve, of the bound that the registration's error stays
-    within over the whole curve with probability 0.95. A number is a margin [m].
-
-    Raises SettingError: an unknown margin
-    """
-    margin = settings.margin
-    if margin == "tre95":
-        kind, bound_m = "tre95", float(registration.tre95_curve_m(curve.points).max())
-    else:
-        is_number = isinstance(margin, Real) and not isinstance(margin, bool)
-        if not is_number or not 0 <= margin < np.inf:
-            raise SettingError(
-                f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
-                code="margin-unknown",
-            )
-        kind, bound_m = "given", float(margin)
-    # Up to the next nanometre: an id must not depend on a processor's last bit.
-    margin_m = float(np.ceil(bound_m * 1e9) / 1e9)
-    thicker = replace(settings, point_radius=settings.point_radius + margin_m)
-    return thicker, Margin(kind, margin_m)
+# An ignored axis further than this from the slice's normal would collapse the curve.
+MAX_IGNORED_TILT_DEG = 45.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,10 +145,8 @@ def refuse_wrong_order(
     if found is not None:
         raise InputError(
             f"the files are in the wrong order: {found}. Give the slice first and the markers "
-            "after it: IMAGE MARKERS [MARKERS2]",
-            where=str(image),
-            code="wrong-order",
-        )
+            "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
+        )  # fmt: skip
 
 
 def holds_markers(path: str | Path) -> bool:
@@ -255,120 +218,351 @@ def register(
         )
     started = time.perf_counter()
 
-    # Markers -> registration, or a refusal that names the marker.
-    matched = match(unregistered, markers, markers2, settings, image)
-    # The curve in the frame in which the markers are given: that of the image, or the patient's.
-    curve = matched.curve
-    registration = matched.registration
-    # Touched points give a second registration, which begins at that of the markers.
-    refined = None
+    # Markers -> registration, or a refusal that names the marker. Touched points give a second
+    # registration, which begins at that of the markers.
+    record = Record()
+    matched = match(unregistered, markers, markers2, settings, image, record)
+    curve, registration = matched.curve, matched.registration
     if touched is not None:
-        refined = refine(curve, registration, touched, tip_radius)
-        registration = refined.registration
+        registration = refine(curve, registration, touched, tip_radius, record)
 
     # How far the curve may lie from where it belongs.
     error = target_error(registration, curve.points)
+    if touched is None:
+        record.findings += error_findings(error)
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(
             error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
         )
 
-    # A margin makes the fixture thicker: from here on `settings.point_radius` includes it.
-    margin = None
+    # A margin makes the fixture thicker: from here on `settings.point_radius` includes it. Lines
+    # and arcs must follow the curve more closely than the margin is wide.
     margin_m = 0.0
     if settings.margin is not None:
-        settings, margin = add_margin(curve, registration, settings)
-        margin_m = margin.largest_m
+        margin_m = margin_of(curve, registration, settings.margin)
+        settings = replace(settings, point_radius=settings.point_radius + margin_m)
+        record.report["margin"] = {
+            "kind": "tre95" if settings.margin == "tre95" else "given", "side": "both",
+            "largest_m": margin_m, "added_point_radius_m": margin_m,
+        }  # fmt: skip
 
-    # The curve in front of the robot, sampled as finely as the tolerance asks. `render` needs the
-    # margin to check that lines and arcs follow the curve more closely than the margin is wide.
-    rendered = render(curve, registration, settings, matched.slice_axes, margin_m)
-    fixture = make_fixture(matched, registration, rendered, settings, refined)
-    guide_report: dict[str, Any] = {}
-    guide_findings: tuple[Finding, ...] = ()
+    # The curve in front of the robot, sampled as finely as the tolerance asks.
+    carried, rendering = render(curve, registration, settings, matched.slice_axes, margin_m, record)
+    fixture = make_fixture(matched, registration, carried, rendering, settings, record)
     if settings.guide_m is not None:
-        fixture, guide_report, guide_findings = add_guidance(fixture, settings)
-
-    # What a person should look at.
-    findings = list(matched.findings)
-    if refined is None:
-        findings += error_findings(error)
-    else:
-        findings += refined.findings
-    findings += rendered.findings
-    findings += guide_findings
+        fixture = add_guidance(fixture, settings, record)
     unusual_size = size_doubt(fixture.points)
     if unusual_size is not None:
-        findings.append(doubt("size-unusual", "plan", unusual_size))
-    if fixture.pieces is not None:
-        slow_tick = slow_tick_text(fixture)
-        if slow_tick is not None:
-            findings.append(doubt("tick-too-long", "plan", slow_tick))
+        record.doubt("size-unusual", unusual_size, "plan")
+    slow_tick = slow_tick_text(fixture) if fixture.pieces is not None else None
+    if slow_tick is not None:
+        record.doubt("tick-too-long", slow_tick, "plan")
     # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
     of_extraction = [replace(finding, place_m=None) for finding in unregistered.findings]
-    fixture = replace(fixture, findings=(*of_extraction, *findings))
+    fixture = replace(fixture, findings=(*of_extraction, *record.findings))
 
-    # The report. Residuals and checks are those of the registration by markers. The error is that
-    # of the registration in use, which touched points may have refined.
+    # Residuals and checks are those of the registration by markers. The error is that of the
+    # registration in use, which touched points may have refined.
     report = registration_report(matched.registration, curve.points, error=error)
     report |= describe_checks(matched.registration)
-    report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide_report
-    if margin is not None:
-        report["margin"] = margin.report
-    if refined is not None:
-        report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
+    report |= {"target_frame": fixture.frame} | record.report
+    if touched is not None:
+        report["T_robot_image"] = registration.T_target_source
         report["tre"]["worst_target_m"] = registration.apply(curve.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
-    return RegisterResult(fixture, registration, report, tuple(findings))
+    return RegisterResult(fixture, registration, report, tuple(record.findings))
+
+
+def margin_of(curve: Fixture, registration: Registration, margin: str | float) -> float:
+    """The margin that a fixture is thicker by, all along the curve [m].
+
+    "tre95" is the largest value, along the curve, of the bound that the registration's error stays
+    within over the whole curve with probability 0.95. A number is a margin [m].
+
+    Raises SettingError: an unknown margin
+    """
+    if margin == "tre95":
+        bound_m = float(registration.tre95_curve_m(curve.points).max())
+    elif isinstance(margin, Real) and not isinstance(margin, bool) and 0 <= margin < np.inf:
+        bound_m = float(margin)
+    else:
+        raise SettingError(
+            f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
+            code="margin-unknown",
+        )
+    # Up to the next nanometre: an id must not depend on a processor's last bit.
+    return float(np.ceil(bound_m * 1e9) / 1e9)
 
 
 def make_fixture(
-    matched: MatchResult,
-    registration: Registration,
-    rendered: RenderingResult,
-    settings: FixtureSettings,
-    refined: RefineResult | None,
-) -> Fixture:
+    matched: MatchResult, registration: Registration, carried: CarriedPoints, rendering: Rendering,
+    settings: FixtureSettings, record: Record,
+) -> Fixture:  # fmt: skip
     """The fixture of the rendered curve, with the files and settings that it came from."""
     curve = matched.curve
-    carried = rendered.carried
-    target_frame = matched.correspondences.target_frame
-
-    # What the curve came from, and what was added to it here.
-    inputs = curve.provenance.inputs | matched.correspondences.inputs
-    if refined is not None:
-        inputs = inputs | {"touched": refined.sha256}
-    chosen = rendered.settings
     by_markers = matched.registration
     if not by_markers.used.all():
         labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
-        chosen["markers_left_out"] = ",".join(labels)
+        record.settings["markers_left_out"] = ",".join(labels)
     if curve.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
-    provenance = Provenance.now(inputs, settings)
-    provenance = replace(
-        provenance,
-        settings=curve.provenance.settings | provenance.settings | chosen,
-        history=curve.provenance.history,
+    made = Provenance.now(curve.provenance.inputs | record.inputs, settings)
+    chosen = curve.provenance.settings | made.settings | record.settings
+    # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
+    image, transform = None, None
+    if matched.correspondences.target_frame == "robot_base":
+        image = curve.image
+        transform = registration.record(carried.source, source_frame=curve.frame)
+    return Fixture(
+        frame=matched.correspondences.target_frame, points=carried.points, sigma=carried.sigma,
+        provenance=replace(made, settings=chosen, history=curve.provenance.history),
+        curve=carried.curve, image=image, rendering=rendering, registration=transform,
+        mesh=curve.mesh, sample_radius=curve.sample_radius,
+    )  # fmt: skip
+
+
+def render(
+    curve: Fixture, registration: Registration, settings: FixtureSettings,
+    slice_axes: NDArray[np.float64] | None, margin_m: float, record: Record,
+) -> tuple[CarriedPoints, Rendering]:  # fmt: skip
+    """Choose from the tolerance, carry the curve over, and lay lines and arcs along it.
+
+    Parameters
+    ----------
+    slice_axes
+        (3, 2) of a slice's pixels in the patient; `None` for any other curve.
+    margin_m
+        What was added to the curve for safety.
+
+    Raises
+    ------
+    SettingError
+        A tolerance whose band would be finer than the engine takes, an ignored axis that would
+        collapse the curve, or lines and arcs that are too coarse for the margin.
+    """
+    # From the tolerance: spacing, band and iteration limit. A density or a bare cloud leaves no
+    # choice.
+    choice, sampling_tolerance_m, band_m, max_iterations = None, None, None, None
+    radius_m = settings.contact_radius + settings.point_radius
+    if curve.curve is not None and settings.density_per_m is None:
+        smallest_m = FINEST_BAND / BAND_SHARE * radius_m
+        if settings.tolerance_m < smallest_m:
+            raise SettingError(
+                f"tolerance is {1e3 * settings.tolerance_m:g} mm, less than "
+                f"{FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {1e3 * radius_m:g} mm. Give at "
+                f"least {1e3 * smallest_m:g} mm",
+                code="tolerance-fine",
+                numbers={"tolerance_m": settings.tolerance_m, "smallest_m": smallest_m},
+            )
+        is_drawn = curve.image is not None or curve.frame == "image"
+        is_planar = settings.ignore_axis != "none" if settings.ignore_axis is not None else is_drawn
+        choice = choose(settings.tolerance_m, radius_m, planar=is_planar)
+        sampling_tolerance_m = choice.sampling_tolerance_m
+        band_m, max_iterations = choice.band_m, choice.max_iterations
+
+    # The curve in the target frame, and how its points are rendered.
+    carried = carry(curve, registration, settings, sampling_tolerance_m)
+    axis = ignored_axis(settings.ignore_axis, registration, slice_axes)
+    if curve.sample_radius is not None:
+        from vfplan.bundle.importing import sample_band
+
+        band_m = sample_band(curve.sample_radius, radius_m)
+    elif curve.mesh is not None:
+        from vfplan.bundle.importing import mesh_band
+
+        band_m = mesh_band(carried.points, curve.mesh, radius_m)
+    parameters = ProxyParameters.make(
+        carried.points, contact_radius=settings.contact_radius, band=band_m,
+        point_radius=settings.point_radius, stiffness=np.broadcast_to(settings.stiffness, 3),
+        ignore_axis=axis,
+    )  # fmt: skip
+    rendering = Rendering(
+        parameters.stiffness,
+        parameters.contact_radius,
+        parameters.band,
+        parameters.point_radius,
+        axis,
+        max_iterations,
     )
 
-    # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
-    image = None
-    record = None
-    if target_frame == "robot_base":
-        image = curve.image
-        record = registration.record(carried.source, source_frame=curve.frame)
-    return Fixture(
-        frame=target_frame,
-        points=carried.points,
-        provenance=provenance,
-        sigma=carried.sigma,
-        curve=carried.curve,
-        image=image,
-        rendering=rendered.rendering,
-        registration=record,
-        mesh=curve.mesh,
-        sample_radius=curve.sample_radius,
-    )
+    # Where the curve is known as lines and arcs, the choice is that of the points alone. What the
+    # scene does without is counted.
+    pieces = lines_and_arcs_of(curve, registration, axis, settings, carried)
+    if pieces is None:
+        left_out = {"points": max(0, len(curve.points) - len(carried.points))}
+        if axis is not None:
+            left_out["coordinates"] = 1
+    else:
+        check_arcs_error(pieces, margin_m, settings)
+        carried = replace(carried, curve=replace(carried.curve, pieces=pieces))
+        choice = None
+        # Settings that points need and lines and arcs do not: spacing, band and iteration limit.
+        left_out = {"points": len(carried.points), "coordinates": 1, "settings": 3}
+        record.report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
+    record.report |= {
+        "points": len(carried.points), "spacing_m": carried.spacing_m, "left_out": left_out
+    }  # fmt: skip
+    record.settings |= {f"left_out_{name}": count for name, count in left_out.items()}
+    if carried.sampling_error_m is not None:
+        record.report["sampling_error_m"] = carried.sampling_error_m
+    if carried.tight_bends:
+        record.report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
+    if choice is not None:
+        record_choice(choice, carried.sampling_error_m, record)
+    return carried, rendering
+
+
+def record_choice(choice: Choice, sampling_error_m: float | None, record: Record) -> None:
+    """Say what the tolerance chose, and where less of it was used."""
+    used_m = choice.used_tolerance_m
+    chosen = {name: getattr(choice, name) for name in ("spacing_m", "band_m", "max_iterations")}
+    error_m = {
+        "spacing": sampling_error_m, "band": choice.band_m, "iterations": choice.lag_m,
+        "total": (sampling_error_m or 0.0) + choice.band_m + choice.lag_m,
+    }  # fmt: skip
+    tolerances = {"tolerance_m": choice.tolerance_m, "tolerance_used_m": used_m}
+    record.report["chosen"] = tolerances | chosen | {"error_m": error_m}
+    flat = {"tolerance_m": used_m} | chosen | {"lag_m": choice.lag_m}
+    record.settings |= {f"chosen_{name}": value for name, value in flat.items()}
+    if used_m != choice.tolerance_m:
+        text = (
+            f"The tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow. "
+            f"{used_m * 1e3:.4g} mm was used, because wider spacing would be felt as bumps."
+        )
+        record.findings.append(note("tolerance-reduced", "plan", text))
+
+
+def ignored_axis(
+    choice: str | None, registration: Registration, slice_axes: NDArray[np.float64] | None = None
+) -> NDArray[np.float64] | None:
+    """(3,) unit vector along which the fixture is infinite; `None` for a fixture in space.
+
+    A drawn slice is extruded along its plane's normal unless told otherwise, as the paper ignores
+    z in Experiment 2; a curve in space is not extruded.
+
+    Raises `SettingError` for an axis that would collapse the slice, or a normal of no slice.
+    """
+    T = registration.T_target_source
+    is_planar = slice_axes is not None or registration.source.shape[1] == 2
+    if choice is None:
+        choice = "normal" if is_planar else "none"
+    if choice == "none":
+        return None
+    if not is_planar:
+        if choice == "normal":
+            raise SettingError(
+                "a curve in space has no slice normal. Ignore x, y, z or none", code="no-normal"
+            )
+        return check_axis(choice)
+    columns = T[:3, :2]
+    if slice_axes is not None:
+        columns = T[:3, :3] @ slice_axes
+    normal = np.cross(columns[:, 0], columns[:, 1])
+    normal /= np.linalg.norm(normal)
+    if choice == "normal":
+        return normal
+    axis = check_axis(choice)
+    tilt_deg = np.degrees(np.arccos(min(1.0, abs(axis @ normal))))
+    if tilt_deg > MAX_IGNORED_TILT_DEG:
+        raise SettingError(
+            f"ignoring {choice} would collapse the curve: it is {tilt_deg:.1f} degrees from "
+            f"the slice's normal, and at most {MAX_IGNORED_TILT_DEG:g} are allowed. Ignore "
+            "the normal", code="axis-collapses", numbers={"tilt_deg": float(tilt_deg)},
+        )  # fmt: skip
+    return axis
+
+
+def add_guidance(fixture: Fixture, settings: FixtureSettings, record: Record) -> Fixture:
+    """The fixture with the guidance that was asked for.
+
+    Raises SettingError: a tube that runs into itself or is wider than a bend, or a stroke that is
+        not there
+    Raises CheckFailed: the guide leads into the forbidden region of the other strokes; the message
+        has the place
+    """
+    from vfplan.engine.guide import Guide
+
+    stroke = settings.guide_stroke
+    if fixture.curve is None or not len(fixture.curve.closed):
+        raise SettingError(
+            "a guide needs a drawn curve; this fixture is a surface or a cloud. Leave --guide out",
+            code="guide-without-curve",
+        )
+    guiding = fixture.curve.closed
+    if stroke is not None:
+        if len(guiding) == 1:
+            raise SettingError(
+                f"guide stroke {stroke}: the curve is one stroke, which guides without it. Leave "
+                "--guide-stroke out",
+                code="guide-stroke",
+            )
+        if not 0 <= stroke < len(guiding):
+            raise SettingError(
+                f"guide stroke {stroke} is not among the {len(guiding)} strokes. Give 0 to "
+                f"{len(guiding) - 1}, or leave it out and all guide",
+                code="guide-stroke",
+            )
+        guiding = guiding[[stroke]]
+    if settings.guide_ends is not None and guiding.all():
+        raise SettingError(
+            "a closed curve has no ends that could stop or let go. Leave --ends out",
+            code="guide-ends",
+        )
+    guidance = Guidance(
+        settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke,
+        *settings.guide_pull,
+    )  # fmt: skip
+    fixture = replace(fixture, guidance=guidance)
+    # The finding below says what the guide warns of.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        guide = Guide.of(fixture, cut_bends=settings.guide_cut_bends)
+    report = {
+        "radius_m": guidance.radius, "stiffness_n_per_m": guidance.stiffness,
+        "ends": guidance.ends, "lead_force_n": guidance.lead_force or 0.0,
+        "lengths_m": guide.lengths_m,
+    }  # fmt: skip
+    record.report["guide"] = report
+    if guide.tight_bend:
+        record.doubt("guide-tight-bend", guide.tight_bend, "plan")
+    if stroke is not None:
+        report |= {"stroke": stroke, "clearance_min_m": clearance(fixture, guide, record)}
+    return fixture
+
+
+def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
+    """The smallest distance [m] between the guide's curve and the proxy's forbidden positions.
+
+    Raises CheckFailed: the curve itself is forbidden somewhere
+    """
+    from vfplan.engine.proxy import ProxyEngine
+
+    radius = fixture.contact_radius + fixture.point_radius
+    region = ProxyEngine.of(fixture.region, offline=True)
+    step = min(guide.radius, 0.1 * radius)
+    arcs = np.linspace(0, guide.lengths_m[0], 2 + int(guide.lengths_m[0] / step))
+    places = guide.at(arcs)
+    clearances = region.distance(places) - radius
+    worst = int(clearances.argmin())
+    smallest = float(clearances[worst])
+    x, y, z = 1e3 * places[worst]
+    where = f"at arc {1e3 * arcs[worst]:.4g} mm, [{x:.4g}, {y:.4g}, {z:.4g}] mm"
+    if smallest < 0:
+        raise CheckFailed(
+            f"the guide leads into the forbidden region: {where}, it comes within "
+            f"{1e3 * (smallest + radius):.4g} mm, and R = {1e3 * radius:g} mm is the least. "
+            "Draw it further away, or give a smaller --contact-radius",
+            code="guide-forbidden",
+            numbers={"distance_m": smallest + radius, "allowed_m": radius},
+        )
+    if smallest < guide.radius:
+        text = (
+            f"The guide's tube of {1e3 * guide.radius:g} mm reaches into the forbidden region "
+            f"{where}: {1e3 * smallest:.4g} mm are free there, and both forces act. Give a "
+            "narrower --guide."
+        )
+        place = tuple(places[worst].tolist())
+        record.doubt("guide-in-forbidden", text, "plan", place_m=place)
+    return smallest

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from vfplan.bundle.content import max_number
+from vfplan.engine.parameters import PAPER_BAND
 from vfplan.errors import SettingError
+from vfplan.settings import check_ranges, is_length, setting
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
 MIN_ARCS_M = 1e-7
-
-# No pen is as coarse.
-MAX_ARCS_M = 1e-3
 
 # A tenth of the tolerance that points are sampled with [m].
 DEFAULT_ARCS_M = 1e-6
@@ -20,7 +19,20 @@ DEFAULT_ARCS_M = 1e-6
 # Speed [m/s] at which a guide's pull has fallen to 0, unless it is given.
 LEAD_SPEED_M_S = 0.02
 
-AXES = (None, "normal", "x", "y", "z", "none")
+AXES = ("normal", "x", "y", "z", "none")
+
+
+def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
+    """The option of a gate: millimetres, () for none, `None` for the default of --max-tre."""
+    if metres is None:
+        return ()
+    return None if isinstance(metres, str) else (1e3 * metres,)
+
+
+GATE = {
+    "form": "MM|none", "to_option": gate_from_metres,
+    "from_option": lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,25 +77,61 @@ class ExtractSettings:
         A density that is not positive and finite.
     """
 
-    colour: str = "red"
-    method: str = "ridge"
-    stroke: str | int | None = None
-    roi: tuple[int, int, int, int] | None = None
-    max_gap_px: float = 20.0
-    exclude: tuple[tuple[int, int, int, int], ...] | None = None
-    start: tuple[float, float] | None = None
-    end: tuple[float, float] | None = None
-    accept_width: bool | None = None
-    curve_origin: Literal["centre", "corner"] | None = None
-    pixel_spacing_mm: tuple[float, float] | None = None
-    density_per_mm: float | None = None
-    frame: int | None = None
-    imager_spacing: bool | None = None
-    max_megapixels: float | None = None
+    colour: str = setting("red", "Colour of the planning pen.", form="NAME|#RRGGBB")
+    method: str = setting(
+        "ridge", "Measure the middle of the line (ridge), thin it (skeleton), or take every pixel "
+        "of the pen (mask).", choices=("ridge", "skeleton", "mask"),
+    )  # fmt: skip
+    stroke: str | int | None = setting(
+        None, "Take this candidate if there are several.", form="all|longest|N"
+    )
+    roi: tuple[int, int, int, int] | None = setting(
+        None, "Look for the line in this rectangle only [px].", form="U,V,W,H"
+    )
+    max_gap_px: float = setting(
+        20.0, "Bridge gaps in the pen's line up to this length [px].", form="PX",
+        least=0,
+    )  # fmt: skip
+    exclude: tuple[tuple[int, int, int, int], ...] | None = setting(
+        None, "Ignore the ink in this rectangle [px]; repeatable.", form="U,V,W,H",
+        repeatable=True, from_option=lambda rectangles: rectangles or None,
+    )  # fmt: skip
+    start: tuple[float, float] | None = setting(
+        None, "Begin the curve at this place on the line [px].", form="U,V"
+    )
+    end: tuple[float, float] | None = setting(
+        None, "End the curve at this place on the line [px].", form="U,V"
+    )
+    accept_width: bool | None = setting(
+        None, "Take a wider stretch as the same pen, pressed harder.", flag=True
+    )
+    curve_origin: Literal["centre", "corner"] | None = setting(
+        None, "Count ImageJ's X,Y from the centre or from the corner of a pixel. Needed if the "
+        "file does not say it.", choices=("centre", "corner"),
+    )  # fmt: skip
+    pixel_spacing_mm: tuple[float, float] | None = setting(
+        None, "Size of a pixel along u and v [mm], in place of the size in the file.",
+        form="MM[,MM]", from_option=lambda spacing: spacing * (2 // len(spacing)),
+    )  # fmt: skip
+    density_per_mm: float | None = setting(
+        None, "Put this many points on a millimetre. This needs a pixel spacing.  [default: one a "
+        "pixel]", option="density", form="PTS_PER_MM",
+    )  # fmt: skip
+    frame: int | None = setting(
+        None, "Read this frame of a multi-frame DICOM, or this page of a TIFF.",
+        option="page frame", form="N", least=1, whole=True,
+    )  # fmt: skip
+    imager_spacing: bool | None = setting(
+        None, "Take the pixel spacing from DICOM's ImagerPixelSpacing, which is that of the "
+        "detector and not of the patient.", flag=True,
+    )  # fmt: skip
+    max_megapixels: float | None = setting(
+        None, "Read pictures of up to this many million pixels.  [default: 64]", form="N", above=0
+    )
 
     def __post_init__(self) -> None:
         """Refuse a density of no points, before any work is done; raises `SettingError`."""
-        if self.density_per_mm is not None and not 0 < self.density_per_mm < float("inf"):
+        if self.density_per_mm is not None and not is_length(self.density_per_mm):
             raise SettingError(
                 f"density is {self.density_per_mm:g} points a millimetre. Give a finite "
                 "number above 0",
@@ -151,61 +199,109 @@ class FixtureSettings:
         A radius or a stiffness that no bundle can hold, or more said of a guide that is none.
     """
 
-    model: str = "affine"
-    robust: bool = False
-    tolerance_m: float = 1e-5
-    density_per_m: float | None = None
-    arcs_m: float | None = None
-    points_only: bool = False
+    model: str = setting(
+        "affine", "Kind of transform from image to robot.",
+        choices=("affine", "similarity", "rigid"),
+    )  # fmt: skip
+    robust: bool = setting(False, "Leave out markers that do not fit, and name them.")
+    tolerance_m: float = setting(
+        1e-5, "Allow a surface that is rendered from points to lie this far from the drawn one "
+        "[mm].  [default: 0.01]", form="MM", unit="mm",
+    )  # fmt: skip
+    density_per_m: float | None = setting(
+        None, "Put this many points on a millimetre, in place of --tolerance.", option="density",
+        form="PTS_PER_MM", unit="1/mm",
+    )  # fmt: skip
+    arcs_m: float | None = setting(
+        None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
+        "[default: 0.001, if it can be reached]", form="MM|none",
+        unit="mm", least=MIN_ARCS_M, most=1e-3,
+        to_option=lambda metres: None if metres is None else (1e3 * metres,),
+        from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
+    )  # fmt: skip
+    points_only: bool = setting(
+        False, "", option="arcs", from_option=lambda arcs: arcs == (),
+        to_option=lambda points_only: () if points_only else None,
+    )  # fmt: skip
     # One number is held as a tuple of one.
-    stiffness: float | tuple[float, ...] = (1000.0,)
-    contact_radius: float = 5e-3
-    point_radius: float = 0.0
-    ignore_axis: str | None = None
-    seen_from: tuple[float, float, float] | str | None = None
-    max_residual_m: float | None = 1e-3
-    max_tre_m: float | Literal["contact radius"] | None = "contact radius"
-    markers_as_given: bool = False
-    common: bool = False
-    margin: str | float | None = None
-    find_markers: bool = False
-    guide_m: float | None = None
-    guide_ends: Literal["stop", "open"] | None = None
-    guide_stroke: int | None = None
-    guide_pull: tuple[float, ...] = ()
-    guide_cut_bends: bool = False
+    stiffness: float | tuple[float, ...] = setting(
+        (1000.0,), "Stiffness K [N/m]: one number, or one for each axis.", form="N_PER_M[,Y,Z]",
+        unit="N/m", least=0.0, most=max_number("/rendering/stiffness"),
+    )  # fmt: skip
+    # A contact radius, or a tube, below the band cannot be rendered.
+    contact_radius: float = setting(
+        5e-3, "Distance that the tool keeps from the curve [mm].", form="MM", unit="mm",
+        least=PAPER_BAND, most=max_number("/rendering@contact_radius_m"),
+    )  # fmt: skip
+    point_radius: float = setting(
+        0.0, "Radius of each point, added to the contact radius [mm].", form="MM", unit="mm",
+        least=0.0, most=max_number("/rendering@point_radius_m"),
+    )  # fmt: skip
+    ignore_axis: str | None = setting(
+        None, "Extend the fixture without end along this axis.  [default: normal, of the drawn "
+        "slice]", choices=AXES,
+    )  # fmt: skip
+    seen_from: tuple[float, float, float] | str | None = setting(
+        None, "Say from which side you look at the slice: above (robot +z), below, or a direction "
+        "in the robot's frame. Refuse markers that say otherwise.", form="above|below|X,Y,Z",
+    )  # fmt: skip
+    max_residual_m: float | None = setting(
+        1e-3, "Refuse markers whose residual (rms) is larger [mm].  [default: 1]", **GATE
+    )
+    max_tre_m: float | Literal["contact radius"] | None = setting(
+        "contact radius", "Refuse a plan whose 95 % bound of the error is larger [mm].  [default: "
+        "the contact radius]", **GATE,
+    )  # fmt: skip
+    markers_as_given: bool = setting(
+        False, "Skip the checks of the labels and of the marks on the slice."
+    )
+    common: bool = setting(False, "Use the markers that both files have, and drop the others.")
+    margin: str | float | None = setting(
+        None, "Add the 95 % bound (tre95), or the margin that --campaign gives for P, to the point "
+        "radius.  [default: none]", form="tre95|p=P",
+    )  # fmt: skip
+    find_markers: bool = setting(
+        False, "Move each marker to the centre of the cross or dot that is drawn near it."
+    )
+    guide_m: float | None = setting(
+        None, "Make a guide: keep the tip in a tube of this radius around the curve [mm].",
+        form="MM", unit="mm", least=PAPER_BAND, most=max_number("/guidance@radius_m"),
+    )  # fmt: skip
+    guide_ends: Literal["stop", "open"] | None = setting(
+        None, "Close the ends of a guide's tube, or let the tip leave there.  [default: stop]",
+        option="ends", choices=("stop", "open"),
+    )  # fmt: skip
+    guide_stroke: int | None = setting(
+        None, "Guide along this stroke only; the others are a forbidden region.  [default: all "
+        "strokes guide]", form="N", least=0, whole=True,
+    )  # fmt: skip
+    guide_pull: tuple[float, ...] = setting(
+        (), "Pull the tip along the curve with this force [N], which falls to 0 at this speed "
+        "[mm/s].  [default: no pull; 20 mm/s]", form="N[,MM_PER_S]",
+        to_option=lambda pull: (*pull[:1], *(1e3 * speed for speed in pull[1:])),
+        from_option=lambda pull: (*pull[:1], *(1e-3 * speed for speed in pull[1:])),
+    )  # fmt: skip
+    guide_cut_bends: bool = setting(
+        False, "Accept a bend that is tighter than the tube. The tip may cut it."
+    )
 
     def __post_init__(self) -> None:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
-        from vfplan.engine.parameters import PAPER_BAND
-
         if isinstance(self.stiffness, (int, float)):
             object.__setattr__(self, "stiffness", (self.stiffness,))
-        # A contact radius, or a tube, below the band cannot be rendered.
-        largest_mm = 1e3 * max_number("/rendering@contact_radius_m")
-        contact_mm = 1e3 * self.contact_radius
-        _check_range("contact radius", contact_mm, 1e3 * PAPER_BAND, largest_mm, "mm")
-        largest_mm = 1e3 * max_number("/rendering@point_radius_m")
-        _check_range("point radius", 1e3 * self.point_radius, 0.0, largest_mm, "mm")
-        for stiffness in self.stiffness:
-            largest = max_number("/rendering/stiffness")
-            _check_range("stiffness", stiffness, 0.0, largest, "N/m")
+        check_ranges(self)
         if len(self.stiffness) not in (1, 3):
             raise SettingError(
-                f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3",
-                code="stiffness-count",
+                f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3", code="stiffness-count"
             )
-        if self.arcs_m is not None:
-            _check_range("arcs", 1e3 * self.arcs_m, 1e3 * MIN_ARCS_M, 1e3 * MAX_ARCS_M, "mm")
-        if self.ignore_axis not in AXES:
+        if self.ignore_axis not in (None, *AXES):
             raise SettingError(
                 f"ignored axis is {self.ignore_axis!r}. Give normal, x, y, z or none",
                 code="axis-unknown",
             )
-
-        # The gates.
-        for name, limit in (("max_residual_m", self.max_residual_m), ("max_tre_m", self.max_tre_m)):
-            if isinstance(limit, (int, float)) and not 0 < limit < float("inf"):
+        for name in ("max_residual_m", "max_tre_m"):
+            limit = getattr(self, name)
+            if isinstance(limit, (int, float)) and not is_length(limit):
                 raise SettingError(
                     f"{name} is {limit:g} m. Give a finite length above 0, or None",
                     code="gate-range",
@@ -215,19 +311,18 @@ class FixtureSettings:
                 f"max_tre_m is {self.max_tre_m!r}. Give a length [m], None or 'contact radius'",
                 code="gate-range",
             )
+        if self.guide_m is not None:
+            self._check_guide()
+        elif any((self.guide_ends, self.guide_pull, self.guide_cut_bends)) or (
+            self.guide_stroke is not None
+        ):
+            raise SettingError(
+                "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect without "
+                "a guide. Give --guide MM too",
+                code="no-guide",
+            )
 
-        # The guide.
-        if self.guide_m is None:
-            more = self.guide_ends, self.guide_pull, self.guide_cut_bends
-            if any(more) or self.guide_stroke is not None:
-                raise SettingError(
-                    "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no "
-                    "effect without a guide. Give --guide MM too",
-                    code="no-guide",
-                )
-            return
-        largest_m = max_number("/guidance@radius_m")
-        _check_range("guide", 1e3 * self.guide_m, 1e3 * PAPER_BAND, 1e3 * largest_m, "mm")
+    def _check_guide(self) -> None:
         if min(self.stiffness) <= 0:
             raise SettingError(
                 "a guide of stiffness 0 does not hold the tip. Give a stiffness above 0",
@@ -261,12 +356,3 @@ class FixtureSettings:
     def max_tre_length_m(self) -> float | None:
         """The gate `max_tre_m` as a length [m]; `None`: any error is taken."""
         return self.contact_radius if self.max_tre_m == "contact radius" else self.max_tre_m
-
-
-def _check_range(name: str, value: float, smallest: float, largest: float, unit: str) -> None:
-    if not smallest <= value <= largest:
-        raise SettingError(
-            f"{name} is {value:g} {unit}. Give {smallest:g} to {largest:g} {unit}",
-            code="setting-range",
-            numbers={"value": value, "smallest": smallest, "largest": largest},
-        )

@@ -103,14 +103,9 @@ class Choice:
 
 
 def choose(
-    tolerance_m: float,
-    radius_m: float,
-    *,
-    planar: bool = True,
-    speed_m_s: float = SPEED_M_S,
-    rate_hz: float = RATE_HZ,
-    depth_m: float | None = None,
-) -> Choice:
+    tolerance_m: float, radius_m: float, *, planar: bool = True, speed_m_s: float = SPEED_M_S,
+    rate_hz: float = RATE_HZ, depth_m: float | None = None,
+) -> Choice:  # fmt: skip
     """The settings that a tolerance allows.
 
     tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used;
@@ -125,9 +120,7 @@ def choose(
     radius_m = number("radius", radius_m, "m", above=0.0)
     speed_m_s = number("speed", speed_m_s, "m/s", above=0.0)
     rate_hz = number("rate", rate_hz, "Hz", above=0.0)
-    if depth_m is None:
-        depth_m = DEPTH * radius_m
-    depth_m = number("depth", depth_m, "m", above=0.0)
+    depth_m = number("depth", DEPTH * radius_m if depth_m is None else depth_m, "m", above=0.0)
     if depth_m >= radius_m:
         raise SettingError(
             f"depth is {depth_m:g} m. Give less than R = {radius_m:g} m", code="depth-range"
@@ -137,14 +130,11 @@ def choose(
     # Faces that can hold the proxy.
     faces = 2 if planar else 3
     return Choice(
-        tolerance_m=tolerance_m,
-        used_tolerance_m=used_m,
-        sampling_tolerance_m=dimple_m,
-        spacing_m=math.sqrt(8 * radius_m * dimple_m),
-        band_m=BAND_SHARE * used_m,
+        tolerance_m=tolerance_m, used_tolerance_m=used_m, sampling_tolerance_m=dimple_m,
+        spacing_m=math.sqrt(8 * radius_m * dimple_m), band_m=BAND_SHARE * used_m,
         max_iterations=iterations(LAG_SHARE * used_m, radius_m, depth_m, speed_m_s / rate_hz)
         + faces,
-    )
+    )  # fmt: skip
 
 
 def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> int:
@@ -190,13 +180,9 @@ class Sampling:
 
 
 def sample_curve(
-    points_m: NDArray,
-    closed: bool,
-    *,
-    radius_m: float,
-    tolerance_m: float | None = 1e-5,
+    points_m: NDArray, closed: bool, *, radius_m: float, tolerance_m: float | None = 1e-5,
     density_per_m: float | None = None,
-) -> Sampling:
+) -> Sampling:  # fmt: skip
     """Sample a fine curve by need, or at a given density.
 
     Parameters
@@ -252,13 +238,10 @@ def sample_curve(
     dimple = radius_m - np.sqrt(np.maximum(radius_m**2 - gaps**2 / 4, 0.0))
     sampling_error_m = float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
     return Sampling(
-        points=curve.spline(parameter),
-        arclength=arclength,
-        parameter=parameter,
-        spacing_m=float(gaps.max()),
-        sampling_error_m=sampling_error_m,
+        points=curve.spline(parameter), arclength=arclength, parameter=parameter,
+        spacing_m=float(gaps.max()), sampling_error_m=sampling_error_m,
         tight_bends=tight_bends(curve, radius_m),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,19 +314,12 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
 def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:
     """The tightest place of each stretch that bends tighter than the radius."""
     is_tight = np.flatnonzero(curve.kappa * radius_m > 1)
-    if not len(is_tight):
-        return ()
     bends = []
     for stretch in np.split(is_tight, np.flatnonzero(np.diff(is_tight) > 1) + 1):
-        worst = int(stretch[np.argmax(curve.kappa[stretch])])
-        place = curve.spline(curve.parameter[[worst]])[0]
-        bends.append(
-            TightBend(
-                arclength_m=float(curve.arc[worst]),
-                position_m=tuple(place.tolist()),
-                radius_m=float(1 / curve.kappa[worst]),
-            )
-        )
+        if len(stretch):
+            worst = int(stretch[np.argmax(curve.kappa[stretch])])
+            place = tuple(curve.spline(curve.parameter[[worst]])[0].tolist())
+            bends.append(TightBend(float(curve.arc[worst]), place, float(1 / curve.kappa[worst])))
     return tuple(bends)
 
 
@@ -396,9 +372,7 @@ def carry(
     scale = scale_m_per_unit(registration)
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
-        sigma = curve.sigma
-        if sigma is not None:
-            sigma = sigma * scale
+        sigma = curve.sigma * scale if curve.sigma is not None else None
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
     if tolerance_m is None:
@@ -407,18 +381,14 @@ def carry(
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
     for stroke in curve.strokes:
         sampled = sample_curve(
-            registration.apply(stroke.points),
-            stroke.closed,
+            registration.apply(stroke.points), stroke.closed, tolerance_m=tolerance_m,
             radius_m=settings.contact_radius + settings.point_radius,
-            tolerance_m=tolerance_m,
             density_per_m=settings.density_per_m,
-        )
+        )  # fmt: skip
         points.append(sampled.points)
         strokes.append(stroke.at(sampled.parameter))
         length_m += length_of(sampled.points, stroke.closed)
-        gaps += len(sampled.points)
-        if not stroke.closed:
-            gaps -= 1
+        gaps += len(sampled.points) - (not stroke.closed)
         sampling_error_m = max(sampling_error_m, sampled.sampling_error_m)
         tight_bends += sampled.tight_bends
 
@@ -428,12 +398,9 @@ def carry(
     return CarriedPoints(
         points=np.round(np.concatenate(points), DECIMALS),
         source=np.concatenate([stroke.points for stroke in strokes]),
-        spacing_m=length_m / gaps,
-        sigma=sigma,
-        curve=Curve.of(strokes),
-        sampling_error_m=sampling_error_m,
-        tight_bends=tuple(tight_bends),
-    )
+        spacing_m=length_m / gaps, sigma=sigma, curve=Curve.of(strokes),
+        sampling_error_m=sampling_error_m, tight_bends=tuple(tight_bends),
+    )  # fmt: skip
 
 
 def spacing_of_cloud(points: Array) -> float | None:
@@ -523,9 +490,7 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         guide's radius.
     """
     # A gate that nobody named is no reason to refuse coarse lines and arcs.
-    max_tre_m = settings.max_tre_m
-    if isinstance(max_tre_m, str):
-        max_tre_m = None
+    max_tre_m = None if isinstance(settings.max_tre_m, str) else settings.max_tre_m
     lengths = ("margin", margin_m), ("--max-tre", max_tre_m), ("guide", settings.guide_m)
     for name, length_m in lengths:
         if not length_m or pieces.error <= ARCS_SHARE_OF_MARGIN * length_m:

@@ -198,8 +198,8 @@ def replay(
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
                 raise SettingError(
-                    "poses and events need one rule of the native engine, without a lossy "
-                    "link. Leave --compare, --engine or --link out",
+                    "poses and events need one rule of the native engine, without a lossy link. "
+                    "Leave --rule both, --engine, --drop, --jitter, --delay and --quantise out",
                     code="changes-alone",
                 )
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)

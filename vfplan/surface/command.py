@@ -17,10 +17,10 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
-    settings_from_options,
-)  # fmt: skip
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.settings import settings_from_options
 
 
 @command("surface")
