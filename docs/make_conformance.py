@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 from vfplan.bundle.read import read_bundle
-from vfplan.bundle.trust import Trust, read_keys
+from vfplan.bundle.seal import Trust, read_keys
 from vfplan.conformance import runner
 from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError, InputError

@@ -77,7 +77,6 @@ def test_a_foreign_file_is_no_bundle(data, tmp_path):
 
 
 def test_a_result_of_a_replay_is_named_as_such(tmp_path):
-    """`migrate` is no help for it."""
     with h5py.File(tmp_path / "result.h5", "w") as file:
         file.attrs["format"] = RESULT_FORMAT
         file["time"] = np.arange(5) / 1000

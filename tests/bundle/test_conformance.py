@@ -19,7 +19,7 @@ from conftest import ROOT, need_program
 from vfplan import Guide, ProxyEngine
 from vfplan.bundle.content import table
 from vfplan.bundle.read import read_bundle, read_fixture
-from vfplan.bundle.trust import Trust, read_keys
+from vfplan.bundle.seal import Trust, read_keys
 from vfplan.conformance import runner, vectors
 from vfplan.conformance.kit import RENDERED, write_kit
 from vfplan.errors import BundleError, InputError

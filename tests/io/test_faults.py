@@ -51,7 +51,6 @@ def folder(tmp_path_factory, root):
     (folder / "old.csv").write_bytes(b"old")
     for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
         (folder / name).write_bytes((root / "samples" / name).read_bytes())
-    (folder / "0.1.h5").write_bytes((TESTS / "data" / "bundles" / "0.1-minimal.h5").read_bytes())
     vfplan.bundle.keygen(folder / "key.pem")
     return folder
 
@@ -63,7 +62,6 @@ CASES = {
     "replay over old files": ["replay", "f.h5", "s.csv", "-o", "old.h5", "--overwrite"],
     "import": ["import", "p.csv", "--units", "m", "-o", "i.h5"],
     "export": ["export", "f.h5", "-o", "x.ply"],
-    "migrate": ["migrate", "0.1.h5", "-o", "m.h5"],
     "sign": ["sign", "f.h5", "--key", "key.pem", "--despite-findings",
              "-o", "old.h5", "--overwrite"],
     "keygen": ["keygen", "-o", "new"],
