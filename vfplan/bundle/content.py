@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -75,13 +76,12 @@ class Row:
     @property
     def parent(self) -> str:
         """The group that holds it."""
-        parts = self.path.rpartition("@" if self.kind == "attribute" else "/")
-        return parts[0] or "/"
+        return self.path[: -len(self.name) - 1] or "/"
 
     @property
     def name(self) -> str:
         """The last part of the path."""
-        return self.path.rpartition("@" if self.kind == "attribute" else "/")[2]
+        return re.split("[/@]", self.path)[-1]
 
 
 @cache
@@ -189,7 +189,7 @@ def to_content(fixture: Fixture) -> Content:
         value: Any = fixture
         for name in field.split("."):
             # A part that the fixture does not have has no path.
-            value = None if value is None else getattr(value, name)
+            value = getattr(value, name, None)
         if value is not None:
             content[path] = as_content(value, rows_by_path()[path])
     if fixture.stability is not None:
@@ -204,8 +204,9 @@ def to_content(fixture: Fixture) -> Content:
 def as_content(value: Any, row: Row) -> Any:
     """A value as a content holds it in this row."""
     if row.kind == "dataset":
-        is_text = row.type == "text"
-        return tuple(map(str, value)) if is_text else np.ascontiguousarray(value, f"<{row.type}")
+        if row.type == "text":
+            return tuple(map(str, value))
+        return np.ascontiguousarray(value, f"<{row.type}")
     types: dict[str, type] = {"text": str, "f8": float}
     return types.get(row.type, int)(value)
 
@@ -220,7 +221,7 @@ def content_of_findings(findings: tuple[Finding, ...]) -> Content:
         places = [getattr(finding, name) for finding in findings]
         has_place = np.array([place is not None for place in places], dtype="<u1")
         if has_place.any():
-            rows = [nowhere if place is None else place for place in places]
+            rows = [place or nowhere for place in places]
             content[f"/findings/has_{name}"] = has_place
             content[f"/findings/{name}"] = np.array(rows, dtype="<f8")
     if any(finding.answered_by is not None for finding in findings):

@@ -214,7 +214,7 @@ def read_cloud(path: Path, units: str) -> tuple[Mesh, str]:
             f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind.",
             where=where,
         )
-    data, digest = read_bytes(path, MAX_TEXT_BYTES if suffix == ".csv" else 1 << 31)
+    data, digest = read_bytes(path, {".csv": MAX_TEXT_BYTES}.get(suffix, 1 << 31))
     if suffix == ".npy":
         return read_npy(data, where), digest
     if suffix == ".csv":

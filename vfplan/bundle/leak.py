@@ -47,9 +47,10 @@ def certificate(content: Content) -> Content:
         place = corners[row]
     else:
         place = corners[rows].mean(axis=0)
-    rim_edges = open_edges(content["/mesh/triangles"]) if kind == "mesh" else 0
-    if rim_edges > 0:
-        leak["/leak@open_edges"] = rim_edges
+    if kind == "mesh":
+        rim_edges = open_edges(content["/mesh/triangles"])
+        if rim_edges > 0:
+            leak["/leak@open_edges"] = rim_edges
     if kind == "curve":
         leak |= open_ends(content, points)
     leak["/leak@largest_m"] = float(largest)

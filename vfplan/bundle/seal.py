@@ -275,12 +275,10 @@ class Trust:
             raise SettingError(f"The maximum age is {self.max_age} s. Give a finite number from 0.")
 
 
-def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
+def check_trust(seal: Sealed, trust: Trust) -> None:
     """Refuse a seal that no trusted key signed for this case, this robot and this day.
 
     What must be signed are the bytes of the file, as they are.
-
-    now: the time to count the age to [s since 1970 UTC]; without it the present
 
     Raises `SignatureError`.
     """
@@ -323,7 +321,7 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
         return
     if not seal.signed_at:
         raise SignatureError("does not state when it was signed. Sign it once more with its time.")
-    age = (time.time() if now is None else now) - seal.signed_at
+    age = time.time() - seal.signed_at
     if age > trust.max_age:
         raise SignatureError(
             f"was signed {age:.0f} s ago, and at most {trust.max_age:.0f} s are allowed. Review "
@@ -572,9 +570,9 @@ def check_is_approved(fixture: Fixture, where: str) -> None:
     how = f"{page}. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
-        is_one = len(codes) == 1
-        subject = "1 finding is" if is_one else f"{len(codes)} findings are"
-        answer = "Answer it" if is_one else "Answer them"
+        subject, answer = f"{len(codes)} findings are", "Answer them"
+        if len(codes) == 1:
+            subject, answer = "1 finding is", "Answer it"
         raise CheckFailed(
             f"{subject} not answered: {', '.join(sorted(set(codes)))}. {answer}: {how}.",
             where=where,

@@ -53,11 +53,13 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             sealed = unsealed(stream)
         except BundleError as error:
             return [Issue(error.where or "/", error.code, "error", error.message)]
-        unsigned = [] if sealed.signed else [Issue("/", "seal.unsigned", "note", UNSIGNED)]
+        issues = []
+        if not sealed.signed:
+            issues.append(Issue("/", "seal.unsigned", "note", UNSIGNED))
         content, broken_rules = sealed.read(strict=False)
         # The certificate needs the memory.
         del sealed
-    issues = unsigned + [Issue(*issue) for issue in broken_rules]
+    issues += [Issue(*issue) for issue in broken_rules]
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
@@ -257,7 +259,9 @@ def summary(value: Any, row: Row, values: bool) -> Any:
         "max": data.max().item(),
         "sha256": hashlib.sha256(data.data).hexdigest(),
     }
-    return described | {"values": data.tolist()} if values else described
+    if values:
+        described["values"] = data.tolist()
+    return described
 
 
 def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
@@ -270,17 +274,20 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     """
     content_a, content_b = read_bundle(a)[0], read_bundle(b)[0]
     differences = []
-    for row in table():
-        difference = difference_of(content_a.get(row.path), content_b.get(row.path))
+    for row in [row for row in table() if row.path in content_a or row.path in content_b]:
+        if row.path not in content_b:
+            difference = {"what": "only in A"}
+        elif row.path not in content_a:
+            difference = {"what": "only in B"}
+        else:
+            difference = difference_of(content_a[row.path], content_b[row.path])
         if difference is not None:
             differences.append({"path": row.path, **difference})
     return differences
 
 
 def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
-    """What differs between two values of one path, of which a missing one is `None`."""
-    if a is None or b is None:
-        return None if a is b else {"what": "only in B" if a is None else "only in A"}
+    """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
         return None if a == b else {"what": "value", "a": a, "b": b}
     a, b = np.asarray(a), np.asarray(b)

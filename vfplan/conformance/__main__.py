@@ -45,9 +45,12 @@ def judge(kit: Path, reader: Reader, verifier: Reader | None = None) -> list[Res
     verifier: the same reader where it trusts the keys of `signed/keys.pub` alone; without it the
         files of that folder are left out
     """
+    readers = {"valid": reader, "invalid": reader}
+    if verifier is not None:
+        readers["signed"] = verifier
     results = []
-    for kind, used in (("valid", reader), ("invalid", reader), ("signed", verifier)):
-        for path in sorted((kit / kind).glob("*.h5")) if used is not None else []:
+    for kind, used in readers.items():
+        for path in sorted((kit / kind).glob("*.h5")):
             expected = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
             try:
                 problem = problem_of(used(path), expected)

@@ -286,9 +286,8 @@ def to_payload(items: dict[str, Item]) -> bytes:
     payload = bytearray(at)
     payload[:48] = superblock(headers["/"], at)
     for path, item in items.items():
-        stated = path if item.data_at is None else item.data_at
-        address = data[stated] if isinstance(stated, str) else stated
-        header = header_of(item, headers, address)
+        stated = item.data_at or path
+        header = header_of(item, headers, data.get(stated, stated))
         payload[headers[path] : headers[path] + len(header)] = header
         if item.data:
             payload[data[path] : data[path] + len(item.data)] = item.data
