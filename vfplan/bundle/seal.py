@@ -57,8 +57,8 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 MAGIC = b"VFPLSEAL"
 TAIL_MAGIC = b"VFPLTAIL"
 SEAL_VERSION = 2
-LENGTHS = (512, 1024, 2048, 4096)
-"""Lengths that a seal may have [bytes]."""
+LENGTHS = tuple(512 << doublings for doublings in range(4))
+"""Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes."""
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 TAIL = struct.Struct("<32sII8s")
 SIGNATURE = slice(72, 136)
@@ -192,7 +192,11 @@ def signed_message(seal: Seal) -> bytes:
 def to_body(seal: Seal, length: int) -> bytes:
     """The seal without its tail, filled up with zeros."""
     case, serial = seal.case.encode(), seal.robot_serial.encode()
-    flags = seal.signed * SealFlag.SIGNED | seal.despite_findings * SealFlag.DESPITE_FINDINGS
+    flags = SealFlag(0)
+    if seal.signed:
+        flags |= SealFlag.SIGNED
+    if seal.despite_findings:
+        flags |= SealFlag.DESPITE_FINDINGS
     head = HEAD.pack(
         MAGIC,
         SEAL_VERSION,

@@ -132,9 +132,9 @@ def rendering_issues(content: Content) -> Iterator[Issue]:
     """Why no engine renders it, or not at 1 kHz."""
     if "/rendering/stiffness" not in content:
         return
-    doubt = engine_doubt(from_content(content))
-    if doubt is not None:
-        code, text = doubt
+    warning = engine_doubt(from_content(content))
+    if warning is not None:
+        code, text = warning
         yield Issue("/rendering", code, "warning", text)
 
 
