@@ -273,16 +273,14 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     Raises as `read_fixture` does.
     """
     content_a, content_b = read_bundle(a)[0], read_bundle(b)[0]
-    differences = []
-    for row in [row for row in table() if row.path in content_a or row.path in content_b]:
-        if row.path not in content_b:
-            difference = {"what": "only in A"}
-        elif row.path not in content_a:
-            difference = {"what": "only in B"}
-        else:
-            difference = difference_of(content_a[row.path], content_b[row.path])
-        if difference is not None:
-            differences.append({"path": row.path, **difference})
+    differences: list[dict[str, Any]] = []
+    for path in [row.path for row in table() if row.path in content_a or row.path in content_b]:
+        if path not in content_b:
+            differences.append({"path": path, "what": "only in A"})
+        elif path not in content_a:
+            differences.append({"path": path, "what": "only in B"})
+        elif difference := difference_of(content_a[path], content_b[path]):
+            differences.append({"path": path, **difference})
     return differences
 
 
