@@ -17,6 +17,7 @@ from vfplan.cli.run import CommandResult, command, printable, progress
 import vfplan
 from vfplan import view3d
 from vfplan import view3d as opengl
+from vfplan.bundle.seal import keygen, sign
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AWAKE = (
@@ -317,10 +318,10 @@ def test_long_work_in_processes_ends_with_the_program(number, tmp_path):
 
 def test_a_key_of_somebody_else_is_not_signed_with(tmp_path, monkeypatch):
     key = tmp_path / "k"
-    vfplan.bundle.keygen(key)
+    keygen(key)
     vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
     user = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: user + 1)
     with pytest.raises(vfplan.errors.InputError, match=f"another user \\(id {user}\\)"):
-        vfplan.bundle.sign(tmp_path / "f.h5", tmp_path / "s.h5", key)
+        sign(tmp_path / "f.h5", tmp_path / "s.h5", key)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "k", "k.pub"]

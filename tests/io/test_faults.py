@@ -17,6 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
+from vfplan.bundle.seal import keygen
 from vfplan.io.writing import working_in, write_whole
 from vfplan.session.session import Session
 
@@ -51,7 +52,7 @@ def folder(tmp_path_factory, root):
     (folder / "old.csv").write_bytes(b"old")
     for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
         (folder / name).write_bytes((root / "samples" / name).read_bytes())
-    vfplan.bundle.keygen(folder / "key.pem")
+    keygen(folder / "key.pem")
     return folder
 
 
