@@ -43,7 +43,6 @@ GROUPS: dict[str, dict[str, str]] = {
         "campaign": "Simulate how often the tool crosses the line.",
         "burr": "Remove the points of a fixture under the tool.",
         "export": "Write a bundle as PLY, CSV, .mrk.json or DXF.",
-        "migrate": "Bring an old bundle up to date, in a new file.",
         "conformance": "Write files that test a reader of bundles.",
     },
 }

@@ -403,10 +403,10 @@ def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
 
 
 def trust(arguments: dict[str, Any]) -> Any:
-    """The `vfplan.bundle.Trust` that `signature_options` ask for, or `None`."""
+    """The `vfplan.Trust` that `signature_options` ask for, or `None`."""
     demands = (arguments["case"], arguments["robot_serial"], arguments["max_age"])
     if arguments["keys"] is not None:
-        from vfplan.bundle.trust import Trust, read_keys
+        from vfplan.bundle.seal import Trust, read_keys
 
         return Trust(read_keys(arguments["keys"]), *demands)
     if demands != (None, None, None):

@@ -170,7 +170,7 @@ def open_page(address: str) -> None:
 
 def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) -> None:
     """Write an approved bundle, signed where there is a key."""
-    from vfplan.bundle.signing import sign
+    from vfplan.bundle.seal import sign
     from vfplan.bundle.write import write_fixture
 
     with outputs(output) as (path,):

@@ -46,7 +46,7 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     given. The command refuses a bundle that nobody reviewed, or with findings that nobody answered
     (exit 1).
     """
-    from vfplan.bundle.signing import sign
+    from vfplan.bundle.seal import sign
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
@@ -123,7 +123,7 @@ def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | Non
 )
 def vfplan_keygen(output) -> CommandResult:
     """Make an Ed25519 key pair: a private key to sign with, and a public key for the robots."""
-    from vfplan.bundle.trust import keygen
+    from vfplan.bundle.seal import keygen
 
     public, key_id = keygen(output, overwrite=is_overwriting())
     return CommandResult(

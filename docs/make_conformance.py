@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 
 from vfplan.bundle.read import read_bundle
-from vfplan.bundle.trust import Trust, read_keys
-from vfplan.conformance import runner
+from vfplan.bundle.seal import Trust, read_keys
+from vfplan.conformance import __main__ as runner
 from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError, InputError
 from vfplan.io.files import to_json_types

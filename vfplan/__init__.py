@@ -27,7 +27,7 @@ if not list(_source.glob("_core.*")):
 # Module -> the public names that it defines
 _DEFINED = {
     "bundle.read": "read_fixture",
-    "bundle.trust": "Trust read_keys",
+    "bundle.seal": "Trust read_keys",
     "bundle.write": "write_fixture",
     "curve.extraction": "Extraction extract_curve",
     "engine.governor": "Governor GovernorStatus",

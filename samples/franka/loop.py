@@ -297,7 +297,7 @@ def load(options: argparse.Namespace) -> vfplan.Fixture:
             file=sys.stderr,
         )
     else:
-        from vfplan.bundle.trust import Trust, read_keys
+        from vfplan.bundle.seal import Trust, read_keys
 
         keys = read_keys(options.keys)
         trust = Trust(keys, options.case, options.robot_serial, options.max_age)

@@ -77,7 +77,6 @@ def test_a_foreign_file_is_no_bundle(data, tmp_path):
 
 
 def test_a_result_of_a_replay_is_named_as_such(tmp_path):
-    """`migrate` is no help for it."""
     with h5py.File(tmp_path / "result.h5", "w") as file:
         file.attrs["format"] = RESULT_FORMAT
         file["time"] = np.arange(5) / 1000
@@ -99,44 +98,35 @@ def test_a_fixture_with_a_point_that_is_not_finite_is_not_written(mesh, value, t
     assert os.listdir(tmp_path) == []
 
 
+def part(name, **values):
+    """A change of one part of a fixture."""
+    return lambda f: replace(f, **{name: replace(getattr(f, name), **values)})
+
+
 WRONG = {
     "flat points": lambda f: replace(f, points=f.points[:, :2]),
     "no points": lambda f: replace(f, points=f.points[:0]),
     "one sigma too few": lambda f: replace(f, sigma=f.sigma[1:]),
     "sigma not finite": lambda f: replace(f, sigma=f.sigma * np.nan),
-    "a stroke too many": lambda f: replace(f, curve=replace(f.curve, stroke=f.curve.stroke + 1)),
-    "strokes of another length": lambda f: replace(
-        f, curve=replace(f.curve, stroke=f.curve.stroke[1:])
-    ),
-    "two stiffnesses": lambda f: replace(f, rendering=replace(f.rendering, stiffness=np.ones(2))),
-    "negative stiffness": lambda f: replace(
-        f, rendering=replace(f.rendering, stiffness=-np.ones(3))
-    ),
-    "band as wide as R": lambda f: replace(f, rendering=replace(f.rendering, band=0.005)),
-    "axis of length 2": lambda f: replace(
-        f, rendering=replace(f.rendering, ignore_axis=np.array([0.0, 0, 2]))
-    ),
+    "a stroke too many": lambda f: part("curve", stroke=f.curve.stroke + 1)(f),
+    "strokes of another length": lambda f: part("curve", stroke=f.curve.stroke[1:])(f),
+    "two stiffnesses": part("rendering", stiffness=np.ones(2)),
+    "negative stiffness": part("rendering", stiffness=-np.ones(3)),
+    "band as wide as R": part("rendering", band=0.005),
+    "axis of length 2": part("rendering", ignore_axis=np.array([0.0, 0, 2])),
     "points in mm": lambda f: replace(f, points=f.points * 1e3),
     "unknown frame": lambda f: replace(f, frame="world"),
     "a triangle of points that are not there": lambda f: replace(
         f, curve=None, mesh=np.array([[0, 1, 70]], dtype=np.int32)
     ),
-    "a time of no form": lambda f: replace(f, provenance=replace(f.provenance, created_utc="now")),
-    "a setting that is a list": lambda f: replace(
-        f, provenance=replace(f.provenance, settings={"a": [1]})
-    ),
-    "a setting of 401 digits": lambda f: replace(
-        f, provenance=replace(f.provenance, settings={"a": 10**400})
-    ),
-    "a setting of 5001 digits": lambda f: replace(
-        f, provenance=replace(f.provenance, settings={"a": -(10**5000)})
-    ),
-    "a label that ends in NUL": lambda f: replace(
-        f, registration=replace(f.registration, labels=("x1\0", *f.registration.labels[1:]))
-    ),
-    "a name with a blank": lambda f: replace(
-        f, provenance=replace(f.provenance, settings={"a b": 1})
-    ),
+    "a time of no form": part("provenance", created_utc="now"),
+    "a setting that is a list": part("provenance", settings={"a": [1]}),
+    "a setting of 401 digits": part("provenance", settings={"a": 10**400}),
+    "a setting of 5001 digits": part("provenance", settings={"a": -(10**5000)}),
+    "a label that ends in NUL": lambda f: part(
+        "registration", labels=("x1\0", *f.registration.labels[1:])
+    )(f),
+    "a name with a blank": part("provenance", settings={"a b": 1}),
 }
 
 
@@ -175,15 +165,15 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp
     ids=["nan", "nothing", "list", "bytes", "integer of 401 digits"],
 )
 def test_what_is_no_setting_is_told_with_its_value(value, says, tmp_path):
-    whole = bundles.whole()
-    provenance = replace(whole.provenance, settings={"a": value})
+    fixture = part("provenance", settings={"a": value})(bundles.whole())
     with pytest.raises(InputError, match=says):
-        vfplan.write_fixture(replace(whole, provenance=provenance), tmp_path / "a.h5")
+        vfplan.write_fixture(fixture, tmp_path / "a.h5")
 
 
-@pytest.mark.parametrize(
-    "module", ["vfplan.bundle.write", "vfplan.session.read", "vfplan.session.result"]
-)
+OPENS_HDF5 = ["vfplan.bundle.write", "vfplan.session.read", "vfplan.session.result"]
+
+
+@pytest.mark.parametrize("module", OPENS_HDF5)
 def test_no_plugin_can_be_loaded(module, tmp_path):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
     code = (
@@ -195,9 +185,7 @@ def test_no_plugin_can_be_loaded(module, tmp_path):
     subprocess.run([sys.executable, "-c", code], check=True, env=env, cwd=tmp_path)
 
 
-@pytest.mark.parametrize(
-    "module", ["vfplan.bundle.write", "vfplan.session.read", "vfplan.session.result"]
-)
+@pytest.mark.parametrize("module", OPENS_HDF5)
 def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"
     env = os.environ | {"HDF5_PLUGIN_PATH": "/tmp/plugins"}

@@ -15,9 +15,8 @@ from conftest import ROOT, need_header, need_program
 
 import vfplan
 from vfplan.bundle.read import read_bundle
-from vfplan.bundle.signing import sign
-from vfplan.bundle.trust import keygen
-from vfplan.conformance import runner
+from vfplan.bundle.seal import keygen, sign
+from vfplan.conformance import __main__ as runner
 from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError
 

@@ -11,8 +11,7 @@ import pytest
 import vfplan
 from vfplan.bundle import seal
 from vfplan.bundle.read import read_bundle
-from vfplan.bundle.signing import sign
-from vfplan.bundle.trust import keygen
+from vfplan.bundle.seal import keygen, sign
 from vfplan.bundle.validation import describe, validate
 from vfplan.errors import BundleError, CheckFailed, InputError, SettingError
 from vfplan.findings import doubt, note

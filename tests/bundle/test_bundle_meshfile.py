@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle.importing import import_cloud, refined
-from vfplan.bundle.meshfile import STL_FACET, read_mesh
+from vfplan.bundle.importing import STL_FACET, import_cloud, read_mesh, refined
 from vfplan.errors import InputError, SessionError
 from vfplan.session.read import npz_header
 

@@ -12,8 +12,7 @@ from keyfolders import BESIDE, keys_beside
 
 import vfplan
 from vfplan.bundle.read import read_bundle
-from vfplan.bundle.signing import sign
-from vfplan.bundle.trust import Trust, keygen, read_keys
+from vfplan.bundle.seal import Trust, keygen, read_keys, sign
 from vfplan.errors import InputError, OutputError, SettingError, SignatureError
 
 

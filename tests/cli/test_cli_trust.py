@@ -16,8 +16,7 @@ from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
 from vfplan import view3d
-from vfplan.bundle.signing import sign
-from vfplan.bundle.trust import keygen
+from vfplan.bundle.seal import keygen, sign
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AWAKE = (
@@ -47,9 +46,6 @@ def hostile(tmp_path_factory, root):
         (folder / name).write_bytes((root / "samples" / name).read_bytes())
     (folder / "s.csv").write_text("t,x,y,z\n0,0,0,0.03\n0.001,0,0,0.03\n0.002,0,0,0.03\n")
     (folder / "p.csv").write_text("x,y,z\n0,0,0\n1,0,0\n")
-    (folder / "old.h5").write_bytes(
-        (root / "tests" / "data" / "bundles" / "0.1-minimal.h5").read_bytes()
-    )
     return folder
 
 
@@ -57,7 +53,7 @@ PICTURES = "--mask-out m.png --overlay-out o.png --picture-out r.png"
 MARKERS = "elbow_markers_image.csv elbow_markers_robot.csv"
 PLAN = f"plan elbow.png {MARKERS} --pixel-spacing 0.5 {PICTURES}"
 WORDS = ["--version", f"{PLAN} -o p.h5", "replay f.h5 s.csv -o r.h5 --csv r.csv --report page",
-         "validate f.h5", "info f.h5", "migrate old.h5 -o n.h5", "keygen -o k", "diff f.h5 f.h5",
+         "validate f.h5", "info f.h5", "keygen -o k", "diff f.h5 f.h5",
          "sign f.h5 --key k --despite-findings -o signed.h5", "verify signed.h5 --keys k.pub",
          "view f.h5 r.h5", "import p.csv --units mm -o i.h5", "export f.h5 -o e.ply",
          "stability f.h5 --part closed-loop --jobs 2 -o s"]  # fmt: skip

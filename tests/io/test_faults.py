@@ -17,7 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.bundle.trust import keygen
+from vfplan.bundle.seal import keygen
 from vfplan.io.writing import write_whole
 from vfplan.session.session import Session
 

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from click.testing import CliRunner
-from oracle.replays import ARCHIVE, OURS, SAMPLES, readable
+from oracle.replays import OURS, SAMPLES
 from vfplan.cli.main import cli
 
 # In the order in which they run, in one folder that holds the sample. `elbow.h5` is the bundle that
@@ -26,7 +26,6 @@ COMMANDS = {
     " --guide 1 -o planned.h5",
     "surface": "surface bone.mrk.json --tolerance 2 -o surface.h5",
     "import": "import cloud.csv --units mm -o cloud.h5",
-    "migrate": "migrate old.h5 -o new.h5",
     "info": "info elbow.h5",
     "validate": "validate elbow.h5",
     "export": "export elbow.h5 -o elbow.dxf",
@@ -87,11 +86,8 @@ def prepare(folder):
     """Put the sample, the frozen bundles and two small inputs into the folder."""
     for path in SAMPLES.glob("elbow*"):
         shutil.copy(path, folder)
-    migrated = folder / "migrated"
-    migrated.mkdir()
-    shutil.copy(readable(OURS / "elbow.h5", migrated), folder / "elbow.h5")
-    shutil.copy(readable(OURS / "elbow-guided.h5", migrated), folder / "guided.h5")
-    shutil.copy(ARCHIVE / "0.1-everything.h5", folder / "old.h5")
+    shutil.copy(OURS / "elbow.h5", folder)
+    shutil.copy(OURS / "elbow-guided.h5", folder / "guided.h5")
     here = Path.cwd()
     os.chdir(folder)
     try:

@@ -12,8 +12,6 @@ import numpy as np
 from vfplan.samples.experiments import probing_hand, square
 
 import vfplan
-from vfplan.bundle.migration import migrate
-from vfplan.errors import VersionError
 from vfplan.replaying.replay import replay
 from vfplan.robot import Robot
 from vfplan.session.events import Poses
@@ -72,16 +70,10 @@ def tracked(ticks=TICKS):
     return Poses(time, np.array(rows), time + 0.012)
 
 
-def readable(path, folder):
-    """A bundle that this version reads: the archived one, or what it is migrated to."""
-    try:
-        vfplan.read_fixture(path)
-    except VersionError:
-        new = Path(folder) / path.name
-        if not new.exists():
-            migrate(path, new)
-        return new
-    return path
+def archived(name):
+    """The path of an archived bundle."""
+    path = ARCHIVE / f"{name}.h5"
+    return path if path.exists() else OURS / f"{name}.h5"
 
 
 def summed(**arrays):
@@ -107,42 +99,41 @@ def replays():
     """{case: what is frozen of it} for every archived bundle, the experiment and the sample."""
     robot = Robot("a robot", 1.0, 5.0, 1000.0, force_limit_n=12.0, force_step_limit_n=0.5)
     cases = {}
-    with tempfile.TemporaryDirectory() as folder:
 
-        def add(name, fixture, session, **how):
-            ticks = replay(fixture, session, **how).ticks
-            columns = {c: getattr(ticks, c) for c in ("hip", "proxy", "normal", "force", "state")}
-            cases[name] = summed(**columns)
+    def add(name, fixture, session, **how):
+        ticks = replay(fixture, session, **how).ticks
+        columns = {c: getattr(ticks, c) for c in ("hip", "proxy", "normal", "force", "state")}
+        cases[name] = summed(**columns)
 
-        for name, rules in (
-            ("1.0-everything", ("robust", "paper")),
-            ("1.0-patient", ("robust", "paper")),
-            ("1.0-mesh", ("exact", "robust")),
-            ("1.1-guided", ("robust",)),
-            ("1.1-pieces", ("exact", "robust")),
-        ):
-            fixture = vfplan.read_fixture(readable(ARCHIVE / f"{name}.h5", folder))
-            session = Session(*hand(fixture.points))
-            for rule in rules:
-                add(f"{name}, {rule}", fixture, session, rule=rule)
-        for rule in ("robust", "paper"):
-            add(f"experiment 1, {rule}", square(), probing_hand(), rule=rule)
-        elbow = vfplan.read_fixture(readable(OURS / "elbow.h5", folder))
-        for rule in ("robust", "paper", "exact"):
-            add(f"elbow, {rule}", elbow, SAMPLES / "elbow_session.csv", rule=rule)
-        add("elbow, governed", elbow, SAMPLES / "elbow_session.csv", governor=robot)
-        session = Session(*hand(elbow.points))
-        add("elbow, moving", elbow, session, poses=tracked())
-        guided = vfplan.read_fixture(readable(OURS / "elbow-guided.h5", folder))
-        add("elbow, guided", guided, Session(*hand(guided.points)))
+    for name, rules in (
+        ("2.0-everything", ("robust", "paper")),
+        ("2.0-patient", ("robust", "paper")),
+        ("2.0-mesh", ("exact", "robust")),
+        ("2.0-guided", ("robust",)),
+        ("pieces", ("exact", "robust")),
+    ):
+        fixture = vfplan.read_fixture(archived(name))
+        session = Session(*hand(fixture.points))
+        for rule in rules:
+            add(f"{name}, {rule}", fixture, session, rule=rule)
+    for rule in ("robust", "paper"):
+        add(f"experiment 1, {rule}", square(), probing_hand(), rule=rule)
+    elbow = vfplan.read_fixture(archived("elbow"))
+    for rule in ("robust", "paper", "exact"):
+        add(f"elbow, {rule}", elbow, SAMPLES / "elbow_session.csv", rule=rule)
+    add("elbow, governed", elbow, SAMPLES / "elbow_session.csv", governor=robot)
+    session = Session(*hand(elbow.points))
+    add("elbow, moving", elbow, session, poses=tracked())
+    guided = vfplan.read_fixture(archived("elbow-guided"))
+    add("elbow, guided", guided, Session(*hand(guided.points)))
     return cases
 
 
 CONTROLLED = (
-    ("1.0-everything", "--rule", "robust"),
-    ("1.0-everything", "--rule", "paper", "--form", "admittance"),
-    ("1.0-mesh", "--form", "velocity"),
-    ("1.1-pieces",),
+    ("2.0-everything", "--rule", "robust"),
+    ("2.0-everything", "--rule", "paper", "--form", "admittance"),
+    ("2.0-mesh", "--form", "velocity"),
+    ("pieces",),
     ("elbow", "--governor", "0.5,12"),
     ("elbow", "--rule", "robust", "--form", "velocity"),
     ("elbow-guided",),
@@ -167,11 +158,9 @@ def controller_logs(tree):
     with tempfile.TemporaryDirectory() as folder:
         program = build_controller(tree, Path(folder) / "build")
         for name, *options in CONTROLLED:
-            archived = ARCHIVE / f"{name}.h5"
-            path = readable(archived if archived.exists() else OURS / f"{name}.h5", folder)
             log = Path(folder) / f"{len(cases)}.csv"
             wanted = ["--unsigned", "--simulated-time", "--seconds", "3", "--log", log]
-            command = [program, path, *wanted, *options]
+            command = [program, archived(name), *wanted, *options]
             subprocess.run([*map(str, command)], check=True, capture_output=True)
             table = np.genfromtxt(log, delimiter=",", names=True)
             arrays = {k: np.column_stack([table[c] for c in names]) for k, names in LOGGED.items()}

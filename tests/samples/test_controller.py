@@ -579,8 +579,7 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
 
 def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
     """By a key, for a case and a robot; told to do without, it says what it does not know."""
-    from vfplan.bundle.signing import sign
-    from vfplan.bundle.trust import keygen
+    from vfplan.bundle.seal import keygen, sign
 
     keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
     sign(

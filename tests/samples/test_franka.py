@@ -212,8 +212,7 @@ def test_the_loop_refuses_open_findings_unless_told(loop, tmp_path, capsys):
 
 
 def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
-    from vfplan.bundle.signing import sign
-    from vfplan.bundle.trust import keygen
+    from vfplan.bundle.seal import keygen, sign
 
     path, signed = tmp_path / "plain.h5", str(tmp_path / "signed.h5")
     vfplan.write_fixture(bundles.small(), path)

@@ -72,8 +72,7 @@ def write_archive() -> None:
 
     import vfplan
     from vfplan.bundle.content import VERSION
-    from vfplan.bundle.signing import sign
-    from vfplan.bundle.trust import keygen
+    from vfplan.bundle.seal import keygen, sign
     from vfplan.bundle.validation import describe
     from vfplan.io.files import to_json_types
 

@@ -1,18 +1,15 @@
-"""A fixture as the content of a bundle, path -> value, and back.
+"""What a bundle may hold, by the format's table, and a fixture as such a content and back.
 
-A part that the fixture does not have has no path.
-
-The format's table: what a bundle may hold, read from `schemas/bundle-2.0.json`.
-
-The writer, the validator and `info` ask this table; nothing about paths, types, shapes or units is
-written down a second time in Python.
+The table is `schemas/bundle-2.0.json`. The writer, the validator and `info` ask it; nothing about
+paths, types, shapes or units is written down a second time in Python.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+import re
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -37,11 +34,8 @@ from vfplan.fixture import (
 Content = dict[str, Any]
 """Path -> value: text (`str`), `int`, `float`, a NumPy array, or a tuple of texts."""
 
-Kind = Literal["group", "dataset", "attribute"]
 FORMAT = "vfplan-fixture"
 VERSION = "2.0"
-OLDER = "1.1"
-"""The newest version that only `migrate` reads; its table covers those before it as well."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,7 @@ class Row:
     """
 
     path: str
-    kind: Kind
+    kind: Literal["group", "dataset", "attribute"]
     required: str
     since: str
     meaning: str
@@ -82,36 +76,29 @@ class Row:
     @property
     def parent(self) -> str:
         """The group that holds it."""
-        if self.kind == "attribute":
-            return self.path.partition("@")[0]
-        parent = self.path.rpartition("/")[0]
-        return "/" if parent == "" else parent
+        return self.path[: -len(self.name) - 1] or "/"
 
     @property
     def name(self) -> str:
         """The last part of the path."""
-        separator = "@" if self.kind == "attribute" else "/"
-        return self.path.rpartition(separator)[2]
+        return re.split("[/@]", self.path)[-1]
 
 
 @cache
-def document(version: str = VERSION) -> dict[str, Any]:
-    """The whole of `bundle-VERSION.json`."""
-    file = Path(__file__).parents[1] / "schemas" / f"bundle-{version}.json"
+def document() -> dict[str, Any]:
+    """The whole of `bundle-2.0.json`."""
+    file = Path(__file__).parents[1] / "schemas" / f"bundle-{VERSION}.json"
     return json.loads(file.read_text("utf-8"))
 
 
 @cache
-def table(version: str = VERSION) -> tuple[Row, ...]:
+def table() -> tuple[Row, ...]:
     """Everything a bundle may hold, in the order of the format."""
-    rows = []
-    for entry in document(version)["rows"]:
-        fields = dict(entry)
-        for name in ("shape", "allowed"):
-            if name in fields:
-                fields[name] = tuple(fields[name])
-        rows.append(Row(**fields))
-    return tuple(rows)
+    tuples = {"shape", "allowed"}
+    return tuple(
+        Row(**{name: tuple(value) if name in tuples else value for name, value in entry.items()})
+        for entry in document()["rows"]
+    )
 
 
 @cache
@@ -129,11 +116,6 @@ def max_number(path: str) -> float:
     """The largest number that a bundle may hold at a path."""
     largest = rows_by_path()[path].max
     return math.inf if largest is None else float(largest)
-
-
-def max_payload_bytes() -> int:
-    """The largest payload of a bundle [bytes]."""
-    return document()["limits"]["payload_bytes"]
 
 
 # Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:
@@ -187,103 +169,83 @@ FIELDS = {
 }
 """Path in the bundle -> field of the fixture."""
 
-STABILITY_FIELDS = (
-    "mass_kg",
-    "damping_n_s_per_m",
-    "rate_hz",
-    "delay_ticks",
-    "k_n_per_m",
-    "k_max_n_per_m",
-    "margin",
-)
+STABILITY_FIELDS = tuple(field.name for field in fields(StabilityVerdict) if field.name != "robot")
 """Fields of a `StabilityVerdict` in the order of `/rendering/stability`."""
 
 PARTS = {
-    "curve": Curve,
-    "pieces": Pieces,
-    "image": SourceImage,
-    "rendering": Rendering,
-    "guidance": Guidance,
-    "registration": RegistrationRecord,
-    "reviewed": Review,
-}
+    "curve": Curve, "pieces": Pieces, "image": SourceImage, "rendering": Rendering,
+    "guidance": Guidance, "registration": RegistrationRecord, "reviewed": Review,
+}  # fmt: skip
 """The parts of a fixture that `FIELDS` names in front of a point, and their types."""
+
+
+# --- Fixture -> content -------------------------------------------------------------------------
 
 
 def to_content(fixture: Fixture) -> Content:
     """Every value that a bundle of this fixture holds, but for those that the format computes."""
-    rows = rows_by_path()
     content: Content = {}
     for path, field in FIELDS.items():
-        value = value_of_field(fixture, field)
-        if value is None:
-            continue
-        row = rows[path]
-        if row.kind == "dataset" and row.type == "text":
-            content[path] = tuple(map(str, value))
-        elif row.kind == "dataset":
-            content[path] = np.ascontiguousarray(value, dtype=f"<{row.type}")
-        elif row.type == "text":
-            content[path] = str(value)
-        elif row.type == "f8":
-            content[path] = float(value)
-        else:
-            content[path] = int(value)
+        value: Any = fixture
+        for name in field.split("."):
+            # A part that the fixture does not have has no path.
+            value = getattr(value, name, None)
+        if value is not None:
+            content[path] = as_content(value, rows_by_path()[path])
     if fixture.stability is not None:
         numbers = [getattr(fixture.stability, name) for name in STABILITY_FIELDS]
         content["/rendering@robot"] = fixture.stability.robot
         content["/rendering/stability"] = np.array(numbers, dtype="<f8")
-    put_findings(content, fixture.findings)
-    put_provenance(content, fixture.provenance)
+    if fixture.findings:
+        content |= content_of_findings(fixture.findings)
+    return content | content_of_provenance(fixture.provenance)
+
+
+def as_content(value: Any, row: Row) -> Any:
+    """A value as a content holds it in this row."""
+    if row.kind == "dataset":
+        if row.type == "text":
+            return tuple(map(str, value))
+        return np.ascontiguousarray(value, f"<{row.type}")
+    types: dict[str, type] = {"text": str, "f8": float}
+    return types.get(row.type, int)(value)
+
+
+def content_of_findings(findings: tuple[Finding, ...]) -> Content:
+    """The group `/findings`."""
+    content: Content = {
+        f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
+        for name in FINDING_TEXTS
+    }
+    for name, nowhere in (("place_px", (0.0, 0.0)), ("place_m", (0.0, 0.0, 0.0))):
+        places = [getattr(finding, name) for finding in findings]
+        has_place = np.array([place is not None for place in places], dtype="<u1")
+        if has_place.any():
+            rows = [place or nowhere for place in places]
+            content[f"/findings/has_{name}"] = has_place
+            content[f"/findings/{name}"] = np.array(rows, dtype="<f8")
+    if any(finding.answered_by is not None for finding in findings):
+        for name in ("answered_by", "answered_utc"):
+            answers = tuple(getattr(finding, name) or "" for finding in findings)
+            content[f"/findings/{name}"] = answers
     return content
 
 
-def value_of_field(fixture: Fixture, field: str) -> Any:
-    """The value of "part.field" or "field"; `None` where the fixture has none."""
-    value: Any = fixture
-    for name in field.split("."):
-        if value is None:
-            return None
-        value = getattr(value, name)
-    return value
+FINDING_TEXTS = ("code", "severity", "text", "stage")
 
 
-def put_findings(content: Content, findings: tuple[Finding, ...]) -> None:
-    """Add the group `/findings` to a content; nothing where nothing was found."""
-    if not findings:
-        return
-    for name in ("code", "severity", "text", "stage"):
-        content[f"/findings/{name}"] = tuple(getattr(finding, name) for finding in findings)
-    for name, no_place in (("place_px", (0.0, 0.0)), ("place_m", (0.0, 0.0, 0.0))):
-        has_place = np.zeros(len(findings), dtype="<u1")
-        places = np.zeros((len(findings), len(no_place)), dtype="<f8")
-        for i, finding in enumerate(findings):
-            place = getattr(finding, name)
-            if place is not None:
-                has_place[i] = 1
-                places[i] = place
-        if has_place.any():
-            content[f"/findings/has_{name}"] = has_place
-            content[f"/findings/{name}"] = places
-    if any(finding.answered_by is not None for finding in findings):
-        for name in ("answered_by", "answered_utc"):
-            answers = [getattr(finding, name) or "" for finding in findings]
-            content[f"/findings/{name}"] = tuple(answers)
-
-
-def put_provenance(content: Content, provenance: Provenance) -> None:
-    """Add the group `/provenance` to a content."""
-    content["/provenance@created_utc"] = provenance.created_utc
-    content["/provenance@software"] = provenance.software
-    if provenance.inputs:
-        content["/provenance/input_roles"] = tuple(provenance.inputs)
-        content["/provenance/input_sha256"] = tuple(provenance.inputs.values())
-    if provenance.settings:
-        values = [setting_text(value) for value in provenance.settings.values()]
-        content["/provenance/setting_names"] = tuple(provenance.settings)
-        content["/provenance/setting_values"] = tuple(values)
-    if provenance.history:
-        content["/provenance/history"] = tuple(provenance.history)
+def content_of_provenance(provenance: Provenance) -> Content:
+    """The group `/provenance`."""
+    values = {
+        "@created_utc": provenance.created_utc,
+        "@software": provenance.software,
+        "/input_roles": tuple(provenance.inputs),
+        "/input_sha256": tuple(provenance.inputs.values()),
+        "/setting_names": tuple(provenance.settings),
+        "/setting_values": tuple(map(setting_text, provenance.settings.values())),
+        "/history": tuple(provenance.history),
+    }
+    return {f"/provenance{name}": value for name, value in values.items() if value != ()}
 
 
 def setting_text(value: Any) -> str:
@@ -304,30 +266,29 @@ def setting_text(value: Any) -> str:
     )
 
 
+# --- Content -> fixture -------------------------------------------------------------------------
+
+
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
     parts: dict[str, dict[str, Any]] = {}
     for path, field in FIELDS.items():
-        if path not in content:
-            continue
-        value = content[path]
-        if isinstance(value, np.ndarray) and value.dtype == np.uint8:
-            value = value.astype(bool)
-        # A field of the fixture itself has no part in front: its part is "".
-        part, _, name = field.rpartition(".")
-        parts.setdefault(part, {})[name] = value
+        if path in content:
+            value = content[path]
+            is_truth = isinstance(value, np.ndarray) and value.dtype == np.uint8
+            # A field of the fixture itself has no part in front: its part is "".
+            part, _, name = field.rpartition(".")
+            parts.setdefault(part, {})[name] = value.astype(bool) if is_truth else value
+    if "pieces" in parts:
+        parts["pieces"]["closed"] = parts["curve"]["closed"]
+        parts["curve"]["pieces"] = Pieces(**parts.pop("pieces"))
+    if "pixel_spacing_mm" in parts.get("image", {}):
+        spacing = parts["image"]["pixel_spacing_mm"]
+        parts["image"]["pixel_spacing_mm"] = tuple(spacing.tolist())
     values = parts.pop("")
-    pieces = parts.pop("pieces", None)
-    for name, part_values in parts.items():
-        values[name] = PARTS[name](**part_values)
-    if pieces is not None:
-        curve = values["curve"]
-        values["curve"] = replace(curve, pieces=Pieces(closed=curve.closed, **pieces))
-    if "image" in values and values["image"].pixel_spacing_mm is not None:
-        spacing = tuple(values["image"].pixel_spacing_mm.tolist())
-        values["image"] = replace(values["image"], pixel_spacing_mm=spacing)
     return Fixture(
         **values,
+        **{name: PARTS[name](**part) for name, part in parts.items()},
         provenance=provenance_of(content),
         stability=stability_of(content),
         findings=findings_of(content),
@@ -336,7 +297,7 @@ def from_content(content: Content) -> Fixture:
 
 def stability_of(content: Content) -> StabilityVerdict | None:
     """The verdict of the stability gate; `None` where there is none."""
-    if "/rendering@robot" not in content or "/rendering/stability" not in content:
+    if "/rendering@robot" not in content:
         return None
     numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))
     numbers["delay_ticks"] = round(numbers["delay_ticks"])
@@ -347,37 +308,30 @@ def findings_of(content: Content) -> tuple[Finding, ...]:
     """What a checked content says that a person should look at."""
     findings = []
     for i in range(len(content.get("/findings/code", ()))):
-        fields: dict[str, Any] = {}
-        for name in ("code", "severity", "text", "stage"):
-            fields[name] = content[f"/findings/{name}"][i]
+        values = {name: content[f"/findings/{name}"][i] for name in FINDING_TEXTS}
         for name in ("place_px", "place_m"):
             if f"/findings/{name}" in content and content[f"/findings/has_{name}"][i]:
-                fields[name] = tuple(content[f"/findings/{name}"][i].tolist())
+                values[name] = tuple(content[f"/findings/{name}"][i].tolist())
         for name in ("answered_by", "answered_utc"):
             if f"/findings/{name}" in content:
-                fields[name] = content[f"/findings/{name}"][i] or None
-        findings.append(Finding(**fields))
+                values[name] = content[f"/findings/{name}"][i] or None
+        findings.append(Finding(**values))
     return tuple(findings)
 
 
 def provenance_of(content: Content) -> Provenance:
     """Where the bundle came from."""
-    roles = content.get("/provenance/input_roles", ())
-    digests = content.get("/provenance/input_sha256", ())
-    settings = {}
-    for name, text in zip(
-        content.get("/provenance/setting_names", ()),
-        content.get("/provenance/setting_values", ()),
-        strict=True,
-    ):
-        if text.startswith('"'):
-            settings[name] = text[1:-1]
-        else:
-            settings[name] = json.loads(text)
+    roles, digests, names, values, history = (
+        content.get(f"/provenance/{name}", ())
+        for name in ("input_roles", "input_sha256", "setting_names", "setting_values", "history")
+    )
     return Provenance(
         created_utc=content["/provenance@created_utc"],
         software=content["/provenance@software"],
         inputs=dict(zip(roles, digests, strict=True)),
-        settings=settings,
-        history=tuple(content.get("/provenance/history", ())),
+        settings={
+            name: text[1:-1] if text.startswith('"') else json.loads(text)
+            for name, text in zip(names, values, strict=True)
+        },
+        history=history,
     )

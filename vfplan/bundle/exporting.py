@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
     "Schema/markups-schema-v1.0.3.json#"
 )
-SUFFIXES = (".ply", ".csv", ".mrk.json", ".dxf")
 Vector = NDArray[np.float64]
 
 
@@ -34,37 +34,20 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
-    suffix = suffix_of(path)
-    if suffix == ".ply":
-        data = ply(fixture)
-    elif suffix == ".csv":
-        data = csv(fixture)
-    elif suffix == ".mrk.json":
-        data = slicer_markups(fixture)
-    else:
-        data = dxf(fixture)
-    write_whole(Path(path), [data], overwrite=overwrite)
+    make, _ = FORMS[suffix_of(path)]
+    write_whole(Path(path), [make(fixture)], overwrite=overwrite)
 
 
-PARTS_BY_FORM = {
-    ".ply": {"mesh"},
-    ".csv": {"sigma", "curve"},
-    ".mrk.json": {"curve"},
-    ".dxf": {"curve"},
-}
-"""Form -> the parts of a fixture that it holds besides the points."""
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
 
 
 def left_out(fixture: Fixture, path: str | Path) -> list[str]:
     """The parts of a fixture that a file of this name does not hold; provenance is in none."""
     suffix = suffix_of(path)
-    parts = []
-    for part in PARTS:
-        if getattr(fixture, part) is not None and part not in PARTS_BY_FORM[suffix]:
-            parts.append(part)
+    _, held = FORMS[suffix]
+    parts = [p for p in PARTS if getattr(fixture, p) is not None and p not in held]
     curve = fixture.curve
-    if curve is None or "curve" not in PARTS_BY_FORM[suffix]:
+    if curve is None or "curve" not in held:
         return parts
     if suffix == ".csv" and np.any(curve.closed):
         parts.append("curve/closed")
@@ -80,12 +63,11 @@ def left_out(fixture: Fixture, path: str | Path) -> list[str]:
 
 def suffix_of(path: str | Path) -> str:
     """The ending of a name, which says what form the file has."""
-    name = Path(path).name.lower()
-    for suffix in SUFFIXES:
-        if name.endswith(suffix):
+    for suffix in FORMS:
+        if Path(path).name.lower().endswith(suffix):
             return suffix
     raise InputError(
-        f"The name ends in none of {', '.join(SUFFIXES)}. Choose one of these endings.",
+        f"The name ends in none of {', '.join(FORMS)}. Choose one of these endings.",
         where=str(path),
     )
 
@@ -97,15 +79,10 @@ def unit_of(fixture: Fixture) -> str:
 
 def ply(fixture: Fixture) -> bytes:
     """The points, and the triangles of a mesh, as binary PLY."""
-    head = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment frame {fixture.frame}, unit {unit_of(fixture)}",
-        f"element vertex {len(fixture.points)}",
-        "property double x",
-        "property double y",
-        "property double z",
-    ]
+    head = ["ply", "format binary_little_endian 1.0"]
+    head.append(f"comment frame {fixture.frame}, unit {unit_of(fixture)}")
+    head.append(f"element vertex {len(fixture.points)}")
+    head += [f"property double {axis}" for axis in "xyz"]
     body = np.ascontiguousarray(fixture.points, dtype="<f8").tobytes()
     if fixture.mesh is not None:
         head += [f"element face {len(fixture.mesh)}", "property list uchar int vertex_indices"]
@@ -120,17 +97,15 @@ def csv(fixture: Fixture) -> bytes:
     """The points, their deviations and strokes as a table with a header."""
     unit = unit_of(fixture)
     names = [f"x_{unit}", f"y_{unit}", f"z_{unit}"]
-    columns = [*fixture.points.T.tolist()]
+    columns = fixture.points.T.tolist()
     if fixture.sigma is not None:
         names.append(f"sigma_{unit}")
         columns.append(fixture.sigma.tolist())
     if fixture.curve is not None:
         names.append("stroke")
         columns.append(fixture.curve.stroke.tolist())
-    lines = [",".join(names)]
-    for row in zip(*columns, strict=True):
-        lines.append(",".join(map(repr, row)))
-    return ("\n".join(lines) + "\n").encode()
+    rows = [",".join(map(repr, row)) for row in zip(*columns, strict=True)]
+    return ("\n".join([",".join(names), *rows]) + "\n").encode()
 
 
 def slicer_markups(fixture: Fixture) -> bytes:
@@ -143,10 +118,10 @@ def slicer_markups(fixture: Fixture) -> bytes:
         raise InputError(
             "A cloud without strokes cannot be written as .mrk.json. Write it as .ply."
         )
-    markups = []
-    for number, stroke in enumerate(fixture.strokes):
-        points_mm = 1000 * stroke.points
-        markups.append(slicer_markup(points_mm, number, stroke.closed, fixture.frame))
+    markups = [
+        slicer_markup(1000 * stroke.points, number, stroke.closed, fixture.frame)
+        for number, stroke in enumerate(fixture.strokes)
+    ]
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
 
 
@@ -163,9 +138,8 @@ def slicer_markup(
         }
         for i, point in enumerate(points_mm.tolist(), start=1)
     ]
-    kind = "ClosedCurve" if is_closed else "Curve"
     return {
-        "type": kind,
+        "type": "ClosedCurve" if is_closed else "Curve",
         "coordinateSystem": "LPS",
         "coordinateUnits": "mm",
         "controlPoints": control_points,
@@ -194,21 +168,25 @@ def dxf(fixture: Fixture) -> bytes:
             rows += [(0, "VERTEX"), (8, "0"), (10, x_mm), (20, y_mm), (30, height), (42, bulge)]
         rows.append((0, "SEQEND"))
     rows += [(0, "ENDSEC"), (0, "EOF")]
-    lines = []
-    for code, value in rows:
-        text = str(value)
-        if isinstance(value, float):
-            text = repr(float(value))
-        lines.append(f"{code:3}\n{text}\n")
-    return "".join(lines).encode()
+    texts = [
+        (code, repr(float(value)) if isinstance(value, float) else value) for code, value in rows
+    ]
+    return "".join(f"{code:3}\n{text}\n" for code, text in texts).encode()
 
 
 def arbitrary_axes(axis: Vector) -> Vector:
     """(3, 3) rows x, y and z of the coordinates that DXF gives to what is extruded along z."""
-    upright = [0.0, 0.0, 1.0]
     # DXF's own rule for axes that are almost along z.
-    if max(abs(axis[0]), abs(axis[1])) < 1 / 64:
-        upright = [0.0, 1.0, 0.0]
-    x = np.cross(upright, axis)
+    is_upright = max(abs(axis[0]), abs(axis[1])) < 1 / 64
+    x = np.cross([0.0, 1.0, 0.0] if is_upright else [0.0, 0.0, 1.0], axis)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis])
+
+
+FORMS: dict[str, tuple[Callable[[Fixture], bytes], tuple[str, ...]]] = {
+    ".ply": (ply, ("mesh",)),
+    ".csv": (csv, ("sigma", "curve")),
+    ".mrk.json": (slicer_markups, ("curve",)),
+    ".dxf": (dxf, ("curve",)),
+}
+"""Ending -> what makes such a file, and the parts of a fixture that it holds besides the points."""

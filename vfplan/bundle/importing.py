@@ -1,8 +1,19 @@
-"""Points and meshes of any origin -> a fixture: what `vfplan import` does."""
+"""Points and meshes of any origin -> a fixture: what `vfplan import` does.
+
+PLY may be ASCII, or binary of either order, with whatever other properties and elements; STL ASCII
+or binary. All that a file promises is read, or an error; numbers keep the precision they are
+written in, and nothing is repaired.
+"""
 
 from __future__ import annotations
 
 import io
+import itertools
+import re
+import struct
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,29 +23,58 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.bundle.content import max_size
 from vfplan.bundle.leak import largest_cover
-from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     NumberTable,
+    check_text_size,
     naming_place,
     npy_header,
     open_number_table,
     read_bytes,
 )
 
-METRES = {"m": 1.0}
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 """Unit of a file's numbers -> metres."""
-METRES["cm"] = 1e-2
-METRES["mm"] = 1e-3
-METRES["um"] = 1e-6
-METRES["in"] = 0.0254
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
-MAX_BYTES = 1 << 31
+HEADER_BYTES = 1 << 16
+"""Longest header of a PLY file that is looked for [bytes]."""
+TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+"""PLY's name of a type -> NumPy's."""
+ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+USED_PROPERTIES = {"vertex": ("x", "y", "z"), "face": ("vertex_indices", "vertex_index")}
+STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+TEXT_SOLID = re.compile(rb"\s*solid\b[^\n]*\n", re.IGNORECASE)
+TEXT_END = re.compile(rb"\s*endsolid\b[^\n]*", re.IGNORECASE)
+TEXT_FACET = re.compile(
+    rb"\s*facet\s+normal(?:\s+\S+){3}\s+outer\s+loop"
+    + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
+    + rb"\s+endloop\s+endfacet\b",
+    re.IGNORECASE,
+)
+
 Points = NDArray[np.float64]
 Triangles = NDArray[np.int32]
+Columns = dict[str, NDArray]
+"""Name of a property -> its values, a row for each vertex or face."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """What a file holds."""
+
+    points: NDArray[np.float64]
+    """(N, 3) in the file's unit."""
+    triangles: NDArray[np.integer] | None = None
+    """(K, 3) rows of `points`; `None` when the file holds no faces."""
+    left_out: tuple[str, ...] = ()
+    """What else the file says, each as "element.property"."""
 
 
 def import_cloud(
@@ -88,14 +128,11 @@ def import_cloud(
     cloud, digest = read_cloud(Path(path), units)
     points = check_cloud(METRES[units] * cloud.points, str(path))
     ignored = list(cloud.left_out)
-    mesh = None
-    sample_radius = None
-    strokes = None
+    mesh = sample_radius = strokes = None
     if cloud.triangles is None:
         band = default_band(points, contact_radius, point_radius, axis)
         if curve is not None:
-            stroke = np.zeros(len(points), dtype=np.int32)
-            strokes = Curve(stroke, np.array([curve == "closed"]))
+            strokes = Curve(np.zeros(len(points), np.int32), np.array([curve == "closed"]))
     else:
         if curve is not None:
             raise SettingError(
@@ -106,8 +143,7 @@ def import_cloud(
         unused = len(points) - len(np.unique(cloud.triangles))
         if unused > 0:
             ignored.append(f"{unused} points of no triangle")
-        if spacing is None:
-            spacing = radius / 10
+        spacing = radius / 10 if spacing is None else spacing
         check_spacing(points[cloud.triangles], spacing)
         points, mesh = drawn(points, cloud.triangles)
         # No place of a triangle is farther from its corners than its longest side over sqrt(3).
@@ -156,21 +192,13 @@ def check_cloud(points: Points, where: str) -> Points:
 
 def short_text(text: str) -> str:
     """A text as one of at most 203 characters, without control characters and slashes."""
-    clean = ""
-    for character in text:
-        if character.isprintable() and character not in "/\\":
-            clean += character
-        else:
-            clean += "?"
-    if len(clean) > 200:
-        clean = clean[:200] + "..."
-    return clean
+    clean = "".join("?" if c in "/\\" or not c.isprintable() else c for c in text)
+    return clean if len(clean) <= 200 else clean[:200] + "..."
 
 
-def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> float:
+def mesh_band(points: Points, triangles: Triangles, radius: float) -> float:
     """The paper's band, or how deep a proxy of `radius` dips between a mesh's corners [m]."""
-    cover = largest_cover(triangles, points)
-    return sample_band(cover, radius)
+    return sample_band(largest_cover(triangles, points), radius)
 
 
 def sample_band(cover: float, radius: float) -> float:
@@ -187,8 +215,7 @@ def read_cloud(path: Path, units: str) -> tuple[Mesh, str]:
             f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind.",
             where=where,
         )
-    max_bytes = MAX_TEXT_BYTES if suffix == ".csv" else MAX_BYTES
-    data, digest = read_bytes(path, max_bytes)
+    data, digest = read_bytes(path, {".csv": MAX_TEXT_BYTES}.get(suffix, 1 << 31))
     if suffix == ".npy":
         return read_npy(data, where), digest
     if suffix == ".csv":
@@ -321,3 +348,228 @@ def too_many_samples(spacing: float) -> SceneError:
         code="spacing-too-fine",
         numbers={"spacing_m": spacing},
     )
+
+
+# --- Mesh files ---------------------------------------------------------------------------------
+
+
+def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
+    """The points and triangles of a file's bytes; `suffix` is ".ply" or ".stl".
+
+    Of STL every facet has three points of its own (`refined` makes them one).
+
+    Raises `InputError` when the file is not whole, or holds faces that are not triangles.
+    """
+    try:
+        return read_ply(data) if suffix == ".ply" else read_stl(data)
+    except (KeyError, ValueError, IndexError, OverflowError, TypeError) as error:
+        reason = f"{error} is unknown or missing" if isinstance(error, KeyError) else error
+        raise InputError(
+            f"cannot be read as {suffix[1:].upper()}: {reason}. Export it once more, with "
+            "triangles alone.",
+            where=where,
+        ) from error
+
+
+# --- PLY ---------------------------------------------------------------------------------------
+
+
+@dataclass
+class Element:
+    """One element of a header: its vertices, for example."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str]] = field(default_factory=list)
+    """Each as (name, type, type of the list's length, which is "" for a single number)."""
+
+
+def read_ply(data: bytes) -> Mesh:
+    """The points and triangles of a PLY file."""
+    order, elements, start = read_ply_header(data)
+    if order:
+        tables = binary_tables(data, start, elements, order)
+    else:
+        tables = text_tables(data, start, elements)
+    vertex = tables["vertex"]
+    points = np.column_stack([vertex["x"], vertex["y"], vertex["z"]]).astype(float)
+    if points.shape[1:] != (3,):
+        raise ValueError("its vertices have lists for coordinates")
+    left_out = tuple(
+        f"{element.name}.{name}"
+        for element in elements
+        for name, _, _ in element.properties
+        if element.count > 0 and name not in USED_PROPERTIES.get(element.name, ())
+    )
+    of_faces = tables.get("face", {})
+    faces = of_faces.get("vertex_indices", of_faces.get("vertex_index"))
+    if faces is None or len(faces) == 0:
+        return Mesh(points, left_out=left_out)
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise ValueError("it holds faces that are not triangles")
+    lowest, highest = float(faces.min()), float(faces.max())
+    if not (lowest >= 0 and highest < len(points)) or np.any(faces != np.floor(faces)):
+        raise ValueError(f"its faces name vertices {lowest:g} to {highest:g} of {len(points)}")
+    return Mesh(points, faces.astype(np.int32), left_out)
+
+
+def read_ply_header(data: bytes) -> tuple[str, list[Element], int]:
+    """(byte order, elements, offset of what follows)."""
+    end = re.search(rb"^end_header[ \t\r]*\n", data[:HEADER_BYTES], re.MULTILINE)
+    if data[:3] != b"ply" or end is None:
+        raise ValueError("it has no header from 'ply' to 'end_header'")
+    order = None
+    elements: list[Element] = []
+    for line in data[: end.start()].decode("latin-1").splitlines()[1:]:
+        match line.split():
+            case ["format", form, "1.0"]:
+                order = ORDERS[form]
+            case ["element", name, count]:
+                elements.append(Element(name, int(count)))
+                if not 0 <= int(count) <= len(data):
+                    raise ValueError(f"{count} of {name!r} in {len(data)} bytes")
+            case ["property", "list", length, kind, name]:
+                elements[-1].properties.append((name, TYPES[kind], TYPES[length]))
+            case ["property", kind, name]:
+                elements[-1].properties.append((name, TYPES[kind], ""))
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case _:
+                raise ValueError(f"its header says {line.strip()[:60]!r}")
+    if order is None:
+        raise ValueError("its header names no format")
+    return order, elements, end.end()
+
+
+def binary_tables(
+    data: bytes, start: int, elements: list[Element], order: str
+) -> dict[str, Columns]:
+    """The elements' properties, by the elements' names, of a binary file from byte `start` on."""
+    tables = {}
+    for element in elements:
+        row = binary_row(element, order, data[start : start + HEADER_BYTES])
+        size = element.count * row.itemsize
+        if len(data) - start < size:
+            raise ValueError(
+                f"{element.count} of {element.name!r} take {size} bytes, and {len(data) - start} "
+                "are left"
+            )
+        table = np.frombuffer(data, row, element.count, start)
+        tables[element.name] = columns_of(table, element)
+        start += size
+    if data[start:].strip():
+        raise ValueError(f"{len(data) - start} bytes follow its last element")
+    return tables
+
+
+def binary_row(element: Element, order: str, data: bytes) -> np.dtype:
+    """The type of an element's rows; each list is as long as in the first row, where `data` begins.
+
+    A list is two fields: its length, under "#" and its name, and its items.
+    """
+    fields: list[tuple] = []
+    for name, kind, length_kind in element.properties:
+        if length_kind == "":
+            fields.append((name, order + kind))
+            continue
+        offset = np.dtype(fields).itemsize
+        length_type = np.dtype(order + length_kind)
+        length = 0
+        if element.count > 0 and offset + length_type.itemsize <= len(data):
+            length = int(np.frombuffer(data, length_type, 1, offset)[0])
+        if not 0 <= length <= len(data):
+            raise ValueError(f"{element.name!r} begins with a list of {length}")
+        fields += [("#" + name, length_type), (name, order + kind, (length,))]
+    return np.dtype(fields)
+
+
+def text_tables(data: bytes, start: int, elements: list[Element]) -> dict[str, Columns]:
+    """The elements' properties, by the elements' names, of a text file from byte `start` on."""
+    check_text_size(data)
+    count = sum(1 for _ in lines_of(data, start))
+    wanted = sum(element.count for element in elements)
+    if count != wanted:
+        raise ValueError(f"it has {count} lines of data, and {wanted} by its header")
+    # Lines are read one by one: a list of millions would take more memory than the file.
+    lines = lines_of(data, start)
+    tables = {}
+    for element in elements:
+        if element.count == 0:
+            table = np.empty(0, text_row(element, b""))
+        else:
+            first = next(lines)
+            rows = itertools.chain([first], itertools.islice(lines, element.count - 1))
+            row = text_row(element, first)
+            table = np.loadtxt(rows, row, comments=None, ndmin=1, encoding="latin-1")
+        tables[element.name] = columns_of(table, element)
+    return tables
+
+
+def lines_of(data: bytes, start: int) -> Iterator[bytes]:
+    """The lines from byte `start` on that are not blank."""
+    return (line for line in io.BytesIO(data[start:]) if line.strip())
+
+
+def text_row(element: Element, line: bytes) -> np.dtype:
+    """The type of an element's rows, all float64; each list is as long as in this first line."""
+    numbers = np.array(line.split(), dtype=float)
+    fields: list[tuple] = []
+    column = 0
+    for name, _, length_kind in element.properties:
+        if length_kind == "":
+            fields.append((name, "f8"))
+            column += 1
+            continue
+        length = int(numbers[column]) if column < len(numbers) else 0
+        if not 0 <= length <= len(numbers):
+            raise ValueError(f"{element.name!r} begins with a list of {length}")
+        fields += [("#" + name, "f8"), (name, "f8", (length,))]
+        column += 1 + length
+    return np.dtype(fields)
+
+
+def columns_of(table: NDArray, element: Element) -> Columns:
+    """The properties of an element by their names."""
+    for name, _, length_kind in element.properties:
+        if length_kind != "" and np.any(table["#" + name] != table[name].shape[1]):
+            raise ValueError(
+                f"the lists of {element.name!r} differ in length; triangles alone can be read"
+            )
+    return {name: table[name] for name, _, _ in element.properties}
+
+
+# --- STL ---------------------------------------------------------------------------------------
+
+
+def read_stl(data: bytes) -> Mesh:
+    """The facets of an STL file; each has three points of its own."""
+    # A text of 80 bytes and the count of facets come first.
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
+    size = 84 + count * STL_FACET.itemsize
+    # Some binary files begin with "solid" as those of text do, so the length decides.
+    if len(data) == size:
+        corners = np.frombuffer(data, STL_FACET, count, 84)["corners"].astype(float)
+    elif TEXT_SOLID.match(data):
+        corners = text_facets(data)
+    else:
+        raise ValueError(f"it has {len(data)} bytes, and {size} by its own count of facets")
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def text_facets(data: bytes) -> NDArray[np.float64]:
+    """(K, 3, 3) corners of the facets of all solids of a text."""
+    check_text_size(data)
+    numbers = array("d")
+    offset = 0
+    while solid := TEXT_SOLID.match(data, offset):
+        offset = solid.end()
+        while facet := TEXT_FACET.match(data, offset):
+            numbers.extend(map(float, facet.groups()))
+            offset = facet.end()
+        end = TEXT_END.match(data, offset)
+        if end is None:
+            raise ValueError(f"neither a facet nor 'endsolid' follows byte {offset}")
+        offset = end.end()
+    if data[offset:].strip():
+        raise ValueError(f"something else follows its last 'endsolid', at byte {offset}")
+    return np.array(numbers).reshape(-1, 3, 3)

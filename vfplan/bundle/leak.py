@@ -85,8 +85,7 @@ class Across:
 
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Index of the first and of the last point of each stroke."""
-    first = np.flatnonzero(stroke[1:] != stroke[:-1]) + 1
-    first = np.append(0, first)
+    first = np.append(0, np.flatnonzero(stroke[1:] != stroke[:-1]) + 1)
     return first, np.append(first[1:], len(stroke)) - 1
 
 
@@ -126,8 +125,7 @@ def loneliest(points: Across) -> tuple[float, int]:
         bound = nearby[start - first :][: len(block)]
         waiting = np.argsort(-bound)
         waiting = waiting[bound[waiting] > best[0]]
-        begin = 0
-        count = 64
+        begin, count = 0, 64
         while begin < len(waiting) and bound[waiting[begin]] > best[0]:
             chosen = block[waiting[begin : begin + count]]
             distance = tree.query(points[chosen], k=[2], workers=-1)[0][:, 0]
@@ -175,12 +173,11 @@ def kd_tree(points: NDArray[np.float64]) -> Any:
 
 def distance_bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) distance [m] of each point to the nearest of the next and last few in this order."""
-    x, y, z = np.ascontiguousarray(ordered.T)
+    axes = np.ascontiguousarray(ordered.T)
     nearest = np.full(len(ordered), np.inf)
     for k in range(1, min(STEPS + 1, len(ordered))):
-        square = (x[k:] - x[:-k]) ** 2
-        square += (y[k:] - y[:-k]) ** 2
-        square += (z[k:] - z[:-k]) ** 2
+        x, y, z = (axes[:, k:] - axes[:, :-k]) ** 2
+        square = x + y + z
         np.minimum(nearest[k:], square, out=nearest[k:])
         np.minimum(nearest[:-k], square, out=nearest[:-k])
     return np.sqrt(nearest)

@@ -1,4 +1,4 @@
-"""The seal behind a bundle's HDF5 file: it says what the bytes are, and who vouches for them.
+"""The seal behind a bundle's HDF5 file: what the bytes are, who signed them, and whom to trust.
 
 Layout, little-endian (docs/format.md, section 4). L is the length of the whole file, B that of the
 seal, and P = L - B:
@@ -17,23 +17,45 @@ Flags: bit 0: signed; bit 1: signed although findings were open, or nobody had r
 The HDF5 file states L as its own end (`with_end_of_file`): a bundle that was cut anywhere, in its
 seal too, is then a truncated file to every HDF5 library.
 
-Seals are written here, and read and checked by the reader (vfplan/bundle/seal.hpp).
+Seals are written here, and read and checked by the reader (vfplan/bundle/seal.hpp). Keys are
+Ed25519, in PEM files: private ones to sign with, public ones to trust.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
+import math
+import os
+import shlex
+import stat
 import struct
-from dataclasses import dataclass
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import IntFlag
+from pathlib import Path
+from typing import Any, BinaryIO
 
 from vfplan._core import Sealed, lookup3
-from vfplan.errors import SettingError
+from vfplan.bundle.content import document, from_content
+from vfplan.errors import (
+    BundleError,
+    CheckFailed,
+    InputError,
+    OutputError,
+    SettingError,
+    SignatureError,
+)
+from vfplan.fixture import Fixture
+from vfplan.io.files import MAX_SETTINGS_BYTES, now_utc, opened_file
+from vfplan.io.writing import write_together, write_whole
 
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 MAGIC = b"VFPLSEAL"
 TAIL_MAGIC = b"VFPLTAIL"
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SEAL_VERSION = 2
 LENGTHS = tuple(512 << doublings for doublings in range(4))
 """Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes."""
@@ -89,12 +111,12 @@ class Seal:
         return cls(
             sealed.payload_length,
             sealed.sha256,
-            key_id=sealed.key_id,
-            signature=sealed.signature,
-            case=sealed.case,
-            robot_serial=sealed.robot_serial,
-            signed_at=sealed.signed_at or None,
-            despite_findings=sealed.despite_findings,
+            sealed.key_id,
+            sealed.signature,
+            sealed.case,
+            sealed.robot_serial,
+            sealed.signed_at or None,
+            sealed.despite_findings,
         )
 
     @property
@@ -104,10 +126,12 @@ class Seal:
 
     def describe(self) -> dict[str, object]:
         """The seal as `vfplan info --json` shows it: what is not there is absent."""
-        data: dict[str, object] = {"ok": True, "signed": self.signed, "key_id": None}
-        if self.key_id is not None:
-            data["key_id"] = self.key_id.hex()
-        data["sha256"] = self.sha256.hex()
+        data: dict[str, object] = {
+            "ok": True,
+            "signed": self.signed,
+            "key_id": self.key_id.hex() if self.key_id else None,
+            "sha256": self.sha256.hex(),
+        }
         if self.case:
             data["case"] = self.case
         if self.robot_serial:
@@ -118,6 +142,9 @@ class Seal:
         if self.despite_findings:
             data["despite_findings"] = True
         return data
+
+
+# --- Bytes --------------------------------------------------------------------------------------
 
 
 def seal_length(case: str = "", robot_serial: str = "") -> int:
@@ -164,8 +191,7 @@ def signed_message(seal: Seal) -> bytes:
 
 def to_body(seal: Seal, length: int) -> bytes:
     """The seal without its tail, filled up with zeros."""
-    case = seal.case.encode()
-    serial = seal.robot_serial.encode()
+    case, serial = seal.case.encode(), seal.robot_serial.encode()
     flags = SealFlag(0)
     if seal.signed:
         flags |= SealFlag.SIGNED
@@ -185,3 +211,394 @@ def to_body(seal: Seal, length: int) -> bytes:
         len(serial),
     )
     return (head + case + serial).ljust(length - TAIL.size, b"\0")
+
+
+@contextmanager
+def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
+    """A binary stream over a path or over bytes; errors raised within name the path."""
+    if isinstance(source, bytes):
+        yield io.BytesIO(source)
+        return
+    with opened_file(Path(source)) as stream:
+        try:
+            yield stream
+        except BundleError as error:
+            error.where = f"{Path(source)}:{error.where}" if error.where else str(Path(source))
+            raise
+
+
+def unsealed(stream: BinaryIO) -> Sealed:
+    """The bytes of a bundle whose seal holds; its payload is not looked at.
+
+    Raises `BundleError`.
+    """
+    data = stream.read(len(HDF5_MAGIC))
+    # Of any other file the first bytes are enough for the reader to say what it is.
+    if data == HDF5_MAGIC:
+        stream.seek(0)
+        data = stream.read(document()["limits"]["payload_bytes"] + LENGTHS[-1] + 1)
+    return Sealed(data)
+
+
+# --- Trust --------------------------------------------------------------------------------------
+
+CLOCK_SKEW = 60
+"""How far a time of signing may lie in the future, because two clocks differ [s]."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """What is demanded of a bundle's signature.
+
+    Parameters
+    ----------
+    keys
+        Public keys by key id (see `read_keys`).
+    case, robot_serial
+        What the bundle must have been signed for; `None`: not checked.
+    max_age
+        How long ago it may have been signed [s]; `None`: not checked. Where the signer stated when
+        the patient was registered, that counts.
+
+    Raises `SettingError` when `keys` is not what `read_keys` returns, or `max_age` is negative or
+    not finite.
+    """
+
+    keys: dict[bytes, Any]
+    case: str | None = None
+    robot_serial: str | None = None
+    max_age: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what are no keys, and an age that no comparison would ever exceed."""
+        if not isinstance(self.keys, dict) or not all(isinstance(i, bytes) for i in self.keys):
+            raise SettingError(
+                f"The trusted keys are {self.keys!r}. Give what `vfplan.read_keys(PATH)` returns."
+            )
+        if self.max_age is not None and not 0 <= self.max_age < math.inf:
+            raise SettingError(f"The maximum age is {self.max_age} s. Give a finite number from 0.")
+
+
+def check_trust(seal: Sealed, trust: Trust) -> None:
+    """Refuse a seal that no trusted key signed for this case, this robot and this day.
+
+    What must be signed are the bytes of the file, as they are.
+
+    Raises `SignatureError`.
+    """
+    if not seal.signed:
+        raise SignatureError("is not signed. Sign it: vfplan sign.")
+    key = trust.keys.get(seal.key_id)
+    if key is None:
+        raise SignatureError(
+            f"is signed by key {seal.key_id.hex()}, which is not trusted. Sign it with a trusted "
+            "key, or add the public key to the trusted ones."
+        )
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        key.verify(seal.signature, seal.signed_message)
+    except InvalidSignature:
+        raise SignatureError(
+            f"The signature by key {seal.key_id.hex()} does not hold: the file is not what was "
+            "signed. Fetch it once more from the planner."
+        ) from None
+    if trust.case is not None and not seal.case:
+        raise SignatureError(
+            f"is signed for no particular case. Sign it for {trust.case!r}: vfplan sign --case."
+        )
+    if trust.case is not None and seal.case != trust.case:
+        raise SignatureError(
+            f"is signed for case {seal.case!r}. Sign it for {trust.case!r}, or demand its own case."
+        )
+    if trust.robot_serial is not None and not seal.robot_serial:
+        raise SignatureError(
+            "is signed for no particular robot. "
+            f"Sign it for {trust.robot_serial!r}: vfplan sign --robot-serial."
+        )
+    if trust.robot_serial is not None and seal.robot_serial != trust.robot_serial:
+        raise SignatureError(
+            f"is signed for robot {seal.robot_serial!r}. Sign it for {trust.robot_serial!r}, or "
+            "load it on its own robot."
+        )
+    if trust.max_age is None:
+        return
+    if not seal.signed_at:
+        raise SignatureError("does not state when it was signed. Sign it once more with its time.")
+    age = time.time() - seal.signed_at
+    if age > trust.max_age:
+        raise SignatureError(
+            f"was signed {age:.0f} s ago, and at most {trust.max_age:.0f} s are allowed. Review "
+            "the plan and sign it once more."
+        )
+    if age < -CLOCK_SKEW:
+        raise SignatureError(
+            f"was signed {-age:.0f} s in the future. Set the clocks of planner and robot."
+        )
+
+
+# --- Keys ---------------------------------------------------------------------------------------
+
+BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
+COPY_KEY = "Copy the file that vfplan keygen wrote with .pub"
+MAKE_KEY = "Make a pair of keys: vfplan keygen"
+
+
+def key_id_of(public: Any) -> bytes:
+    """The first 16 bytes of SHA-256 of the raw public key."""
+    return hashlib.sha256(public.public_bytes_raw()).digest()[:16]
+
+
+def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, str]:
+    """Make a key pair: PEM files NAME (PKCS 8, for its owner only) and NAME with suffix `.pub`.
+
+    Both are written or none. Returns the public key's path and its key id in hex.
+
+    Raises
+    ------
+    OutputError
+        One of the two exists and `overwrite` is false, or cannot be written.
+    """
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ed25519
+
+    private_path = Path(private_path)
+    public_path = private_path.with_suffix(".pub")
+    if public_path == private_path:
+        raise SettingError(
+            "The private key's name may not end in .pub. Give another name.",
+            where=str(private_path),
+        )
+    if public_path.exists() and not private_path.exists() and not overwrite:
+        raise OutputError(
+            f"exists already, and may be the public half of a private key other than "
+            f"{private_path.name}. Give the new key another name",
+            where=str(public_path),
+            code="public-key-exists",
+        )
+    key = ed25519.Ed25519PrivateKey.generate()
+    private = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    public = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
+    pair = [(public_path, public, 0o666), (private_path, private, 0o600)]
+    write_together(pair, overwrite=overwrite)
+    return public_path, key_id_of(key.public_key()).hex()
+
+
+def read_keys(path: str | Path) -> dict[bytes, Any]:
+    """The public keys of a file of PEM keys, one after the other, by key id.
+
+    Between them there may be empty lines and comments, lines that begin with `#`.
+
+    Raises `InputError` when there is no such file, or it holds anything but Ed25519 public keys.
+    """
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ed25519
+
+    keys = {}
+    for block in public_key_blocks(read_pem(path)[0], str(path)):
+        try:
+            key = serialization.load_pem_public_key(block)
+        # The library raises many kinds of errors for a damaged key.
+        except Exception as error:
+            raise InputError(
+                f"It holds a public key that cannot be read. {COPY_KEY}.", where=str(path)
+            ) from error
+        if not isinstance(key, ed25519.Ed25519PublicKey):
+            raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
+        keys[key_id_of(key)] = key
+    if not keys:
+        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
+    return keys
+
+
+def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
+    """The PEM blocks of public keys; nothing but empty lines and comments stands between them."""
+    block: list[bytes] = []
+    for number, raw in enumerate(data.split(b"\n"), start=1):
+        line = raw.strip(b" \t\r")
+        if not block and (not line or line.startswith(b"#")):
+            continue
+        if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
+            half = f"its public half, {Path(where).with_suffix('.pub').name}"
+            wanted = "a file of public keys alone" if Path(where).suffix == ".pub" else half
+            raise InputError(
+                f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
+                where=where,
+                code="private-key",
+            )
+        if not block and line != BEGIN:
+            raise InputError(
+                f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
+                "#.",
+                where=where,
+            )
+        block.append(line)
+        if line == END:
+            yield b"\n".join([*block, b""])
+            block.clear()
+    if block:
+        raise InputError(f"It ends within a public key. {COPY_KEY}.", where=where)
+
+
+def read_private(path: str | Path) -> Any:
+    """The private key of a PEM file that belongs to the caller, who alone can read it.
+
+    Raises `InputError` when there is no such file, it holds no Ed25519 key, it belongs to somebody
+    else, or its mode lets others read or write it.
+    """
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ed25519
+
+    data, status = read_pem(path)
+    if BEGIN in data:
+        raise InputError(
+            "It is a public key, which signs nothing. Give the private one, whose file keygen "
+            "named without .pub.",
+            where=str(path),
+            code="public-key",
+        )
+    mode = stat.S_IMODE(status.st_mode)
+    if status.st_uid != os.geteuid():
+        raise InputError(
+            f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
+            "too. Give a key of your own.",
+            where=str(path),
+        )
+    if mode & 0o077:
+        raise InputError(
+            f"Others can read or write this private key: its mode is {mode:04o}. Give it mode 0600 "
+            "(chmod 600), or make a new key if somebody may have copied it.",
+            where=str(path),
+        )
+    try:
+        key = serialization.load_pem_private_key(data, password=None)
+    # As in `read_keys`.
+    except Exception as error:
+        raise InputError(
+            f"It holds no private key in PEM form. {MAKE_KEY}.", where=str(path)
+        ) from error
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
+        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
+    return key
+
+
+def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
+    """The bytes of a file of keys, and its owner and mode."""
+    with opened_file(Path(path)) as file:
+        data = file.read(MAX_SETTINGS_BYTES + 1)
+        status = os.fstat(file.fileno())
+    if len(data) > MAX_SETTINGS_BYTES:
+        raise InputError(
+            f"It has more than {MAX_SETTINGS_BYTES} bytes, so it is no file of keys. {MAKE_KEY}.",
+            where=str(path),
+        )
+    return data, status
+
+
+# --- Signing ------------------------------------------------------------------------------------
+
+
+def sign(
+    source: str | Path,
+    target: str | Path,
+    key_path: str | Path,
+    *,
+    case: str = "",
+    robot_serial: str = "",
+    registered_utc: str | None = None,
+    despite_findings: bool = False,
+    overwrite: bool = False,
+) -> Seal:
+    """Sign a bundle: write it again, its content unchanged, with a signed seal.
+
+    `case`, `robot_serial` and the time of signing are covered by the signature. With
+    `registered_utc` (ISO 8601, UTC), when the patient was registered, that time stands in place of
+    the present one: the bundle's age counts from it. An earlier signature is replaced.
+
+    A bundle is signed when a person has reviewed it and answered all doubts. With
+    `despite_findings` it is signed all the same; the seal says so, and whoever reads it sees it.
+
+    Raises
+    ------
+    CheckFailed
+        A doubt is not answered, or nobody reviewed the bundle, and `despite_findings` is false.
+    BundleError
+        The bundle is not sound.
+    InputError
+        There is no such key, or others than its owner can read it.
+    SettingError
+        The time is none, or a text does not fit into the seal.
+    OutputError
+        The target exists and `overwrite` is false.
+    """
+    signed_at = seconds_since_1970(now_utc() if registered_utc is None else registered_utc)
+    for what, text in (("case token", case), ("robot serial", robot_serial)):
+        if not text.isprintable():
+            raise SettingError(
+                f"The {what} {text!r} holds control characters. Type it without them."
+            )
+    key = read_private(key_path)
+    with opened_source(source) as stream:
+        sealed = unsealed(stream)
+        fixture = from_content(sealed.read()[0])
+        payload = sealed.payload
+    if not despite_findings:
+        check_is_approved(fixture, str(source))
+    payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))
+    seal = Seal(
+        len(payload),
+        hashlib.sha256(payload).digest(),
+        key_id=key_id_of(key.public_key()),
+        signature=bytes(64),
+        case=case,
+        robot_serial=robot_serial,
+        signed_at=signed_at,
+        despite_findings=bool(fixture.open_findings) or fixture.reviewed is None,
+    )
+    seal = replace(seal, signature=key.sign(signed_message(seal)))
+    write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
+    return seal
+
+
+def check_is_approved(fixture: Fixture, where: str) -> None:
+    """Refuse a fixture with open doubts, or one that nobody has reviewed."""
+    slice_option = "--slice IMAGE " if fixture.image is not None else ""
+    approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
+    page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
+    how = f"{page}. Or sign it all the same with --despite-findings"
+    codes = [finding.code for finding in fixture.open_findings]
+    if codes:
+        subject, answer = f"{len(codes)} findings are", "Answer them"
+        if len(codes) == 1:
+            subject, answer = "1 finding is", "Answer it"
+        raise CheckFailed(
+            f"{subject} not answered: {', '.join(sorted(set(codes)))}. {answer}: {how}.",
+            where=where,
+            code="findings-unanswered",
+            numbers={"unanswered": len(codes), "codes": codes},
+        )
+    if fixture.reviewed is None:
+        raise CheckFailed(
+            f"Nobody has reviewed it. Review it: {how}.", where=where, code="not-reviewed"
+        )
+
+
+def seconds_since_1970(text: str) -> int:
+    """A time in ISO 8601 as seconds since 1970 UTC."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise SettingError(f"{text!r} is no time. Write it like 2026-01-31T12:00:00Z.") from None
+    if moment.tzinfo is None:
+        raise SettingError(f"{text!r} has no time zone. End it with Z for UTC.")
+    seconds = int((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
+    # In UTC, a moment of the year 9999 may lie in the year after it.
+    if seconds <= 0 or moment > datetime.max.replace(tzinfo=UTC):
+        raise SettingError(f"{text!r} lies outside 1970 to 9999. Give the time of today.")
+    return seconds

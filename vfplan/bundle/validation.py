@@ -1,6 +1,6 @@
-"""Everything that is wrong with a bundle, not the first thing only.
+"""Everything that is wrong with a bundle, what it holds, and what differs between two.
 
-What `vfplan info` shows of a bundle, and what `vfplan diff` shows of two.
+`vfplan validate`, `info` and `diff` show it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
 from vfplan.bundle.leak import sorted_edges
-from vfplan.bundle.read import opened_source, read_bundle, unsealed
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, worst_tick_time
 from vfplan.errors import BundleError, SceneError, VfplanError
 from vfplan.fixture import Fixture, size_doubt
@@ -58,8 +59,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
         content, broken_rules = sealed.read(strict=False)
         # The certificate needs the memory.
         del sealed
-    for issue in broken_rules:
-        issues.append(Issue(*issue))
+    issues += [Issue(*issue) for issue in broken_rules]
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
@@ -74,13 +74,10 @@ def validate(source: str | Path | bytes) -> list[Issue]:
 def finding_issues(content: Content) -> Iterator[Issue]:
     """What planning found, and whether a person has looked at it."""
     for finding in findings_of(content):
-        if finding.is_open:
-            yield Issue("/findings", finding.code, "warning", finding.text)
-        elif finding.answered_by is None:
-            yield Issue("/findings", finding.code, "note", finding.text)
-        else:
-            text = f"{finding.text} (accepted by {finding.answered_by}, {finding.answered_utc})"
-            yield Issue("/findings", finding.code, "note", text)
+        text = finding.text
+        if finding.answered_by is not None:
+            text += f" (accepted by {finding.answered_by}, {finding.answered_utc})"
+        yield Issue("/findings", finding.code, "warning" if finding.is_open else "note", text)
     if "/rendering/stiffness" in content and "/review@by" not in content:
         yield Issue(
             "/review", "review.missing", "note", "nobody has reviewed it. Look at it: vfplan review"
@@ -103,12 +100,8 @@ def certificate_issues(content: Content) -> Iterator[Issue]:
         else:
             is_same = np.allclose(stated, wanted, rtol=CERTIFICATE_TOLERANCE, atol=1e-12)
         if not is_same:
-            yield Issue(
-                path,
-                "corrupt.leak",
-                "error",
-                f"is {stated}, and the fixture gives {wanted}. Write it anew",
-            )
+            text = f"is {stated}, and the fixture gives {wanted}. Write it anew"
+            yield Issue(path, "corrupt.leak", "error", text)
 
     # What a proxy can go around, which no rule forbids.
     if content["/leak@kind"] == "cloud":
@@ -189,11 +182,9 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         ones = np.ones(ends.shape[1])
         graph = coo_array((ones, (ends[0], ends[1])), (len(used), len(used)))
         rims, rim_of = connected_components(graph, directed=False)
-        widest = 0.0
-        for rim in range(rims):
-            points = fixture.points[used[rim_of == rim]]
-            widest = max(widest, float(np.linalg.norm(np.ptp(points, axis=0))))
-        of_rims = f"{rims} rims" if rims != 1 else "1 rim"
+        of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
+        widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
+        of_rims = "1 rim" if rims == 1 else f"{rims} rims"
         texts.append(
             f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
@@ -248,14 +239,12 @@ def tick_work(content: Content) -> dict[str, Any]:
     `us` bounds a tick and `at_most_us` is what 1 kHz gives it [us]; rule and bound are `None` where
     no engine renders the fixture.
     """
-    rule = None
-    time_us = None
     try:
         fixture = from_content(content)
         rule = best_rule(fixture)
         time_us = 1e6 * worst_tick_time(fixture, rule)
     except VfplanError:
-        rule = None
+        rule = time_us = None
     return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MAX_TICK_TIME}
 
 
@@ -283,18 +272,15 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
 
     Raises as `read_fixture` does.
     """
-    content_a = read_bundle(a)[0]
-    content_b = read_bundle(b)[0]
-    differences = []
-    for row in table():
-        if row.path in content_a and row.path not in content_b:
-            differences.append({"path": row.path, "what": "only in A"})
-        elif row.path in content_b and row.path not in content_a:
-            differences.append({"path": row.path, "what": "only in B"})
-        elif row.path in content_a:
-            difference = difference_of(content_a[row.path], content_b[row.path])
-            if difference is not None:
-                differences.append({"path": row.path, **difference})
+    content_a, content_b = read_bundle(a)[0], read_bundle(b)[0]
+    differences: list[dict[str, Any]] = []
+    for path in [row.path for row in table() if row.path in content_a or row.path in content_b]:
+        if path not in content_b:
+            differences.append({"path": path, "what": "only in A"})
+        elif path not in content_a:
+            differences.append({"path": path, "what": "only in B"})
+        elif difference := difference_of(content_a[path], content_b[path]):
+            differences.append({"path": path, **difference})
     return differences
 
 
@@ -302,8 +288,7 @@ def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
     """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
         return None if a == b else {"what": "value", "a": a, "b": b}
-    a = np.asarray(a)
-    b = np.asarray(b)
+    a, b = np.asarray(a), np.asarray(b)
     if a.shape != b.shape:
         return {"what": "shape", "a": list(a.shape), "b": list(b.shape)}
     differs = a != b

@@ -1,6 +1,6 @@
 """Write bundles: fixture -> content -> HDF5 bytes -> sealed -> disk.
 
-A file gets its name when it is whole and has been read back.
+A file gets its name when it is whole, and a reader found its bytes to be sound.
 """
 
 from __future__ import annotations
@@ -22,13 +22,7 @@ from vfplan.io.hdf5 import h5py
 from vfplan.io.writing import write_whole
 
 h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
-GEOMETRY = (
-    "/points",
-    "/mesh/triangles",
-    "/pieces/vertices",
-    "/pieces/bulges",
-    "/pieces/stroke",
-)
+GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
 """What `/@id` is the digest of, behind the frame."""
 
 DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration")
@@ -55,18 +49,27 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
     InputError
         The fixture breaks another rule of the format.
     """
-    write_content(completed(to_content(fixture)), Path(path), overwrite=overwrite)
+    parts = seal.unsigned(to_payload(completed(to_content(fixture))))
+    issues = read_payload(parts[0], sum(map(len, parts)), strict=False)[1]
+    errors = [issue for issue in issues if issue[2] == "error"]
+    if errors:
+        # Where something else is wrong the certificate is missing, so it is named last.
+        where, code, _, message = min(errors, key=lambda error: error[0].startswith("/leak"))
+        if code == "unsafe.leak":
+            raise SceneError(message)
+        if code in DISAGREEING:
+            raise SettingError(message, where=where, code=code)
+        raise InputError(f"No bundle can hold this: {message}", where=where)
+    write_whole(Path(path), parts, overwrite=overwrite)
 
 
 def completed(content: Content) -> Content:
     """A content with what the format adds: head, object id and leak certificate."""
-    whole: Content = {"/@format": FORMAT, "/@version": VERSION}
+    whole = {path: value for path, value in content.items() if not path.startswith("/leak")}
+    whole |= {"/@format": FORMAT, "/@version": VERSION}
     if "/guidance@radius_m" in content:
         # A reader that does not know it would forbid what is to guide.
         whole["/@must_understand"] = "/guidance"
-    for path, value in content.items():
-        if path not in whole and not path.startswith("/leak"):
-            whole[path] = value
     # The id of the geometry: equal for equal points in the same frame.
     digest = hashlib.sha256(whole["/@frame"].encode() + b"\0")
     for path in GEOMETRY:
@@ -81,28 +84,6 @@ def completed(content: Content) -> Content:
         ):
             whole |= leak.certificate(whole)
     return whole
-
-
-def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
-    """Seal a content and write it, after reading it back.
-
-    Raises as `write_fixture` does.
-    """
-    parts = seal.unsigned(to_payload(content))
-    length = sum(map(len, parts))
-    errors = []
-    for where, code, severity, message in read_payload(parts[0], length, strict=False)[1]:
-        if severity == "error":
-            errors.append((where, code, message))
-    if errors:
-        # Where something else is wrong the certificate is missing, so it is named last.
-        where, code, message = min(errors, key=lambda error: error[0].startswith("/leak"))
-        if code == "unsafe.leak":
-            raise SceneError(message)
-        if code in DISAGREEING:
-            raise SettingError(message, where=where, code=code)
-        raise InputError(f"No bundle can hold this: {message}", where=where)
-    write_whole(path, parts, overwrite=overwrite)
 
 
 def to_payload(content: Content) -> bytes:
@@ -179,13 +160,9 @@ def unit_and_frame(row: Row, content: Content) -> dict[str, str]:
         "@frame": content.get("/@frame"),
         "@source_frame": content.get("/registration@source_frame"),
     }
-    texts = {}
-    if row.unit is not None:
-        unit = row.unit
+    unit = row.unit
+    if unit is not None:
         for name, frame in own_frames.items():
             unit = unit.replace(name, UNITS_OF_FRAME.get(frame, "?"))
-        texts["unit"] = unit
-    frame = own_frames.get(row.frame, row.frame)
-    if frame is not None:
-        texts["frame"] = frame
-    return texts
+    texts = {"unit": unit, "frame": own_frames.get(row.frame, row.frame)}
+    return {name: text for name, text in texts.items() if text is not None}

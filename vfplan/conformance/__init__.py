@@ -3,5 +3,3 @@
 `vfplan conformance --write DIR` writes the kit; `python -m vfplan.conformance CMD` runs a reader on
 each of its files (docs/howto/reader.md).
 """
-
-from __future__ import annotations

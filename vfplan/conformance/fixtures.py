@@ -1,9 +1,8 @@
-"""The small fixtures from which the conformance kit's files are made.
-
-A small writer of HDF5 files that can also write what a bundle must not hold.
+"""The small fixtures from which the conformance kit's files are made, and a small writer of HDF5.
 
 It writes what docs/format.md allows, byte by byte and without libhdf5, so that the kit's files
-depend on no library's version. A vector changes the `Item`s before they are laid out.
+depend on no library's version. It can also write what a bundle must not hold: a vector changes the
+`Item`s before they are laid out.
 """
 
 from __future__ import annotations
@@ -51,16 +50,13 @@ def curve() -> Fixture:
     base = cloud()
     square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]]) * 1e-3 + [0.45, 0.02]
     points = np.vstack([base.points, np.column_stack([square, np.full(4, 0.1)])])
+    row = np.arange(10)
+    stroke = np.repeat([0, 1], [6, 4]).astype(np.int32)
     return replace(
         base,
         points=points,
         sigma=np.full(10, 1e-5),
-        curve=Curve(
-            stroke=np.repeat([0, 1], [6, 4]).astype(np.int32),
-            closed=np.array([False, True]),
-            bridged=np.arange(10) == 3,
-            edited=np.arange(10) == 4,
-        ),
+        curve=Curve(stroke, np.array([False, True]), bridged=row == 3, edited=row == 4),
         rendering=replace(base.rendering, ignore_axis=AXIS),
         provenance=replace(
             base.provenance,
@@ -80,21 +76,11 @@ def registered() -> Fixture:
     target = mapped + shift
     residuals = np.linalg.norm(target - mapped, axis=1)
     record = RegistrationRecord(
-        model="affine",
-        source_frame="image",
-        T_robot_image=T,
-        labels=("a", "b", "c", "d"),
-        source=source,
-        target=target,
-        residuals_m=residuals,
-        fre_rms_m=2.0**-12,
-        loo_rms_m=5e-4,
-        tre_rms_m=2e-4,
-        covariance=np.diag(np.full(9, 1e-12)),
-        tre_m=np.full(10, 2e-4),
-    )
-    image = SourceImage(871, 786, (0.5, 0.5))
-    return replace(curve(), registration=record, image=image)
+        "affine", "image", T, ("a", "b", "c", "d"), source, target, residuals,
+        fre_rms_m=2.0**-12, loo_rms_m=5e-4, tre_rms_m=2e-4,
+        covariance=np.diag(np.full(9, 1e-12)), tre_m=np.full(10, 2e-4),
+    )  # fmt: skip
+    return replace(curve(), registration=record, image=SourceImage(871, 786, (0.5, 0.5)))
 
 
 def navigated() -> Fixture:
@@ -103,14 +89,7 @@ def navigated() -> Fixture:
     T[:3, 3] = (0.5, -0.25, 0.125)
     source = np.array([[0.0, 0, 0], [0.125, 0, 0], [0, 0.125, 0], [0, 0, 0.125]])
     record = RegistrationRecord(
-        model="rigid",
-        source_frame="patient_lps",
-        T_robot_image=T,
-        labels=("a", "b", "c", "d"),
-        source=source,
-        target=source + T[:3, 3],
-        residuals_m=np.zeros(4),
-        fre_rms_m=0.0,
+        "rigid", "patient_lps", T, ("a", "b", "c", "d"), source, source + T[:3, 3], np.zeros(4), 0.0
     )
     return replace(cloud(), registration=record)
 
@@ -119,9 +98,8 @@ def pixels() -> Fixture:
     """A curve on a slice, not registered yet."""
     base = curve()
     points = np.array([[300.0 + 3 * i, 400.0, 0.0] for i in range(10)])
-    return replace(
-        base, frame="image", points=points, rendering=None, image=SourceImage(871, 786, None)
-    )
+    image = SourceImage(871, 786, None)
+    return replace(base, frame="image", points=points, rendering=None, image=image)
 
 
 def patient() -> Fixture:
@@ -175,13 +153,11 @@ def pieces(line: int = 10, arc: int = 7, circle: int = 16) -> Fixture:
 def mirrored_pieces() -> Fixture:
     """The same seen in a mirror: all arcs turn right."""
     base = pieces()
-    curve = base.curve
+    curve, drawn = base.curve, base.pieces
     assert curve is not None
-    assert curve.pieces is not None
+    assert drawn is not None
     mirror = np.array([1.0, -1.0, 1.0])
-    drawn = replace(
-        curve.pieces, vertices=curve.pieces.vertices * mirror, bulges=0.0 - curve.pieces.bulges
-    )
+    drawn = replace(drawn, vertices=drawn.vertices * mirror, bulges=0.0 - drawn.bulges)
     return replace(base, points=base.points * mirror, curve=replace(curve, pieces=drawn))
 
 
@@ -192,14 +168,11 @@ def guided() -> Fixture:
 
 def findings() -> Fixture:
     """The registered curve with an answered doubt, an open one and a note."""
+    suspect = doubt("marker-suspect", "register", "Marker b is far away.")
     found = (
         doubt("end-other-colour", "extract", "Other ink lies here.", place_px=(318.5, 400.0)),
         note("bridge-short", "plan", "A gap was bridged.", place_m=(0.41, 0.0, 0.1)),
-        replace(
-            doubt("marker-suspect", "register", "Marker b is far away."),
-            answered_by="A. Planner",
-            answered_utc=TIME,
-        ),
+        replace(suspect, answered_by="A. Planner", answered_utc=TIME),
     )
     return replace(registered(), findings=found)
 
@@ -212,7 +185,7 @@ def reviewed() -> Fixture:
 UNDEFINED = int(np.iinfo(np.uint64).max)
 """HDF5's address of nothing: all 64 bits are set."""
 DATATYPES = {
-    "f8": bytes.fromhex("11203f00080000000000400034 0b0034ff030000".replace(" ", "")),
+    "f8": bytes.fromhex("11203f000800000000004000340b0034ff030000"),
     "i4": bytes.fromhex("100800000400000000002000"),
     "u1": bytes.fromhex("100000000100000000000800"),
 }
@@ -303,32 +276,27 @@ def remove(items: dict[str, Item], path: str) -> None:
 
 def to_payload(items: dict[str, Item]) -> bytes:
     """The HDF5 file of these items, up to a multiple of 8 bytes; its end of file is to be set."""
-    nowhere = dict.fromkeys(items, 0)
-    at = 48
-    headers, data = {}, {}
+    headers, data, at = {}, {}, 48
     for path, item in items.items():
         headers[path] = at
-        at += len(header_of(item, nowhere, 0))
-        at += -at % 8
+        at = aligned(at + len(header_of(item, dict.fromkeys(items, 0), 0)))
     for path, item in items.items():
-        data[path] = UNDEFINED
-        if item.data:
-            data[path] = at
-            at += len(item.data)
-            at += -at % 8
+        data[path] = at if item.data else UNDEFINED
+        at = aligned(at + len(item.data or b""))
     payload = bytearray(at)
     payload[:48] = superblock(headers["/"], at)
     for path, item in items.items():
-        address = data[path]
-        if isinstance(item.data_at, str):
-            address = data[item.data_at]
-        elif item.data_at is not None:
-            address = item.data_at
-        header = header_of(item, headers, address)
+        stated = item.data_at or path
+        header = header_of(item, headers, data.get(stated, stated))
         payload[headers[path] : headers[path] + len(header)] = header
         if item.data:
             payload[data[path] : data[path] + len(item.data)] = item.data
     return bytes(payload)
+
+
+def aligned(at: int) -> int:
+    """The next multiple of 8."""
+    return at + -at % 8
 
 
 def superblock(root: int, end: int) -> bytes:
@@ -361,20 +329,19 @@ def attribute(name: bytes, datatype: bytes, dataspace: bytes, value: bytes) -> b
 
 def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     """The object header of an item whose data lie at `data_at`."""
-    messages: list[tuple[int, int, bytes]] = []
+    messages: list[tuple[int, int, bytes]]
     if item.data is None:
-        messages.append(
-            (MessageType.LINK_INFO, 0, struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED))
-        )
-        messages.append((MessageType.GROUP_INFO, 0, b"\0\0"))
+        links = struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED)
+        messages = [(MessageType.LINK_INFO, 0, links), (MessageType.GROUP_INFO, 0, b"\0\0")]
     else:
-        layout = item.layout + struct.pack("<QQ", data_at, len(item.data))
-        messages.append((MessageType.DATASPACE, 0, item.dataspace))
-        messages.append((MessageType.DATATYPE, 1 | item.flags, item.datatype))
-        messages.append((MessageType.FILL, 1, item.fill))
-        messages.append((MessageType.LAYOUT, 0, layout))
-    for name, (datatype, dataspace, value) in item.attributes.items():
-        messages.append((MessageType.ATTRIBUTE, 0, attribute(name, datatype, dataspace, value)))
+        messages = [
+            (MessageType.DATASPACE, 0, item.dataspace),
+            (MessageType.DATATYPE, 1 | item.flags, item.datatype),
+            (MessageType.FILL, 1, item.fill),
+            (MessageType.LAYOUT, 0, item.layout + struct.pack("<QQ", data_at, len(item.data))),
+        ]
+    for name, stored_value in item.attributes.items():
+        messages.append((MessageType.ATTRIBUTE, 0, attribute(name, *stored_value)))
     for name, target in item.links.items():
         body = target if isinstance(target, bytes) else link(name, addresses[target])
         messages.append((MessageType.LINK, 0, body))

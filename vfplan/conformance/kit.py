@@ -17,66 +17,42 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.io.files import to_json_types
 
 FIXTURES = (
-    "minimal",
-    "cloud",
-    "curve",
-    "registered",
-    "navigated",
-    "pixels",
-    "patient",
-    "mesh",
-    "drawn_mesh",
-    "pieces",
-    "mirrored_pieces",
-    "guided",
-    "findings",
-    "reviewed",
-)
+    "minimal", "cloud", "curve", "registered", "navigated", "pixels", "patient", "mesh",
+    "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed",
+)  # fmt: skip
 RENDERED = {
     "cloud": ("paper", "robust"),
     "curve": ("paper", "robust"),
     "pieces": ("paper", "robust", "exact"),
     "mesh": ("paper", "robust", "exact"),
     "drawn_mesh": ("paper", "robust", "exact"),
+    "guided": ("guide",),
 }
 """Fixture -> rules by which a path is rendered."""
-TICKS = 60
+STEPS = np.linspace(0.0, 1.0, 60)[:, None]
+"""The part of its path that a hand has gone at each tick."""
 
 
 def write_kit(folder: Path) -> int:
     """Write the kit into a folder; returns the number of files."""
-    count = 0
+    files = [(f"valid/{name}", data, None) for name, data in valid_files()]
+    for kind, broken in (("invalid", vectors.VECTORS), ("signed", vectors.UNTRUSTED)):
+        files += [(f"{kind}/{v.name}", v.make(), {"rule": v.rule, "why": v.why}) for v in broken]
+    files.append(("signed/trusted", vectors.signed("reviewed", False), {"rule": "S7"}))
     for kind in ("valid", "invalid", "signed", "render"):
         (folder / kind).mkdir(parents=True, exist_ok=True)
-    for name, data in valid_files():
-        path = folder / "valid" / f"{name}.h5"
-        path.write_bytes(data)
-        write_json(path.with_suffix(".json"), {"values": to_json_types(read_bundle(path)[0])})
-        count += 2
-    for vector in vectors.VECTORS:
-        path = folder / "invalid" / f"{vector.name}.h5"
-        path.write_bytes(vector.make())
-        write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
-        count += 2
-    for vector in vectors.UNTRUSTED:
-        path = folder / "signed" / f"{vector.name}.h5"
-        path.write_bytes(vector.make())
-        write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
-        count += 2
-    trusted = folder / "signed" / "trusted.h5"
-    trusted.write_bytes(vectors.signed("reviewed", despite_findings=False))
-    values = to_json_types(read_bundle(trusted)[0])
-    write_json(trusted.with_suffix(".json"), {"rule": "S7", "values": values})
+    for name, data, stated in files:
+        (folder / f"{name}.h5").write_bytes(data)
+        about = dict(stated or {})
+        if "why" not in about:
+            about["values"] = to_json_types(read_bundle(data)[0])
+        write_json(folder / f"{name}.json", about)
     (folder / "signed" / "keys.pub").write_bytes(trusted_key())
-    count += 3
-    for name, rules in RENDERED.items():
-        for rule in rules:
-            rendered = render(folder / "valid" / f"{name}.h5", rule)
-            write_json(folder / "render" / f"{name}-{rule}.json", rendered)
-            count += 1
-    guided = render_guide(folder / "valid" / "guided.h5")
-    write_json(folder / "render" / "guided-guide.json", guided)
-    return count + 1
+    rendered = [(name, rule) for name, rules in RENDERED.items() for rule in rules]
+    for name, rule in rendered:
+        path = folder / "valid" / f"{name}.h5"
+        write_json(folder / "render" / f"{name}-{rule}.json", render(path, rule))
+    return 2 * len(files) + 1 + len(rendered)
 
 
 def valid_files() -> Iterator[tuple[str, bytes]]:
@@ -85,10 +61,10 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
         content = vectors.content_of(name)
         yield name, b"".join(seal.unsigned(to_payload(content)))
         yield f"{name}_plain", vectors.of_content(content)
-    yield "newer_minor", vectors.newer_minor()
+    yield "newer_minor", vectors.of_items(vectors.items("later"))
     yield "quoted_setting", vectors.quoted_setting()
-    yield "signed", vectors.signed("reviewed", despite_findings=False)
-    yield "signed_despite_findings", vectors.signed("findings")
+    yield "signed", vectors.signed("reviewed", False)
+    yield "signed_despite_findings", vectors.signed("findings", True)
 
 
 def trusted_key() -> bytes:
@@ -100,15 +76,20 @@ def trusted_key() -> bytes:
 
 
 def render(bundle: Path, rule: str) -> dict[str, object]:
-    """What an engine must make of a path: proxy [m], force on the hand [N] and state by tick."""
+    """What an engine must make of a path: proxy [m], force on the hand [N] and state by tick.
+
+    The state of a guide is 1 where it has hold of the tip.
+    """
     fixture = read_fixture(bundle)
-    if fixture.sample_radius is None:
-        hip = path_through(fixture.points)
+    engine: Guide | ProxyEngine
+    if rule == "guide":
+        engine, hip = Guide.of(fixture), path_along(fixture.points)
     else:
-        hip = path_between(fixture.points)
-    engine = ProxyEngine.of(fixture, rule)
+        path = path_through if fixture.sample_radius is None else path_between
+        engine, hip = ProxyEngine.of(fixture, rule), path(fixture.points)
     engine.reset(hip[0])
     trace = engine.run(hip)
+    states = trace.held if isinstance(engine, Guide) else trace.state
     return {
         "bundle": f"valid/{bundle.name}",
         "rule": rule,
@@ -116,43 +97,25 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
         "hip": hip.tolist(),
         "proxy": trace.proxy.tolist(),
         "force": trace.force.tolist(),
-        "state": [int(state) for state in trace.state],
+        "state": [int(state) for state in states],
     }
 
 
-def render_guide(bundle: Path) -> dict[str, object]:
-    """What the guide of a bundle must make of a path; state 1 where it has hold of the tip."""
-    fixture = read_fixture(bundle)
-    # The tip starts on the closed stroke, goes along it and leaves the tube by 3 mm.
-    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
-    hip = fixture.points[-1] + steps * np.array([0.003, 0.004, 0.0])
-    guide = Guide.of(fixture)
-    guide.reset(hip[0])
-    trace = guide.run(hip)
-    return {
-        "bundle": f"valid/{bundle.name}",
-        "rule": "guide",
-        "tolerance": 1e-12,
-        "hip": hip.tolist(),
-        "proxy": trace.proxy.tolist(),
-        "force": trace.force.tolist(),
-        "state": [int(is_held) for is_held in trace.held],
-    }
+def path_along(points: np.ndarray) -> np.ndarray:
+    """(TICKS, 3) a tip that starts on the closed stroke, goes along it, and leaves the tube [m]."""
+    return points[-1] + STEPS * np.array([0.003, 0.004, 0.0])
 
 
 def path_through(points: np.ndarray) -> np.ndarray:
     """(TICKS, 3) a hand that comes from 12 mm above the middle point, presses and slides [m]."""
-    middle = points[len(points) // 2]
-    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
-    start = middle + np.array([0.0005, 0.012, 0.003])
-    return start + steps * np.array([0.004, -0.011, -0.001])
+    start = points[len(points) // 2] + np.array([0.0005, 0.012, 0.003])
+    return start + STEPS * np.array([0.004, -0.011, -0.001])
 
 
 def path_between(corners: np.ndarray) -> np.ndarray:
     """(TICKS, 3) a hand that presses from above, far from every corner of a mesh [m]."""
-    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
     start = corners.mean(axis=0) + np.array([0.0005, 0.003, 0.012])
-    return start + steps * np.array([0.004, -0.001, -0.011])
+    return start + STEPS * np.array([0.004, -0.001, -0.011])
 
 
 def write_json(path: Path, value: object) -> None:

@@ -144,7 +144,7 @@ def replay(
     sinks
         Functions that get (rule, block of ticks) during the replay, as writers of files do.
     trust
-        A `vfplan.bundle.Trust`: who must have signed the bundle, and for what.
+        A `vfplan.Trust`: who must have signed the bundle, and for what.
     poses
         Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. The numbers of the report
         are then in the frame of the fixture. The energy that the moving fixture gave to the tool is

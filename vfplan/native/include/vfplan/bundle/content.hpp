@@ -399,7 +399,7 @@ class Reader {
         refuse("version.major", "/@version",
                {"has version ", version_.major, ".", version_.minor,
                 "; this program reads versions ", newest.major, ".x and writes ", format_version},
-               is_old ? "Bring it up to date: vfplan migrate OLD.h5 -o NEW.h5"
+               is_old ? "Plan it anew, or get the program that wrote it"
                       : "Get a program that reads it: pip install --upgrade vfplan");
     }
 

@@ -223,7 +223,7 @@ inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "
     if (data.begins(seal_magic)) {
         refuse("version.seal", "",
                {"has its seal in front, as versions 1.0 and 1.1 had it; this program reads 2.x"},
-               "Bring it up to date: vfplan migrate OLD.h5 -o NEW.h5");
+               "Plan it anew, or get the program that wrote it");
     }
     // `vfplan replay -o` names its format in the header of the file's root, which comes first.
     constexpr std::size_t first_objects = 1 << 16;
@@ -236,8 +236,7 @@ inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "
     if (data.begins(hdf5_signature)) {
         refuse("corrupt.seal", "",
                {"has no seal: the file was cut, or opened for writing by another program"},
-               "Fetch it again, or bring a bundle of version 0.1, which had no seal, up to date: "
-               "vfplan migrate OLD.h5 -o NEW.h5");
+               "Fetch it again");
     }
     if (data.size() == 0) {
         refuse("corrupt.seal", "", {"is no fixture bundle: the file is empty"},
