@@ -131,7 +131,7 @@ def typed_review_options() -> list[str]:
 
     --json is left out: a person at the page reads text.
     """
-    from vfplan.cli.review import command as review
+    from vfplan.cli.review import vfplan_review as review
 
     takes_value = {}
     for parameter in review.params:

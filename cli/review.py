@@ -97,9 +97,9 @@ def vfplan_review(
 def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.planning.settings import ExtractSettings
+    from vfplan.review.plan import settings_of
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
-    from vfplan.review.source import settings_of
 
     if arguments["case"] and arguments["key"] is None:
         raise click.UsageError("--case belongs to a signature. Give --key KEY too")
@@ -152,6 +152,7 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
     finally:
         server.close()
     session = server.session
+    findings = session.current.findings
     data = {"approved_by": approver, "steps": len(session.steps), "draft": None}
     if approver is None:
         if draft.path.exists():
@@ -159,7 +160,7 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
         return CommandResult(
             data, failed="left without approval; nothing is written", verdict="not approved",
             next_step=f"continue where it was left: {command_line()}",
-            findings=session.findings,
+            findings=findings,
         )  # fmt: skip
     data["output"] = str(output)
     if arguments["key"] is None:
@@ -169,7 +170,7 @@ def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> C
         keys = public_key_of(arguments["key"])
         next_step = verify_command(output, keys, case=arguments["case"])
     return CommandResult(
-        data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
+        data, f"wrote {output}", findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
 
@@ -256,7 +257,9 @@ def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     settings = settings_from_options(ExtractSettings, arguments)
     if files.markers is None:
         extracted = extract(files.source, settings, curve=arguments["curve"])
-        return sheet_input.of_extraction(extracted, files.source.name)
+        return sheet_input.of_fixture(
+            extracted.fixture, files.source.name, image=extracted.image, extracted=extracted
+        )
     planned = plan(
         files.source, files.markers, files.markers2, extraction=settings,
         curve=arguments["curve"], settings=options.fixture_settings(arguments),
@@ -271,7 +274,7 @@ def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
     from vfplan.planning.plan import register
     from vfplan.planning.settings import ExtractSettings
     from vfplan.review import sheet_input
-    from vfplan.review.source import refuse_extraction_of_extracted, refuse_planning_of_planned
+    from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
 
     fixture = read_fixture(files.source)
     refuse_extraction_of_extracted(fixture, settings_from_options(ExtractSettings, arguments))

@@ -160,7 +160,7 @@ def test_pen_covers_its_area(width):
 
 
 def test_scaled_picture_has_its_line_where_the_truth_says():
-    picture = pictures.picture(4.0, scale=1.5).astype(float)
+    picture = pictures.pen_slice(4.0, scale=1.5).astype(float)
     assert picture.shape == (720, 960, 3)
     red = picture[..., 0] - picture[..., 1:].mean(axis=2)
     v, u = np.nonzero(red > 90)

@@ -218,7 +218,7 @@ def test_an_approval_is_written_once_and_the_draft_goes(served, draft):
         version = heard(client, "quick")["version"]
         client.send(json.dumps({"step": {"do": "viewed"}, "version": version}))
         heard(client, "quick")
-        for finding in range(len(served.session.findings)):
+        for finding in range(len(served.session.current.findings)):
             step = {"do": "answer", "finding": finding}
             client.send(json.dumps({"step": step, "version": served._version}))
             heard(client, "quick")

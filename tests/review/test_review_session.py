@@ -156,7 +156,7 @@ def test_a_knot_snaps_to_its_ink_and_stays_where_there_is_none(tmp_path):
     far = session.apply({"do": "move_knot", "stroke": 0, "knot": 10, "to": [u, v + 40]})
     assert np.hypot(*np.subtract(far.state()["knots_px"][0][10], [u, v + 40])) < 1.0
     assert far.state()["edited"][0]
-    assert not far.approvable
+    assert not far.current.approvable
     back = far.apply({"do": "delete_knot", "stroke": 0, "knot": 10})
     assert miss(back.state()["curve_px"][0], truth) < 0.3
     cut = session.apply({"do": "cut", "stroke": 0, "start": knots[3], "end": knots[20]})
@@ -278,7 +278,7 @@ def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_pat
     assert np.abs(places - truth).max() < 1e-6
     assert max(abs(marker["depth_m"]) for marker in state["markers"]) > 0.01
     assert state["mm_per_px"] == pytest.approx(0.5)
-    assert np.array_equal(session.outcome.fixture.points, planned.fixture.points)
+    assert np.array_equal(session.current.outcome.fixture.points, planned.fixture.points)
     # A marker that is moved and moved back gives the same plan; its depth stays.
     place = state["markers"][2]["place_px"]
     wrong = session.apply({"do": "move_marker", "marker": "x3", "to": [place[0] + 8, place[1]]})
@@ -286,7 +286,7 @@ def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_pat
     assert wrong.state()["markers"][2]["depth_m"] == state["markers"][2]["depth_m"]
     home = wrong.apply({"do": "move_marker", "marker": "x3", "to": place})
     assert home.state()["tre95_m"] == pytest.approx(state["tre95_m"], rel=1e-9)
-    assert np.allclose(home.outcome.fixture.points, planned.fixture.points, atol=1e-9)
+    assert np.allclose(home.current.outcome.fixture.points, planned.fixture.points, atol=1e-9)
     # A bundle of such a plan is shown on its slice too.
     bundle = tmp_path / "f.h5"
     vfplan.write_fixture(planned.fixture, bundle)
@@ -308,9 +308,9 @@ def test_a_curve_drawn_as_vectors_is_reviewed_on_its_slice(tmp_path):
     curve.write_text("\n".join(["u_px,v_px", *rows]) + "\n")
     session = looked_at(Session.open(SLICE, *MARKERS, curve=curve))
     planned = vfplan.plan(SLICE, *MARKERS, curve=curve)
-    assert np.allclose(session.outcome.fixture.points, planned.fixture.points, atol=1e-9)
-    assert session.curve().sigma is None
-    assert session.curve().provenance.inputs == planned.extracted.fixture.provenance.inputs
+    assert np.allclose(session.current.outcome.fixture.points, planned.fixture.points, atol=1e-9)
+    assert session.current.curve().sigma is None
+    assert session.current.curve().provenance.inputs == planned.extracted.fixture.provenance.inputs
     assert session.state()["account"] == []
     with pytest.raises(SettingError) as refused:
         session.apply({"do": "exclude", "box": [10, 10, 50, 50]})
@@ -357,9 +357,9 @@ def test_an_answer_dies_with_what_it_answered(sample):
     wrong = sample.apply({"do": "move_marker", "marker": "x4", "to": [place[0] + 6, place[1]]})
     if wrong.state()["refusal"] is not None:
         pytest.skip("the gate refuses it, so there is nothing to answer")
-    assert looked_at(wrong).approvable
+    assert looked_at(wrong).current.approvable
     worse = looked_at(wrong).apply({"do": "move_marker", "marker": "x4", "to": [90.0, 480.0]})
-    assert not worse.approvable
+    assert not worse.current.approvable
 
 
 def test_a_bundle_is_extracted_anew_with_the_settings_that_it_records(tmp_path):
@@ -421,24 +421,24 @@ def test_a_review_without_the_slice_asks_about_that(tmp_path):
     path, kept = tmp_path / "f.h5", tmp_path / "kept.h5"
     vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
     session = Session.open(path)
-    asked = [f for f in session.findings if f.code == "slice-not-shown"]
+    asked = [f for f in session.current.findings if f.code == "slice-not-shown"]
     assert [f.severity for f in asked] == ["doubt"]
     looked = session.apply({"do": "viewed", "stroke": 0, "from": 0.0, "to": 1.0})
-    assert len(looked.why_not) == 1
+    assert len(looked.current.why_not) == 1
     fixture = looked.apply({"do": "answer", "finding": "slice-not-shown"}).approve("A. Planner")
     (answered,) = [f for f in fixture.findings if f.code == "slice-not-shown"]
     assert answered.answered_by == "A. Planner"
     # A changed curve is asked about too, and the file keeps the answer.
     moved = session.apply({"do": "move_marker", "marker": "x1", "to": [121.0, 98.0]})
-    assert "slice-not-shown" in [f.code for f in moved.findings if f.is_open]
+    assert "slice-not-shown" in [f.code for f in moved.current.findings if f.is_open]
     vfplan.write_fixture(fixture, kept)
     again = vfplan.read_fixture(kept)
     assert answered in again.findings
     assert of_fixture(again, "kept.h5").digest == again.reviewed.digest
     # The next review asks again, unless it shows the slice.
-    codes = [f.code for f in Session.open(kept).findings if f.is_open]
+    codes = [f.code for f in Session.open(kept).current.findings if f.is_open]
     assert codes == ["slice-not-shown"]
-    codes = [f.code for f in Session.open(kept, slice=SLICE).findings]
+    codes = [f.code for f in Session.open(kept, slice=SLICE).current.findings]
     assert "slice-not-shown" not in codes
 
 
@@ -655,7 +655,7 @@ def test_a_line_of_another_pen_is_taken_by_its_colour(blue):
     assert taken.state()["refusal"] is None
     assert taken.state()["curve_px"] == wanted.state()["curve_px"]
     # The file names the pen, and a box that is excluded later is measured by the same pen.
-    assert taken.curve().provenance.settings == wanted.curve().provenance.settings
+    assert taken.current.curve().provenance.settings == wanted.current.curve().provenance.settings
     box = {"do": "exclude", "box": [0, 0, 100, 200]}
     assert taken.apply(box).state()["curve_px"] == wanted.apply(box).state()["curve_px"]
     assert taken.undo().state() == session.state() | {"can_redo": True}

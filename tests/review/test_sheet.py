@@ -14,14 +14,14 @@ from drawing import blend, coverage, flat, to_uint8
 
 import vfplan
 from vfplan import PlannedImage
+from vfplan.curve.account import AccountEntry
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
-from vfplan.review.insets import INSET_PX, ZOOM
-from vfplan.review.paper import DPI, FOOT, PAGE_HEIGHT, PAGE_WIDTH, Paper
+from vfplan.review.paper import DPI, FOOT, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.sheet import draw_lists, draw_sheet
-from vfplan.review.sheet_input import AccountEntry, SheetInput, check_slice, of_fixture, of_plan
+from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet
+from vfplan.review.sheet_input import SheetInput, check_slice, of_fixture, of_plan
 
 RED = (255, 0, 0)
 
@@ -279,7 +279,7 @@ def planned_sheet():
         samples / "elbow_markers_robot.csv",
         settings=vfplan.FixtureSettings(margin="tre95"),
     )
-    other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175)
+    other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
     return replace(of_plan(planned, "elbow.h5"), account=(other_ink,))
 
 
@@ -347,8 +347,8 @@ def test_line_without_ink_is_drawn_in_the_wider_view_alone():
 
 def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
-    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, "line hidden", is_ink=False)
-    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01)
+    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "hidden")
+    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
     shown = shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points))
     sheet = draw_sheet(replace(shown, account=(hidden, ink)))
     check_layout(sheet)

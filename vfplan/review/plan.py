@@ -1,21 +1,27 @@
-"""What a review begins with: a slice, a curve bundle or a fixture bundle, and its markers."""
+"""A plan under review: what it begins with, and what the steps made of that.
+
+It begins with a slice, a curve bundle or a fixture bundle, and its markers.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, fields, replace
+import json
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.fixture import Fixture
+from vfplan.curve.coverage import Box
+from vfplan.errors import ImageError, InputError, SettingError, VfplanError
+from vfplan.findings import Finding, doubt
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
-from vfplan.markers.correspondences import read_markers
+from vfplan.markers.correspondences import Correspondences, read_markers
 from vfplan.planning.extraction import PEN_SETTINGS
-from vfplan.planning.plan import refuse_wrong_order
+from vfplan.planning.plan import refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
@@ -23,12 +29,7 @@ from vfplan.review.markers import Fit, fit_of
 from vfplan.review.sheet_input import labels_left_out, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 
-Box = tuple[int, int, int, int]
-
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-
-MAX_USER_BLOCK = 2048
-"""Bytes before the signature of an HDF5 file that are looked through (0, 512, 1024 and so on)."""
 
 BLANK_GREY = 235
 """Grey level of the ground on which a curve lies whose slice is not at hand."""
@@ -102,24 +103,17 @@ class Source:
 
     def describe(self) -> dict[str, Any]:
         """The slice as the page needs it."""
-        spacing = self.image.pixel_spacing_mm
-        if spacing is not None:
-            spacing = list(spacing)
         # The patient's sides at the borders of a DICOM slice.
         sides = None
         if self.image.T_patient_image is not None:
-            right, down = self.image.T_patient_image[:3, 0], self.image.T_patient_image[:3, 1]
-            sides = {
-                "left": _side(-right),
-                "right": _side(right),
-                "top": _side(-down),
-                "bottom": _side(down),
-            }
+            right, down, _ = self.image.T_patient_image[:3].T
+            sides = {"left": _side(-right), "right": _side(right), "top": _side(-down),
+                     "bottom": _side(down)}  # fmt: skip
         return {
             "name": self.path.name,
             "width_px": self.image.width_px,
             "height_px": self.image.height_px,
-            "pixel_spacing_mm": spacing,
+            "pixel_spacing_mm": self.image.pixel_spacing_mm,
             "has_slice": self.slice_path is not None,
             "has_ink": self.geometry.ink is not None,
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max),
@@ -136,6 +130,155 @@ class Source:
         return replace(self.extraction, colour=ink.colour, exclude=exclude or None)
 
 
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The plan as it would be written now: a fixture with its findings, or why there is none."""
+
+    fixture: Fixture | None
+    findings: tuple[Finding, ...]
+    why_not: str = ""
+    code: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What the steps made of the source.
+
+    Parameters
+    ----------
+    source
+        What the review begins with.
+    geometry, fit
+        The curve and the markers.
+    exclude
+        Boxes in which ink does not count, (u, v, width, height) [px].
+    is_shaped
+        Whether a hand has shaped the curve, so that extraction anew would undo that.
+    answers
+        A finding's key -> who accepted it, and when.
+    """
+
+    source: Source
+    geometry: Geometry
+    fit: Fit
+    exclude: tuple[Box, ...] = ()
+    is_shaped: bool = False
+    answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+    # Holds the outcome once there is one; steps that do not change it hand it on.
+    _made: dict[str, Outcome] = field(default_factory=dict)
+
+    def changed(self, **changes: Any) -> Plan:
+        """The plan with another curve, or other markers; it has no outcome yet."""
+        return replace(self, _made={}, **changes)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a person should look at, with the answers that were given."""
+        findings = []
+        for finding in self.outcome.findings:
+            if key_of(finding) in self.answers:
+                by, at = self.answers[key_of(finding)]
+                finding = replace(finding, answered_by=by or "", answered_utc=at)
+            findings.append(finding)
+        return tuple(findings)
+
+    @property
+    def why_not(self) -> list[str]:
+        """What stands against an approval, one sentence each; empty where nothing does."""
+        reasons = []
+        if not self.geometry.strokes:
+            reasons.append("There is no curve yet. Choose a candidate, or draw the curve.")
+        elif self.outcome.why_not:
+            reasons.append(self.outcome.why_not)
+        for number, stroke in enumerate(self.geometry.strokes, 1):
+            if not stroke.viewed.all():
+                share = max(1.0 - stroke.viewed.mean(), 0.01)
+                reasons.append(
+                    f"{share:.0%} of stroke {number} was not in view yet at full size. Look along "
+                    "it."
+                )
+        unanswered = sum(finding.is_open for finding in self.findings)
+        if unanswered == 1:
+            reasons.append("One finding wants an answer.")
+        elif unanswered:
+            reasons.append(f"{unanswered} findings want an answer.")
+        return reasons
+
+    @property
+    def outcome(self) -> Outcome:
+        """The plan as it would be written, made once."""
+        if "outcome" not in self._made:
+            outcome = self._outcome()
+            # Whether this review shows the slice; an earlier one may have.
+            findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
+            if self.source.is_slice_missing:
+                text = (
+                    "The slice is not shown, so neither the line's ends nor other ink can be seen. "
+                    "Open the bundle with its slice: --slice IMAGE."
+                )
+                findings.append(doubt("slice-not-shown", "extract", text))
+            self._made["outcome"] = replace(outcome, findings=tuple(findings))
+        return self._made["outcome"]
+
+    def _outcome(self) -> Outcome:
+        source, of_curve = self.source, self.geometry.all_findings
+        if not self.geometry.strokes:
+            return Outcome(None, of_curve)
+        # What no step changed is approved as it is in the bundle.
+        before = [stroke.points for stroke in source.geometry.strokes]
+        after = [stroke.points for stroke in self.geometry.strokes]
+        is_same = self.fit is source.fit and list(map(id, before)) == list(map(id, after))
+        if source.fixture is not None and is_same:
+            return Outcome(source.fixture, source.fixture.findings)
+        curve = self.curve()
+        if not self.fit.markers:
+            return Outcome(curve, of_curve)
+        if self.fit.why_not:
+            return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
+        with self.fit.as_files() as files:
+            # The files themselves, as long as nobody changed a marker.
+            if self.fit is source.fit and source.marker_files:
+                files = source.marker_files
+            try:
+                planned = register(curve, *files, self.fit.settings, image=source.image_of_markers)
+            except VfplanError as error:
+                # The page has no options; what is wrong with the markers is mended on it.
+                message = error.message.replace(", or give --markers-as-given", "")
+                return Outcome(None, of_curve, _sentence(message), error.code)
+        return Outcome(planned.fixture, (*of_curve, *planned.findings))
+
+    def curve(self) -> Fixture:
+        """The curve in the image's pixels, as `vfplan extract` would write it."""
+        strokes, ink, image = self.geometry.strokes, self.geometry.ink, self.source.image
+        points = np.vstack([stroke.points for stroke in strokes])
+        sigma = np.concatenate([stroke.sigma for stroke in strokes])
+        settings = self.source.settings_in_force
+        if self.exclude:
+            settings["exclude"] = self.exclude
+        if ink is not None and ink.colour != self.source.extraction.colour:
+            settings["colour"] = ink.colour
+        return Fixture(
+            frame="image",
+            points=np.c_[points, np.zeros(len(points))],
+            provenance=Provenance.now(self.source.inputs, settings),
+            # A curve that was drawn as vectors has no deviation.
+            sigma=sigma if sigma.any() else None,
+            curve=Curve.of(strokes),
+            image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
+        )
+
+
+def key_of(finding: Finding) -> str:
+    """What an answer belongs to: a finding with other words or at another place is another one."""
+    place = finding.place_px or finding.place_m or ()
+    return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
+
+
+def _sentence(text: str) -> str:
+    """A message as a sentence."""
+    return text[:1].upper() + text[1:].removesuffix(".") + "."
+
+
 def open_source(
     path: str | Path,
     markers: str | Path | None,
@@ -144,7 +287,7 @@ def open_source(
     curve_path: str | Path | None,
     settings: dict[str, Any],
 ) -> Source:
-    """Read the files of a review; see `vfplan.review.Session.open`."""
+    """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
     extraction, planning = split_settings(settings)
     if is_bundle(path):
@@ -166,22 +309,18 @@ def open_source(
             refuse_planning_of_planned(source.fixture, planning)
         return source
     pairs = read_markers(markers, markers2, common=planning.common)
-    second = Path(markers2) if markers2 is not None else None
-    return replace(
-        source,
-        fit=fit_of(pairs, source.image, planning),
-        marker_files=(Path(markers), second),
-        fixture=None,
-    )
+    files = (Path(markers), Path(markers2) if markers2 is not None else None)
+    fit = fit_of(pairs, source.image, planning)
+    return replace(source, fit=fit, marker_files=files, fixture=None)
 
 
 def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[str, Any]:
     """Both settings by name, as `Session.open` takes them."""
-    by_name = {}
-    for settings in (extraction, planning):
-        for field in fields(settings):
-            by_name[field.name] = getattr(settings, field.name)
-    return by_name
+    return {
+        field.name: getattr(settings, field.name)
+        for settings in (extraction, planning)
+        for field in fields(settings)
+    }
 
 
 def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> None:
@@ -191,11 +330,8 @@ def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> N
     """
     if fixture.frame == "image" or fixture.rendering is None:
         return
-    usual = FixtureSettings()
-    without_effect = []
-    for setting in fields(FixtureSettings):
-        if getattr(planning, setting.name) != getattr(usual, setting.name):
-            without_effect.append(setting.name)
+    usual = vars(FixtureSettings())
+    without_effect = [name for name, value in vars(planning).items() if value != usual[name]]
     if without_effect:
         raise SettingError(
             "The fixture is planned already, and these settings would not change it: "
@@ -229,8 +365,7 @@ def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) 
 
 def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
     """Settings by name, sorted into those of extraction and those of planning."""
-    of_extraction: dict[str, Any] = {}
-    of_planning: dict[str, Any] = {}
+    of_extraction, of_planning = {}, {}
     for name, value in settings.items():
         if name == "pixel_spacing_mm" and isinstance(value, (int, float)):
             value = (float(value), float(value))
@@ -256,17 +391,11 @@ def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its first bytes or, if it cannot be read, its suffix."""
     try:
         with path.open("rb") as file:
-            head = file.read(MAX_USER_BLOCK + len(HDF5_SIGNATURE))
+            head = file.read(2048 + len(HDF5_SIGNATURE))
     except OSError:
         return path.suffix == ".h5"
-    if head.startswith(HDF5_SIGNATURE):
-        return True
-    place = 512
-    while place <= MAX_USER_BLOCK:
-        if head[place:].startswith(HDF5_SIGNATURE):
-            return True
-        place *= 2
-    return False
+    # A user block may stand before the signature.
+    return any(head[place:].startswith(HDF5_SIGNATURE) for place in (0, 512, 1024, 2048))
 
 
 def _of_slice(
@@ -277,26 +406,16 @@ def _of_slice(
 ) -> Source:
     image = _read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
-    inputs = {"image": image.sha256}
-    ink = None
+    inputs, ink = {"image": image.sha256}, None
     if curve_path is None:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-        geometry = geometry_of_slice(path, extraction, ink)
     else:
         curve_path = Path(curve_path)
-        geometry = geometry_of_slice(path, extraction, None, curve_path)
+    geometry = geometry_of_slice(path, extraction, ink, curve_path)
+    if curve_path is not None:
         inputs["curve"] = sha256_of(curve_path)
-    return Source(
-        path=path,
-        slice_path=path,
-        image=image,
-        extraction=extraction,
-        planning=planning,
-        geometry=geometry,
-        fit=Fit((), planning, image.pixel_spacing_mm),
-        exclude=exclude,
-        inputs=inputs,
-    )
+    fit = Fit((), planning, image.pixel_spacing_mm)
+    return Source(path, path, image, extraction, planning, geometry, fit, exclude, inputs)
 
 
 def _read_slice(path: Path, settings: ExtractSettings) -> PlannedImage:
@@ -326,9 +445,9 @@ def _of_bundle(
             where=str(path),
             code="no-drawn-curve",
         )
+    slice_path = Path(slice_path) if slice_path is not None else None
     slice_image = None
     if slice_path is not None:
-        slice_path = Path(slice_path)
         slice_image = _slice_of(fixture, slice_path, path, extraction)
     record = fixture.registration
     is_planar = record is not None and record.source_frame == "image"
@@ -345,10 +464,9 @@ def _of_bundle(
     if image is None:
         # A blank picture of the slice's size.
         spacing = None
-        if fixture.image is None:
-            points = np.concatenate([stroke.points for stroke in drawn])
-            width, height = (points.max(axis=0) + 50).astype(int).tolist()
-        else:
+        points = np.concatenate([stroke.points for stroke in drawn])
+        width, height = (points.max(axis=0) + 50).astype(int).tolist()
+        if fixture.image is not None:
             width, height = fixture.image.width_px, fixture.image.height_px
             spacing = fixture.image.pixel_spacing_mm
         rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
@@ -361,11 +479,11 @@ def _of_bundle(
     if slice_image is not None and "curve" not in fixture.provenance.inputs:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
     strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
-    of_extraction = [finding for finding in fixture.findings if finding.stage == "extract"]
+    of_extraction = tuple(f for f in fixture.findings if f.stage == "extract")
 
     # The markers of its registration, and how it was rendered.
     fit = Fit((), planning, image.pixel_spacing_mm)
-    if fixture.registration is not None:
+    if record is not None:
         # Rendered and registered as the bundle is, unless the caller says otherwise.
         of_bundle = {"model": record.model}
         if fixture.rendering is not None:
@@ -373,24 +491,17 @@ def _of_bundle(
             of_bundle["contact_radius"] = float(fixture.rendering.contact_radius)
             of_bundle["point_radius"] = float(fixture.rendering.point_radius)
         usual = FixtureSettings()
-        for name, value in of_bundle.items():
-            if getattr(planning, name) == getattr(usual, name):
-                planning = replace(planning, **{name: value})
-        fit = _fit_of_bundle(fixture, image, planning)
+        unset = [n for n in of_bundle if getattr(planning, n) == getattr(usual, n)]
+        planning = replace(planning, **{name: of_bundle[name] for name in unset})
+        pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
+        fit, left_out = fit_of(pairs, image, planning), labels_left_out(fixture)
+        markers = [replace(marker, is_used=marker.label not in left_out) for marker in fit.markers]
+        fit = replace(fit, markers=tuple(markers))
     return Source(
-        path=path,
-        slice_path=slice_path,
-        image=image,
-        extraction=extraction,
-        planning=planning,
-        geometry=Geometry(strokes, ink, tuple(of_extraction)),
-        fit=fit,
-        exclude=exclude,
-        inputs=dict(fixture.provenance.inputs),
-        fixture=fixture,
-        case=seal.case,
-        robot_serial=seal.robot_serial,
-    )
+        path, slice_path, image, extraction, planning,
+        Geometry(strokes, ink, of_extraction), fit, exclude, dict(fixture.provenance.inputs),
+        fixture=fixture, case=seal.case, robot_serial=seal.robot_serial,
+    )  # fmt: skip
 
 
 def _slice_of(
@@ -411,21 +522,8 @@ def _slice_of(
     return image
 
 
-def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSettings) -> Fit:
-    """The markers of a bundle's registration on the slice."""
-    from vfplan.markers.correspondences import Correspondences
-
-    record = fixture.registration
-    pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
-    fit = fit_of(pairs, image, settings)
-    left_out = labels_left_out(fixture)
-    markers = [replace(marker, is_used=marker.label not in left_out) for marker in fit.markers]
-    return replace(fit, markers=tuple(markers))
-
-
 def _side(direction: np.ndarray) -> str:
     """The letter of the patient's side to which a direction of LPS leads most."""
     # Each pair of letters stands for the negative and the positive direction of an axis.
-    letters = (("R", "L"), ("A", "P"), ("F", "H"))
     axis = int(np.abs(direction).argmax())
-    return letters[axis][int(direction[axis] > 0)]
+    return ("RL", "AP", "FH")[axis][int(direction[axis] > 0)]
