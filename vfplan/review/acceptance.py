@@ -23,11 +23,6 @@ from vfplan.io.files import now_utc
 # What changes although the plan does not.
 LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc", "reviewed"}
 
-SLICE_NOT_SHOWN = (
-    "The sheet did not show the slice, so neither the line's ends nor other ink could be seen. "
-    "Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE --sheet-out PNG."
-)
-
 
 def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
     """The digest of a fixture with its findings.
@@ -128,7 +123,12 @@ def accept(
         )
     if digest != with_slice:
         if not any(finding.code == "slice-not-shown" for finding in fixture.findings):
-            asked = doubt("slice-not-shown", "review", SLICE_NOT_SHOWN)
+            text = (
+                "The sheet did not show the slice, so neither the line's ends nor other ink could "
+                "be seen. Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE "
+                "--sheet-out PNG."
+            )
+            asked = doubt("slice-not-shown", "review", text)
             fixture = replace(fixture, findings=(*fixture.findings, asked))
         digest = digest_of(fixture, slice_shown=False)
     open_codes = {finding.code for finding in fixture.open_findings}
@@ -149,10 +149,9 @@ def accept(
     )
     left = sorted({finding.code for finding in findings if finding.is_open})
     if left:
-        raise CheckFailed(
+        message = (
             f"These findings have no answer: {', '.join(left)}. Answer each with --answer CODE, or "
-            "all with --answer-all.",
-            code="findings-unanswered",
-            numbers={"unanswered": left},
+            "all with --answer-all."
         )
+        raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
     return replace(fixture, findings=findings, reviewed=Review(by, now, digest))

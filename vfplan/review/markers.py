@@ -262,11 +262,8 @@ class Fit:
             if marker.label == name:
                 return number
         labels = ", ".join(marker.label for marker in self.markers)
-        raise SettingError(
-            f"There is no marker {name!r}. The markers are: {labels or 'none'}.",
-            code="no-such-marker",
-            numbers={"markers": len(self.markers)},
-        )
+        text = f"There is no marker {name!r}. The markers are: {labels or 'none'}."
+        raise SettingError(text, code="no-such-marker", numbers={"markers": len(self.markers)})
 
     def with_marker(self, number: int, **changes: Any) -> Fit:
         """The fit with one marker changed."""

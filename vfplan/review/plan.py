@@ -292,16 +292,13 @@ def open_source(
     extraction, planning = split_settings(settings)
     if is_bundle(path):
         if curve_path is not None:
-            raise SettingError(
-                "A bundle has its curve. Leave --curve out.", code="curve-given-twice"
-            )
+            text = "A bundle has its curve. Leave --curve out."
+            raise SettingError(text, code="curve-given-twice")
         source = _of_bundle(path, slice_path, extraction, planning)
     else:
         if slice_path is not None:
-            raise SettingError(
-                f"{path} is a slice itself. Leave --slice out; it belongs to a bundle.",
-                code="slice-given-twice",
-            )
+            text = f"{path} is a slice itself. Leave --slice out; it belongs to a bundle."
+            raise SettingError(text, code="slice-given-twice")
         refuse_wrong_order(path, markers, markers2)
         source = _of_slice(path, curve_path, extraction, planning)
     if markers is None:
@@ -333,13 +330,12 @@ def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> N
     usual = vars(FixtureSettings())
     without_effect = [name for name, value in vars(planning).items() if value != usual[name]]
     if without_effect:
-        raise SettingError(
+        text = (
             "The fixture is planned already, and these settings would not change it: "
             f"{', '.join(without_effect)}. Leave them out, or plan anew with them: vfplan plan "
-            "IMAGE MARKERS.",
-            code="planned-already",
-            numbers={"settings": without_effect},
+            "IMAGE MARKERS."
         )
+        raise SettingError(text, code="planned-already", numbers={"settings": without_effect})
 
 
 def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) -> None:
@@ -354,13 +350,12 @@ def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) 
         if value not in (getattr(usual, name), getattr(recorded, name)):
             without_effect.append(name)
     if without_effect:
-        raise SettingError(
+        text = (
             "The curve is extracted already, and these settings would not change it: "
             f"{', '.join(without_effect)}. Leave them out, or extract it anew with them: vfplan "
-            "review IMAGE.",
-            code="extracted-already",
-            numbers={"settings": without_effect},
+            "review IMAGE."
         )
+        raise SettingError(text, code="extracted-already", numbers={"settings": without_effect})
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
@@ -439,12 +434,11 @@ def _of_bundle(
     fixture, seal = read_sealed(path)
     refuse_extraction_of_extracted(fixture, extraction)
     if fixture.curve is None or fixture.mesh is not None:
-        raise InputError(
+        text = (
             "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "
-            f"review {path} --sheet-out sheet.png",
-            where=str(path),
-            code="no-drawn-curve",
+            f"review {path} --sheet-out sheet.png"
         )
+        raise InputError(text, where=str(path), code="no-drawn-curve")
     slice_path = Path(slice_path) if slice_path is not None else None
     slice_image = None
     if slice_path is not None:
@@ -453,12 +447,11 @@ def _of_bundle(
     is_planar = record is not None and record.source_frame == "image"
     is_placed = slice_image is not None and slice_image.T_patient_image is not None
     if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
-        raise InputError(
+        text = (
             "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
-            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png",
-            where=str(path),
-            code="no-slice-registration",
+            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png"
         )
+        raise InputError(text, where=str(path), code="no-slice-registration")
     drawn = strokes_on_slice(fixture, slice_image)
     image = slice_image
     if image is None:
@@ -511,12 +504,11 @@ def _slice_of(
     image = _read_slice(slice_path, extraction)
     known = fixture.provenance.inputs.get("image")
     if known != image.sha256:
-        raise ImageError(
+        text = (
             f"This is not the slice that the curve of {path} was drawn on. Their SHA-256 differ: "
-            f"{image.sha256[:12]}... here, {str(known)[:12]}... in the bundle. Give the original.",
-            where=str(slice_path),
-            code="another-slice",
+            f"{image.sha256[:12]}... here, {str(known)[:12]}... in the bundle. Give the original."
         )
+        raise ImageError(text, where=str(slice_path), code="another-slice")
     if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
         return replace(image, pixel_spacing_mm=fixture.image.pixel_spacing_mm)
     return image

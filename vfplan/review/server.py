@@ -84,16 +84,12 @@ class Draft:
             if not isinstance(steps, list) or not isinstance(undone, list):
                 raise TypeError
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise InputError(
-                f"This is no draft of a review. {advice}", where=where, code="no-draft"
-            ) from None
+            message = f"This is no draft of a review. {advice}"
+            raise InputError(message, where=where, code="no-draft") from None
         if header != self._header:
             what = "other files" if header["sha256"] != self._header["sha256"] else "other settings"
-            raise InputError(
-                f"This is the draft of a review with {what}. {advice}",
-                where=where,
-                code="another-draft",
-            )
+            message = f"This is the draft of a review with {what}. {advice}"
+            raise InputError(message, where=where, code="another-draft")
         try:
             for step in steps:
                 session = session.apply(step)
@@ -101,11 +97,8 @@ class Draft:
             for step in undone:
                 after = after.apply(step)
         except SettingError as error:
-            raise InputError(
-                f"The draft holds a step that does not fit. {error.message} {advice}",
-                where=where,
-                code="draft-does-not-fit",
-            ) from None
+            message = f"The draft holds a step that does not fit. {error.message} {advice}"
+            raise InputError(message, where=where, code="draft-does-not-fit") from None
         return replace(session, undone=tuple(undone))
 
     def keep(self, session: Session) -> None:
@@ -339,11 +332,8 @@ class ReviewServer:
             if message.get("version") != self._version:
                 if is_look:
                     return  # What was in view belongs to a line that has changed since.
-                raise SettingError(
-                    "The page showed an earlier state. Look again, and repeat the step.",
-                    code="stale-step",
-                    numbers={"version": self._version},
-                )
+                text = "The page showed an earlier state. Look again, and repeat the step."
+                raise SettingError(text, code="stale-step", numbers={"version": self._version})
             if "undo" in message:
                 session = self._session.undo()
             elif "redo" in message:
@@ -360,10 +350,8 @@ class ReviewServer:
     def _preview(self, wish: Any) -> dict[str, Any]:
         """The registration as it would be with a marker elsewhere; nothing is changed."""
         if not isinstance(wish, dict):
-            raise SettingError(
-                'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.',
-                code="step-malformed",
-            )
+            text = 'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.'
+            raise SettingError(text, code="step-malformed")
         plan = move_marker(self._session.current, {**wish, "do": "move_marker"})
         return {"preview": to_json_types(marker_state(plan))}
 

@@ -86,11 +86,8 @@ class Session:
             The step is not understood or does not fit the present state. Nothing has changed.
         """
         if len(self.steps) >= MAX_STEPS:
-            raise SettingError(
-                f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew.",
-                code="too-many-steps",
-                numbers={"steps": MAX_STEPS},
-            )
+            text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
+            raise SettingError(text, code="too-many-steps", numbers={"steps": MAX_STEPS})
         plan = steps_of_a_plan.apply(self.current, step)
         kept = dict(step)
         if kept["do"] == "answer":
@@ -104,9 +101,8 @@ class Session:
     def undo(self) -> Session:
         """The session before the last step; what was merely looked at since is undone with it."""
         if not self.steps:
-            raise SettingError(
-                "There is no step to undo. Take a step first.", code="nothing-to-undo"
-            )
+            text = "There is no step to undo. Take a step first."
+            raise SettingError(text, code="nothing-to-undo")
         # Go back to the last step that is more than a look.
         count = len(self.steps) - 1
         while count > 0 and self.steps[count]["do"] == "viewed":
@@ -117,9 +113,8 @@ class Session:
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            raise SettingError(
-                "There is no step to do again. Undo one first.", code="nothing-to-redo"
-            )
+            text = "There is no step to do again. Undo one first."
+            raise SettingError(text, code="nothing-to-redo")
         count = 1
         while count < len(self.undone) and self.undone[count]["do"] == "viewed":
             count += 1
@@ -216,16 +211,12 @@ class Session:
         """
         by = str(by).strip()
         if not by:
-            raise SettingError(
-                "No name was given. An approval names the person who gives it.", code="no-name"
-            )
+            text = "No name was given. An approval names the person who gives it."
+            raise SettingError(text, code="no-name")
         reasons = self.current.why_not
         if reasons:
-            raise CheckFailed(
-                f"The plan cannot be approved. {' '.join(reasons)}",
-                code="not-approvable",
-                numbers={"reasons": len(reasons)},
-            )
+            text = f"The plan cannot be approved. {' '.join(reasons)}"
+            raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
         findings = [
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings

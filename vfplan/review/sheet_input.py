@@ -367,9 +367,8 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
     """Raise `InputError` unless the image is the one that the curve was drawn on."""
     known = fixture.provenance.inputs.get("image")
     if known is None:
-        raise InputError(
-            "This bundle was not drawn on a slice. Leave --slice out.", code="slice-unknown"
-        )
+        text = "This bundle was not drawn on a slice. Leave --slice out."
+        raise InputError(text, code="slice-unknown")
     if known != image.sha256:
         raise InputError(
             f"This is not the slice that the curve was drawn on: its SHA-256 begins with "

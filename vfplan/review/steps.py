@@ -42,16 +42,12 @@ MAX_LABEL = 64
 def named(step: Any) -> str:
     """What a step does; raises `SettingError` for none that is known."""
     if not isinstance(step, dict) or not isinstance(step.get("do"), str):
-        raise SettingError(
-            'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.',
-            code="step-malformed",
-        )
+        text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
+        raise SettingError(text, code="step-malformed")
     name = step["do"]
     if name not in STEPS:
-        raise SettingError(
-            f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}.",
-            code="no-such-step",
-        )
+        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}."
+        raise SettingError(text, code="no-such-step")
     return name
 
 
@@ -137,10 +133,8 @@ def _needs_ink(plan: Plan) -> SliceInk:
     ink = plan.geometry.ink
     if ink is None:
         if plan.source.slice_path is None:
-            raise SettingError(
-                "This step needs the slice. Open the bundle with it: --slice IMAGE.",
-                code="no-slice",
-            )
+            text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
+            raise SettingError(text, code="no-slice")
         raise SettingError(
             "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
             "clicks, or open the slice without --curve.",
@@ -255,11 +249,8 @@ def join(plan: Plan, step: Step) -> Plan:
     other = _whole(step, "other", 1)
     second = plan.geometry.stroke(other)
     if other == number or stroke.closed or second.closed:
-        raise SettingError(
-            "Two different open strokes can be joined. Choose another one.",
-            code="cannot-join",
-            numbers={"stroke": number, "other": other},
-        )
+        text = "Two different open strokes can be joined. Choose another one."
+        raise SettingError(text, code="cannot-join", numbers={"stroke": number, "other": other})
     strokes = list(plan.geometry.strokes)
     strokes[min(number, other)] = stroke.join(second, plan.geometry.ink)
     del strokes[max(number, other)]
@@ -307,18 +298,15 @@ def exclude(plan: Plan, step: Step) -> Plan:
     last_u = min(image.width_px, math.ceil(u + width))
     last_v = min(image.height_px, math.ceil(v + height))
     if last_u <= first_u or last_v <= first_v:
-        raise SettingError(
+        text = (
             f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
-            "slice. Draw it over the slice.",
-            code="box-empty",
-            numbers={"width_px": width, "height_px": height},
+            "slice. Draw it over the slice."
         )
+        raise SettingError(text, code="box-empty", numbers={"width_px": width, "height_px": height})
     exclude = (*plan.exclude, (first_u, first_v, last_u - first_u, last_v - first_v))
     if len(exclude) > MAX_EXCLUDED:
-        raise SettingError(
-            f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them.",
-            code="too-many-boxes",
-        )
+        text = f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them."
+        raise SettingError(text, code="too-many-boxes")
     geometry = plan.geometry
     if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):
         extracted = plan.source.geometry_with(ink, exclude)
@@ -372,10 +360,8 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     label = _label(step, "label")
     fit.refuse_label(label)
     if len(fit.markers) >= MAX_MARKERS:
-        raise SettingError(
-            f"There are {MAX_MARKERS} markers, and no more can be added. Delete one.",
-            code="too-many-markers",
-        )
+        text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
+        raise SettingError(text, code="too-many-markers")
     place = tuple(_place(plan, step, "at").tolist()) if step.get("at") is not None else None
     target = _numbers(step, "target_m", 3) if step.get("target_m") is not None else None
     markers = (*fit.markers, Marker(label, place, target))
@@ -418,15 +404,12 @@ def set_markers(plan: Plan, step: Step) -> Plan:
     try:
         pairs = pairs_of_table(table)
     except MarkerError as error:
-        raise SettingError(
-            f"The table of markers cannot be read: {error.message}", code=error.code
-        ) from None
+        text = f"The table of markers cannot be read: {error.message}"
+        raise SettingError(text, code=error.code) from None
     fit = fit_of(pairs, plan.source.image, fit.settings)
     if len(fit.markers) > MAX_MARKERS:
-        raise SettingError(
-            f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed.",
-            code="too-many-markers",
-        )
+        text = f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed."
+        raise SettingError(text, code="too-many-markers")
     return plan.changed(fit=fit)
 
 
@@ -434,22 +417,18 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
     fit = plan.fit
     if plan.source.slice_path is None:
-        raise SettingError(
-            "This step needs the slice. Open the bundle with it: --slice IMAGE.", code="no-slice"
-        )
+        text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
+        raise SettingError(text, code="no-slice")
     if not plan.geometry.strokes or fit.registration is None:
-        raise SettingError(
-            "There is no curve or no registration yet. Marks are looked for once there are both.",
-            code="no-registration",
-        )
+        text = "There is no curve or no registration yet. Marks are looked for once there are both."
+        raise SettingError(text, code="no-registration")
     settings = replace(fit.settings, find_markers=True)
     with fit.as_files() as files:
         try:
             planned = register(plan.curve(), *files, settings, image=plan.source.image)
         except VfplanError as error:
-            raise SettingError(
-                f"The marks were not found: {error.message}", code=error.code
-            ) from None
+            text = f"The marks were not found: {error.message}"
+            raise SettingError(text, code=error.code) from None
     labels = [marker.label for marker in fit.used]
     for label, place in zip(labels, planned.registration.source.tolist(), strict=True):
         fit = fit.with_marker(fit.index(label), place=tuple(place))
@@ -470,11 +449,8 @@ def answer(plan: Plan, step: Step) -> Plan:
     else:
         accepted = []
     if not accepted:
-        raise SettingError(
-            f"There is no finding {which!r}. There are {len(findings)}, from 0.",
-            code="no-such-finding",
-            numbers={"findings": len(findings)},
-        )
+        text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
+        raise SettingError(text, code="no-such-finding", numbers={"findings": len(findings)})
     by = _label(step, "by") if step.get("by") is not None else None
     utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):

@@ -136,11 +136,8 @@ class MendedStroke(Stroke):
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
         if count <= (3 if self.closed else 2):
-            raise SettingError(
-                f"The stroke has {count} knots and needs them. Cut it, or draw it anew.",
-                code="too-few-knots",
-                numbers={"knots": count},
-            )
+            text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
+            raise SettingError(text, code="too-few-knots", numbers={"knots": count})
         if not self.closed and knot == 0:
             return self.part(int(self.knots[1]), len(self.points))
         if not self.closed and knot == count - 1:
@@ -207,12 +204,11 @@ class MendedStroke(Stroke):
             if is_turned:
                 first, last, drawn = last, first, drawn[::-1]
             if self.closed and first == last:
-                raise SettingError(
+                text = (
                     "The drawn stretch begins and ends at one point of the curve. Let it span a "
-                    "part.",
-                    code="stretch-too-short",
-                    numbers={"points": len(drawn)},
+                    "part."
                 )
+                raise SettingError(text, code="stretch-too-short", numbers={"points": len(drawn)})
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
