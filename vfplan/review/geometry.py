@@ -244,19 +244,6 @@ MOVED_PX = 1.0
 may be a step along the line."""
 
 
-@dataclass(frozen=True)
-class Refusal:
-    """Why there is no curve yet: the code, the words and, if known, the place (u, v) [px].
-
-    other_pen: the colour of another pen, whose line is the longest on the slice; empty for none
-    """
-
-    code: str
-    text: str
-    place_px: tuple[float, float] | None = None
-    other_pen: str = ""
-
-
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """The curve on its slice, as far as it is settled.
@@ -270,7 +257,8 @@ class Geometry:
     findings
         The findings of extraction, less what was mended.
     refusal
-        Why extraction gave no curve; `None` if it did, or if a person gave one.
+        Why extraction gave no curve, as the page shows it: code, words, place and, where another
+        pen drew the longest line, its colour; `None` if it did, or if a person gave one.
     candidates
         Routes that the curve may take, from which a person can choose.
     excluded_ink
@@ -280,7 +268,7 @@ class Geometry:
     strokes: tuple[MendedStroke, ...] = ()
     ink: SliceInk | None = None
     findings: tuple[Finding, ...] = ()
-    refusal: Refusal | None = None
+    refusal: dict[str, Any] | None = None
     candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
 
@@ -458,17 +446,18 @@ def route_over(entry: Entry) -> Stroke:
     return routes[0]
 
 
-def _refusal_of(error: CurveError) -> Refusal:
+def _refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
     # The page has a button for the other pen.
     options = ("vfplan review", "--colour") if other_pen else ("vfplan review",)
     sentences = re.split(r"(?<=\.) ", error.message)
     kept = [words for words in sentences if not any(option in words for option in options)]
-    place = None
-    if "u_px" in error.numbers and "v_px" in error.numbers:
-        place = (float(error.numbers["u_px"]), float(error.numbers["v_px"]))
-    return Refusal(error.code, " ".join(kept) or error.message, place, other_pen)
+    places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
+    place = tuple(map(float, places)) if len(places) == 2 else None
+    text = " ".join(kept) or error.message
+    return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
+            "other_pen": other_pen}  # fmt: skip
 
 
 def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:

@@ -199,15 +199,11 @@ class Fit:
         for marker in self.markers:
             left_out = loo_m.get(marker.label, np.nan)
             row: dict[str, Any] = {
-                "label": marker.label,
-                "place_px": marker.place,
-                "target_m": marker.target_m,
-                "used": marker.is_used,
-                "depth_m": marker.depth_m,
-                "residual_m": None,
-                "residual_px": None,
+                "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
+                "used": marker.is_used, "depth_m": marker.depth_m,
+                "residual_m": None, "residual_px": None,
                 "loo_m": left_out if marker.is_used and np.isfinite(left_out) else None,
-            }
+            }  # fmt: skip
             if registration is not None and marker.is_whole:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
                 residual = np.array(marker.target_m) - reached
@@ -226,13 +222,10 @@ class Fit:
                 yield path, None
                 return
             # The positions in the patient's frame, as 3D Slicer stores them.
-            points = [
-                {
-                    "label": marker.label,
-                    "position": self.to_source(marker.place, marker.depth_m)[0].tolist(),
-                }
-                for marker in self.used
-            ]
+            points = []
+            for marker in self.used:
+                position = self.to_source(marker.place, marker.depth_m)[0].tolist()
+                points.append({"label": marker.label, "position": position})
             markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "m",
                       "controlPoints": points}  # fmt: skip
             source = Path(folder) / "markers.mrk.json"

@@ -85,21 +85,9 @@ class Source:
         return {name: value for name, value in asdict(self.extraction).items() if value is not None}
 
     @property
-    def image_of_markers(self) -> PlannedImage | None:
-        """The slice against whose drawn marks the markers are held."""
-        return None if self.slice_path is None else self.image
-
-    @property
     def is_slice_missing(self) -> bool:
         """Whether the curve was drawn on a slice that was not given."""
         return self.slice_path is None and self.inputs.get("image") is not None
-
-    @property
-    def approved(self) -> dict[str, Any] | None:
-        """Who approved the bundle, and when; `None` if nobody has."""
-        if self.fixture is None or self.fixture.reviewed is None:
-            return None
-        return asdict(self.fixture.reviewed)
 
     def describe(self) -> dict[str, Any]:
         """The slice as the page needs it."""
@@ -110,15 +98,11 @@ class Source:
             sides = {"left": _side(-right), "right": _side(right), "top": _side(-down),
                      "bottom": _side(down)}  # fmt: skip
         return {
-            "name": self.path.name,
-            "width_px": self.image.width_px,
-            "height_px": self.image.height_px,
-            "pixel_spacing_mm": self.image.pixel_spacing_mm,
-            "has_slice": self.slice_path is not None,
-            "has_ink": self.geometry.ink is not None,
-            "grey_max": int(np.iinfo(self.image.rgb.dtype).max),
-            "sides": sides,
-        }
+            "name": self.path.name, "width_px": self.image.width_px,
+            "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
+            "has_slice": self.slice_path is not None, "has_ink": self.geometry.ink is not None,
+            "grey_max": int(np.iinfo(self.image.rgb.dtype).max), "sides": sides,
+        }  # fmt: skip
 
     def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
         """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
@@ -239,8 +223,9 @@ class Plan:
             # The files themselves, as long as nobody changed a marker.
             if self.fit is source.fit and source.marker_files:
                 files = source.marker_files
+            image = source.image if source.slice_path is not None else None
             try:
-                planned = register(curve, *files, self.fit.settings, image=source.image_of_markers)
+                planned = register(curve, *files, self.fit.settings, image=image)
             except VfplanError as error:
                 # The page has no options; what is wrong with the markers is mended on it.
                 message = error.message.replace(", or give --markers-as-given", "")
@@ -386,11 +371,9 @@ def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its first bytes or, if it cannot be read, its suffix."""
     try:
         with path.open("rb") as file:
-            head = file.read(2048 + len(HDF5_SIGNATURE))
+            return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
     except OSError:
         return path.suffix == ".h5"
-    # A user block may stand before the signature.
-    return any(head[place:].startswith(HDF5_SIGNATURE) for place in (0, 512, 1024, 2048))
 
 
 def _of_slice(

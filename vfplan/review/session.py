@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,9 @@ from vfplan.review.plan import Plan, Source, open_source
 
 MAX_STEPS = 20_000
 """Steps of a review at most: a person makes some hundreds."""
+
+
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box", "outline")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,16 +136,10 @@ class Session:
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON holds it."""
         plan, state = self.current, self.quick_state()
-        refusal = plan.geometry.refusal
+        state["refusal"] = plan.geometry.refusal
         if plan.outcome.why_not and plan.geometry.strokes:
-            state["refusal"] = {
-                "code": plan.outcome.code,
-                "text": plan.outcome.why_not,
-                "place_px": None,
-                "stage": "register",
-            }
-        elif refusal is not None:
-            state["refusal"] = {**vars(refusal), "stage": "extract"}
+            state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
+                                "place_px": None, "stage": "register"}  # fmt: skip
         findings, why_not = plan.findings, plan.why_not
         return state | {
             "findings": [finding.as_dict() for finding in findings],
@@ -156,20 +153,11 @@ class Session:
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
         titles = [_title(step) for step in self.steps if step["do"] != "viewed"]
         account = [
-            {
-                "number": entry.number,
-                "u": entry.u,
-                "v": entry.v,
-                "pixels": entry.pixels,
-                "share": entry.share,
-                "is_ink": entry.what == "ink",
-                "box": entry.box,
-                "outline": entry.outline,
-                "left_out": entry.middle in geometry.excluded_ink,
-            }
+            {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
+            | {"is_ink": entry.what == "ink", "left_out": entry.middle in geometry.excluded_ink}
             for entry in geometry.account
         ]
-        return {
+        state = {
             "image": self.source.describe(),
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
@@ -178,18 +166,14 @@ class Session:
             "edited": [_first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [_first_and_last(~stroke.viewed) for stroke in strokes],
-            "candidates": [
-                describe_candidate(number, route)
-                for number, route in enumerate(geometry.candidates, 1)
-            ],
-            "account": account,
-            "boxes": [list(box) for box in plan.exclude],
-            "refusal": None,
-            "steps": titles,
-            "can_undo": bool(titles),
-            "can_redo": bool(self.undone),
-            "approved": None if self.steps else self.source.approved,
-        } | marker_state(plan)
+            "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
+            "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None, "steps": titles,
+            "can_undo": bool(titles), "can_redo": bool(self.undone), "approved": None,
+        }  # fmt: skip
+        fixture = self.source.fixture
+        if not self.steps and fixture is not None and fixture.reviewed is not None:
+            state["approved"] = asdict(fixture.reviewed)
+        return state | marker_state(plan)
 
     def approve(self, by: str) -> Fixture:
         """The fixture (or, without markers, the curve), approved by a person.
