@@ -84,12 +84,3 @@ def test_a_sheet_without_its_slice_leaves_a_doubt_to_answer(vfplan_cli, tmp_path
     accepted = read_fixture(out)
     (finding,) = [f for f in accepted.findings if f.code == "slice-not-shown"]
     assert (accepted.reviewed.by, finding.answered_by) == ("A", "A")
-
-
-def test_migrated_bundle_is_not_reviewed(vfplan_cli, root, tmp_path):
-    old = root / "tests" / "data" / "bundles" / "1.1-everything.h5"
-    if not old.exists():
-        old = next((root / "tests" / "data" / "bundles").glob("1.*.h5"))
-    out = tmp_path / "new.h5"
-    assert vfplan_cli("migrate", old, "-o", out).code == 0
-    assert read_fixture(out).reviewed is None
