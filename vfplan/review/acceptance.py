@@ -76,13 +76,9 @@ def _add_array(seen: Any, array: np.ndarray) -> None:
 
 
 def accept(
-    fixture: Fixture,
-    digest: str,
-    by: str,
-    *,
-    answers: Collection[str] = (),
+    fixture: Fixture, digest: str, by: str, *, answers: Collection[str] = (),
     answer_all: bool = False,
-) -> Fixture:
+) -> Fixture:  # fmt: skip
     """The fixture with its findings answered and its review.
 
     Parameters

@@ -306,9 +306,12 @@ def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
 
 
 def draw_distance(
-    canvas: Pixels, points: Array, distance: Array, closed: bool, colour: Colour, *, dashed: bool
+    canvas: Pixels, points: Array, distance: Array, closed: bool, is_bound: bool
 ) -> None:
-    """Draw the outline of what lies within a distance, (M,), of a line, (M, 2) [px of the page]."""
+    """Draw the outline of what lies within a distance, (M,), of a line, (M, 2) [px of the page].
+
+    The 95 % bound has dashes, the margin has none.
+    """
     within = np.zeros(canvas.shape[:2], np.uint8)
     if closed:
         points, distance = np.vstack([points, points[:1]]), np.append(distance, distance[:1])
@@ -322,11 +325,12 @@ def draw_distance(
             thickness = max(1, round(distance[k] + distance[k - 1]))
             draw_line(within, points[k - 1 : k + 1], 255, thickness)
     height, width = within.shape
+    colour = BAND_COLOUR if is_bound else MARGIN_COLOUR
     for contour in contours_of(within):
         outline = contour[:, 0]
         x, y = outline.T
         inner = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-        length = 14 if dashed else len(outline)
+        length = 14 if is_bound else len(outline)
         for start in range(0, len(outline), length + 8):
             dash = outline[start : start + length]
             dash = dash[inner[start : start + length]]

@@ -149,14 +149,9 @@ def _draw_marks(sheet: paper.Paper, box: paper.Box, view: View, content: SheetIn
 
 
 def draw_tag(
-    sheet: paper.Paper,
-    part: paper.Pixels,
-    box: paper.Box,
-    labeller: paper.Labeller,
-    point: paper.Array,
-    words: str,
-    ground: paper.Colour = WHITE,
-) -> None:
+    sheet: paper.Paper, part: paper.Pixels, box: paper.Box, labeller: paper.Labeller,
+    point: paper.Array, words: str, ground: paper.Colour = WHITE,
+) -> None:  # fmt: skip
     """Write a caption in a small plate close to its point, if there is a place for one.
 
     `ground` is the plate's colour. The letters are black on white, and white on any other.
@@ -293,26 +288,12 @@ def _draw_bands(canvas: paper.Pixels, content: SheetInput, panel: Panel) -> set[
     drawn: set[str] = set()
     if content.metres_per_px is None:
         return drawn
-    first = 0
-    for stroke in content.strokes:
-        count = len(stroke.points)
-        points = panel.place(stroke.points)
-        outline = panel.outline_distance(stroke) + 3
-        to_page = panel.zoom / content.metres_per_px
-        if content.margin_m and content.margin_m * to_page > outline:
-            distance = np.full(count, content.margin_m * to_page)
-            paper.draw_distance(
-                canvas, points, distance, stroke.closed, paper.MARGIN_COLOUR, dashed=False
-            )
-            drawn.add("margin")
-        if content.tre95_m is not None:
-            distance = content.tre95_m[first : first + count] * to_page
-            if distance.max() > outline:
-                paper.draw_distance(
-                    canvas, points, distance, stroke.closed, paper.BAND_COLOUR, dashed=True
-                )
-                drawn.add("bound")
-        first += count
+    to_page = panel.zoom / content.metres_per_px
+    for stroke, is_bound, half_m in content.bands():
+        if half_m.max() * to_page > panel.outline_distance(stroke) + 3:
+            points = panel.place(stroke.points)
+            paper.draw_distance(canvas, points, half_m * to_page, stroke.closed, is_bound)
+            drawn.add("bound" if is_bound else "margin")
     return drawn
 
 
@@ -385,13 +366,9 @@ def _kept_visible(
 
 
 def _draw_captions(
-    sheet: paper.Paper,
-    canvas: paper.Pixels,
-    box: paper.Box,
-    content: SheetInput,
-    panel: Panel,
+    sheet: paper.Paper, canvas: paper.Pixels, box: paper.Box, content: SheetInput, panel: Panel,
     labeller: paper.Labeller,
-) -> None:
+) -> None:  # fmt: skip
     """Ends and bridges first, then findings, markers and other ink, as long as places are free."""
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
@@ -432,14 +409,9 @@ def _draw_scale_bar(sheet: paper.Paper, content: SheetInput, panel: Panel) -> fl
 
 
 def _draw_legend(
-    sheet: paper.Paper,
-    content: SheetInput,
-    enlargement: float | None,
-    drawn_bands: set[str],
-    x: float,
-    y: float,
-    width: float,
-) -> float:
+    sheet: paper.Paper, content: SheetInput, enlargement: float | None, drawn_bands: set[str],
+    x: float, y: float, width: float,
+) -> float:  # fmt: skip
     """What the lines on the picture mean."""
     line = f"the line of the pen ({content.pen})" if content.pen else "the curve"
     rows: list[tuple[str, paper.Colour, bool]] = [

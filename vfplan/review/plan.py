@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,13 +76,6 @@ class Source:
     fixture: Fixture | None = None
     case: str = ""
     robot_serial: str = ""
-
-    @property
-    def settings_in_force(self) -> dict[str, Any]:
-        """The extraction's settings, for the provenance; a bundle has its own."""
-        if self.fixture is not None:
-            return dict(self.fixture.provenance.settings)
-        return {name: value for name, value in asdict(self.extraction).items() if value is not None}
 
     @property
     def is_slice_missing(self) -> bool:
@@ -237,7 +230,10 @@ class Plan:
         strokes, ink, image = self.geometry.strokes, self.geometry.ink, self.source.image
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
-        settings = self.source.settings_in_force
+        # A bundle has its own settings.
+        fixture = self.source.fixture
+        settings = dict(vars(self.source.extraction) if fixture is None
+                        else fixture.provenance.settings)  # fmt: skip
         if self.exclude:
             settings["exclude"] = self.exclude
         if ink is not None and ink.colour != self.source.extraction.colour:
@@ -265,15 +261,13 @@ def _sentence(text: str) -> str:
 
 
 def open_source(
-    path: str | Path,
-    markers: str | Path | None,
-    markers2: str | Path | None,
-    slice_path: str | Path | None,
-    curve_path: str | Path | None,
-    settings: dict[str, Any],
-) -> Source:
+    path: str | Path, markers: str | Path | None, markers2: str | Path | None,
+    slice_path: str | Path | None, curve_path: str | Path | None, settings: dict[str, Any],
+) -> Source:  # fmt: skip
     """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
+    slice_path = Path(slice_path) if slice_path is not None else None
+    curve_path = Path(curve_path) if curve_path is not None else None
     extraction, planning = split_settings(settings)
     if is_bundle(path):
         if curve_path is not None:
@@ -298,11 +292,7 @@ def open_source(
 
 def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[str, Any]:
     """Both settings by name, as `Session.open` takes them."""
-    return {
-        field.name: getattr(settings, field.name)
-        for settings in (extraction, planning)
-        for field in fields(settings)
-    }
+    return {**vars(extraction), **vars(planning)}
 
 
 def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> None:
@@ -327,13 +317,14 @@ def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) 
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     recorded = extraction_of(fixture, ExtractSettings())
     usual = ExtractSettings()
-    without_effect = []
-    for name in (*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"):
-        value = getattr(settings, name)
-        if name == "colour" and name not in fixture.provenance.settings:
-            continue  # The page needs to know the pen.
-        if value not in (getattr(usual, name), getattr(recorded, name)):
-            without_effect.append(name)
+    names = [*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"]
+    if "colour" not in fixture.provenance.settings:
+        names.remove("colour")  # The page needs to know the pen.
+    without_effect = [
+        name
+        for name in names
+        if getattr(settings, name) not in (getattr(usual, name), getattr(recorded, name))
+    ]
     if without_effect:
         text = (
             "The curve is extracted already, and these settings would not change it: "
@@ -377,18 +368,13 @@ def is_bundle(path: Path) -> bool:
 
 
 def _of_slice(
-    path: Path,
-    curve_path: str | Path | None,
-    extraction: ExtractSettings,
-    planning: FixtureSettings,
+    path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
     image = _read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, ink = {"image": image.sha256}, None
     if curve_path is None:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-    else:
-        curve_path = Path(curve_path)
     geometry = geometry_of_slice(path, extraction, ink, curve_path)
     if curve_path is not None:
         inputs["curve"] = sha256_of(curve_path)
@@ -407,10 +393,7 @@ def _read_slice(path: Path, settings: ExtractSettings) -> PlannedImage:
 
 
 def _of_bundle(
-    path: Path,
-    slice_path: str | Path | None,
-    extraction: ExtractSettings,
-    planning: FixtureSettings,
+    path: Path, slice_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
     from vfplan.bundle.read import read_sealed
 
@@ -422,7 +405,6 @@ def _of_bundle(
             f"review {path} --sheet-out sheet.png"
         )
         raise InputError(text, where=str(path), code="no-drawn-curve")
-    slice_path = Path(slice_path) if slice_path is not None else None
     slice_image = None
     if slice_path is not None:
         slice_image = _slice_of(fixture, slice_path, path, extraction)

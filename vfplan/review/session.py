@@ -167,8 +167,9 @@ class Session:
             "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [_first_and_last(~stroke.viewed) for stroke in strokes],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
-            "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None, "steps": titles,
-            "can_undo": bool(titles), "can_redo": bool(self.undone), "approved": None,
+            "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
+            "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
+            "approved": None,
         }  # fmt: skip
         fixture = self.source.fixture
         if not self.steps and fixture is not None and fixture.reviewed is not None:

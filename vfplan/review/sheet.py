@@ -397,22 +397,11 @@ def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray
 def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -> None:
     """Draw the line, the 95 % band and the margin at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
-    first = 0
-    for stroke in content.strokes:
-        count = len(stroke.points)
+    to_page = inset.zoom / content.metres_per_px
+    for stroke, is_bound, half_m in content.bands():
         points = _within(inset, stroke)
-        to_page = inset.zoom / content.metres_per_px
-        bound_px = content.tre95_m[first : first + count] * to_page
-        first += count
-        if content.margin_m:
-            margin_px = np.full(count, content.margin_m * to_page)
-            paper.draw_distance(
-                enlarged, points, margin_px, stroke.closed, paper.MARGIN_COLOUR, dashed=False
-            )
-        paper.draw_distance(
-            enlarged, points, bound_px, stroke.closed, paper.BAND_COLOUR, dashed=True
-        )
-        if stroke.is_ordered:
+        paper.draw_distance(enlarged, points, half_m * to_page, stroke.closed, is_bound)
+        if is_bound and stroke.is_ordered:
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
 
 

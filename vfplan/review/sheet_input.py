@@ -7,7 +7,7 @@ slice where that is given. The numbers of a plan in words stand beside the pictu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -131,6 +131,17 @@ class SheetInput:
     frame: str = "robot_base"
     missing_slice: bool = False
     pen: str = ""
+
+    def bands(self) -> Iterator[tuple[Stroke, bool, Array]]:
+        """Margin and 95 % bound along each stroke: whether it is the bound, and (M,) [m]."""
+        first = 0
+        for stroke in self.strokes:
+            stop = first + len(stroke.points)
+            if self.margin_m:
+                yield stroke, False, np.full(stop - first, self.margin_m)
+            if self.tre95_m is not None:
+                yield stroke, True, self.tre95_m[first:stop]
+            first = stop
 
     @property
     def unanswered(self) -> int:
@@ -274,13 +285,9 @@ def of_plan(plan: PlanResult, title: str) -> SheetInput:
 
 
 def of_fixture(
-    fixture: Fixture,
-    title: str,
-    *,
-    image: PlannedImage | None = None,
-    registration: Registration | None = None,
-    extracted: ExtractResult | None = None,
-) -> SheetInput:
+    fixture: Fixture, title: str, *, image: PlannedImage | None = None,
+    registration: Registration | None = None, extracted: ExtractResult | None = None,
+) -> SheetInput:  # fmt: skip
     """What the sheet of a bundle shows.
 
     Parameters

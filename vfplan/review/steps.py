@@ -18,7 +18,7 @@ from vfplan.io.files import now_utc
 from vfplan.planning.plan import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
-from vfplan.review.markers import Marker, fit_of, pairs_of_table
+from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table
 from vfplan.review.plan import Plan, key_of
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
 
@@ -340,10 +340,13 @@ def leave(plan: Plan, step: Step) -> Plan:
 # The markers.
 
 
+def _marker_of(plan: Plan, step: Step) -> tuple[Fit, int]:
+    return plan.fit, plan.fit.index(step.get("marker"))
+
+
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    fit = plan.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     changes: dict[str, Any] = {}
     if "to" in step:
         changes["place"] = tuple(_place(plan, step, "to").tolist())
@@ -370,16 +373,14 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
-    fit = plan.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     markers = fit.markers[:number] + fit.markers[number + 1 :]
     return plan.changed(fit=replace(fit, markers=markers))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    fit = plan.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     label = _label(step, "label")
     fit.refuse_label(label, besides=number)
     return plan.changed(fit=fit.with_marker(number, label=label))
@@ -387,8 +388,7 @@ def rename_marker(plan: Plan, step: Step) -> Plan:
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:
     """Leave a marker out of the registration, or use it again."""
-    fit = plan.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
         raise _malformed(step, "out", "true or false")

@@ -295,16 +295,9 @@ class MendedStroke(Stroke):
         return np.r_[first : len(self.points), 0 : last + 1]
 
     def _with_stretch(
-        self,
-        first: int,
-        last: int,
-        drawn: NDArray,
-        ink: SliceInk | None,
-        *,
-        knot_at: NDArray | None = None,
-        free_start: bool = False,
-        free_end: bool = False,
-    ) -> MendedStroke:
+        self, first: int, last: int, drawn: NDArray, ink: SliceInk | None, *,
+        knot_at: NDArray | None = None, free_start: bool = False, free_end: bool = False,
+    ) -> MendedStroke:  # fmt: skip
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
         `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
