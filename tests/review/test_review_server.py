@@ -46,14 +46,15 @@ class Tab:
         own = f"http://127.0.0.1:{served.port}"
         token = served.token if token is None else token
         where = f"ws://127.0.0.1:{served.port}/steps?token={token}"
-        self.page = connect(where, origin=own if origin == "own" else origin)
+        self._connection = connect(where, origin=own if origin == "own" else origin)
         self.version = 0
 
     def __enter__(self):
+        self.page = self._connection.__enter__()
         return self
 
     def __exit__(self, *error):
-        self.page.__exit__(*error)
+        self._connection.__exit__(*error)
 
     def heard(self, name, seconds=20):
         """The next message of a kind."""

@@ -54,6 +54,18 @@ def opened(kind, folder):
     return Session.open(path), *more
 
 
+def after(session, steps):
+    for step in steps:
+        session = session.apply(step)
+    return session
+
+
+def undone(session):
+    while session.steps:
+        session = session.undo()
+    return session
+
+
 def looked_at(session):
     """The session with every stroke in view and every doubt accepted."""
     for stroke in range(len(session.state()["curve_px"])):
@@ -169,7 +181,7 @@ def test_a_knot_snaps_to_its_ink_and_stays_where_there_is_none(tmp_path):
     far = session.apply({"do": "move_knot", "stroke": 0, "knot": 10, "to": [u, v + 40]})
     assert np.hypot(*np.subtract(far.state()["knots_px"][0][10], [u, v + 40])) < 1.0
     assert far.state()["edited"][0]
-    assert not far.current.approvable
+    assert far.current.why_not
     back = far.apply({"do": "delete_knot", "stroke": 0, "knot": 10})
     assert miss(curve_of(back), truth) < 0.3
     cut = session.apply({"do": "cut", "stroke": 0, "start": knots[3], "end": knots[20]})
@@ -220,9 +232,8 @@ def test_markers_are_added_renamed_deleted_and_pasted(sample):
         more.apply({"do": "rename_marker", "marker": "M10", "label": "x1"})
     with pytest.raises(SettingError):
         session.apply({"do": "set_markers", "table": "label;u_px\n"})
-    few = session
-    for marker in session.state()["markers"][2:]:
-        few = few.apply({"do": "delete_marker", "marker": marker["label"]})
+    labels = [marker["label"] for marker in session.state()["markers"][2:]]
+    few = after(session, [{"do": "delete_marker", "marker": label} for label in labels])
     assert few.state()["tre95_m"] is None
     assert few.state()["refusal"]["code"] == "markers"
 
@@ -337,26 +348,22 @@ def test_a_box_after_a_hand_has_shaped_the_curve_measures_its_part_again(tmp_pat
     shaped = session.apply({"do": "move_knot", "stroke": 0, "knot": 4, "to": far})
     place = knots[-6]
     box = [place[0] - 12, place[1] - 12, 24, 24]
-    after = shaped.apply({"do": "exclude", "box": box})
-    points = np.array(curve_of(after))
+    first, last = np.floor(box[:2]).astype(int), np.ceil(np.add(box[:2], box[2:])).astype(int)
+    whole = ",".join(map(str, (*first, *(last - first))))
+    boxed = shaped.apply({"do": "exclude", "box": box})
+    points = np.array(curve_of(boxed))
     edited = np.zeros(len(points), bool)
-    for first, last in after.state()["edited"][0]:
+    for first, last in boxed.state()["edited"][0]:
         edited[first : last + 1] = True
     # What the hand drew stays; where the ink no longer counts the line is as drawn by hand.
     assert np.hypot(*(points - far).T).min() < 2.0
     assert edited[np.hypot(*(points - place).T) < 8].all()
     assert not edited[np.hypot(*(points - knots[-3]).T) < 4].any()
     assert miss(points[np.hypot(*(points - far).T) > 60], truth) < 0.5
-    assert after.curve().provenance.settings["exclude"] == after_box(box)
+    assert boxed.current.curve().provenance.settings["exclude"] == whole
     # A curve that no hand has shaped is extracted anew.
     anew = session.apply({"do": "exclude", "box": box})
     assert anew.state()["refusal"] is not None or not any(anew.state()["edited"])
-
-
-def after_box(box):
-    first = np.floor(box[:2]).astype(int)
-    last = np.ceil(np.add(box[:2], box[2:])).astype(int)
-    return ",".join(str(x) for x in (*first, *(last - first)))
 
 
 def test_an_answer_dies_with_what_it_answered(sample):
@@ -364,9 +371,9 @@ def test_an_answer_dies_with_what_it_answered(sample):
     wrong = sample.apply({"do": "move_marker", "marker": "x4", "to": [place[0] + 6, place[1]]})
     if wrong.state()["refusal"] is not None:
         pytest.skip("the gate refuses it, so there is nothing to answer")
-    assert looked_at(wrong).current.approvable
+    assert not looked_at(wrong).current.why_not
     worse = looked_at(wrong).apply({"do": "move_marker", "marker": "x4", "to": [90.0, 480.0]})
-    assert not worse.current.approvable
+    assert worse.current.why_not
 
 
 def test_a_bundle_is_extracted_anew_with_the_settings_that_it_records(tmp_path):
@@ -508,32 +515,32 @@ def test_a_draft_of_other_files_or_settings_is_refused(sample, tmp_path):
 # A stateful machine: any order of steps, undo and redo.
 
 PLACES = st.tuples(st.floats(0, 870), st.floats(0, 785)).map(list)
+LINES = st.lists(PLACES, min_size=2, max_size=6)
+STROKES, KNOTS, INK, NUMBERS = (st.integers(*ends) for ends in ((0, 1), (0, 34), (1, 2), (0, 9)))
+
+
+def a(name, **fields):
+    return st.fixed_dictionaries({"do": st.just(name), **fields})
+
+
 STEPS = st.one_of(
-    st.fixed_dictionaries(
-        {"do": st.just("move_knot"), "stroke": st.integers(0, 1), "knot": st.integers(0, 34),
-         "to": PLACES}),
-    st.fixed_dictionaries({"do": st.just("insert_knot"), "at": PLACES}),
-    st.fixed_dictionaries({"do": st.just("delete_knot"), "knot": st.integers(0, 34)}),
-    st.fixed_dictionaries(
-        {"do": st.just("draw"), "points": st.lists(PLACES, min_size=2, max_size=6),
-         "closed": st.booleans(), "add": st.booleans()}),
-    st.fixed_dictionaries({"do": st.just("cut"), "start": PLACES}),
-    st.fixed_dictionaries({"do": st.just("cut"), "end": PLACES}),
-    st.fixed_dictionaries({"do": st.just("join"), "other": st.integers(0, 2)}),
-    st.fixed_dictionaries({"do": st.just("delete_stroke"), "stroke": st.integers(0, 1)}),
-    st.fixed_dictionaries({"do": st.just("reverse"), "stroke": st.integers(0, 1)}),
-    st.fixed_dictionaries({"do": st.just("take"), "ink": st.integers(1, 2),
-                           "as": st.sampled_from(["curve", "part"])}),
-    st.fixed_dictionaries({"do": st.just("leave"), "ink": st.integers(1, 2)}),
-    st.fixed_dictionaries({"do": st.just("move_marker"), "marker": st.sampled_from(["x1", "x5"]),
-                           "to": PLACES}),
-    st.fixed_dictionaries({"do": st.just("add_marker"),
-                           "label": st.sampled_from(["M1", "M2", "x1"]), "at": PLACES}),
-    st.fixed_dictionaries({"do": st.just("delete_marker"), "marker": st.integers(0, 9)}),
-    st.fixed_dictionaries({"do": st.just("leave_out_marker"), "marker": st.integers(0, 9)}),
-    st.fixed_dictionaries({"do": st.just("viewed"), "stroke": st.integers(0, 1),
-                           "from": st.floats(0, 0.5), "to": st.floats(0.5, 1)}),
-)  # fmt: skip
+    a("move_knot", stroke=STROKES, knot=KNOTS, to=PLACES),
+    a("insert_knot", at=PLACES),
+    a("delete_knot", knot=KNOTS),
+    a("draw", points=LINES, closed=st.booleans(), add=st.booleans()),
+    a("cut", start=PLACES),
+    a("cut", end=PLACES),
+    a("join", other=st.integers(0, 2)),
+    a("delete_stroke", stroke=STROKES),
+    a("reverse", stroke=STROKES),
+    a("take", ink=INK, **{"as": st.sampled_from(["curve", "part"])}),
+    a("leave", ink=INK),
+    a("move_marker", marker=st.sampled_from(["x1", "x5"]), to=PLACES),
+    a("add_marker", label=st.sampled_from(["M1", "M2", "x1"]), at=PLACES),
+    a("delete_marker", marker=NUMBERS),
+    a("leave_out_marker", marker=NUMBERS),
+    a("viewed", stroke=STROKES, **{"from": st.floats(0, 0.5)}, to=st.floats(0.5, 1)),
+)
 
 
 class Review(RuleBasedStateMachine):
@@ -578,14 +585,12 @@ class Review(RuleBasedStateMachine):
             return
         for stroke in self.session.current.geometry.strokes:
             count = len(stroke.points)
-            assert np.isfinite(stroke.points).all()
-            assert np.isfinite(stroke.sigma).all()
+            assert np.isfinite(np.c_[stroke.points, stroke.sigma]).all()
             for flags in (stroke.sigma, stroke.bridged, stroke.edited, stroke.viewed):
                 assert len(flags) == count
             assert len(stroke.knots) >= 2
             assert (np.diff(stroke.knots) > 0).all()
-            assert stroke.knots[0] >= 0
-            assert stroke.knots[-1] < count
+            assert 0 <= stroke.knots[0] < stroke.knots[-1] < count
             if not stroke.closed:
                 assert (stroke.knots[0], stroke.knots[-1]) == (0, count - 1)
             steps = np.hypot(*np.diff(stroke.points, axis=0).T)
@@ -594,49 +599,32 @@ class Review(RuleBasedStateMachine):
     def teardown(self):
         if not hasattr(self, "session"):
             return
-        steps = json.loads(json.dumps(self.session.steps))
-        again = Review.begun
-        for step in steps:
-            again = again.apply(step)
-        assert json.dumps(again.quick_state()) == json.dumps(
-            {**self.session.quick_state(), "can_redo": False}
-        )
-        session = self.session
-        while session.steps:
-            session = session.undo()
-        state = {**session.quick_state(), "can_redo": False}
+        again = after(Review.begun, json.loads(json.dumps(self.session.steps)))
+        state = {**self.session.quick_state(), "can_redo": False}
+        assert json.dumps(again.quick_state()) == json.dumps(state)
+        state = {**undone(self.session).quick_state(), "can_redo": False}
         assert json.dumps(state) == self.before
 
 
 Review.TestCase.settings = settings(
-    max_examples=25,
-    phases=[Phase.generate],
-    stateful_step_count=14,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=list(HealthCheck),
-)
+    max_examples=25, phases=[Phase.generate], stateful_step_count=14, deadline=None,
+    derandomize=True, suppress_health_check=list(HealthCheck),
+)  # fmt: skip
 TestReview = pytest.mark.slow(Review.TestCase)
 
 
 def test_undo_of_everything_returns_the_whole_first_state(sample):
-    session = sample
-    for step in (
+    steps = (
         {"do": "move_knot", "stroke": 0, "knot": 5, "to": [300.0, 300.0]},
         {"do": "move_marker", "marker": "x2", "to": [430.0, 66.0]},
         {"do": "viewed"},
         {"do": "answer", "finding": 0, "by": "A. Planner"},
         {"do": "exclude", "box": [0, 0, 20, 20]},
         {"do": "draw", "points": wave().tolist()[::100]},
-    ):
-        session = session.apply(step)
-    again = sample
-    for step in session.steps:
-        again = again.apply(step)
-    assert text(again) == text(session)
-    while session.steps:
-        session = session.undo()
-    assert {**session.state(), "can_redo": False} == sample.state()
+    )
+    session = after(sample, steps)
+    assert text(after(sample, session.steps)) == text(session)
+    assert {**undone(session).state(), "can_redo": False} == sample.state()
 
 
 def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):
