@@ -189,11 +189,6 @@ def test_options_of_planning_are_refused_for_a_fixture(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_slice_option_belongs_to_a_bundle(vfplan_cli, tmp_path):
-    run = vfplan_cli("review", IMAGE, "--slice", IMAGE, "--sheet-out", tmp_path / "s.png")
-    assert run.code == 2
-
-
 @pytest.mark.parametrize("name", ["minimal", "sheet", "patient"])
 def test_review_of_a_bundle_without_a_slice(done, tmp_path, name):
     path = tmp_path / "f.h5"

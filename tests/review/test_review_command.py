@@ -184,6 +184,7 @@ def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
         ((SLICE, "-o", "o.h5", "--case", "c"), 2),
         ((SLICE, "-o", "o.h5", "--curve", MARKERS[0]), 3),
         ((SLICE, "-o", "o.h5", "--slice", SLICE), 2),
+        ((SLICE, "--sheet-out", "s.png", "--slice", SLICE), 2),
         ((MARKERS[0], "-o", "o.h5"), 3),
         ((SLICE, MARKERS[0], "-o", "o.h5"), 3),
     ],

@@ -453,29 +453,31 @@ def test_a_review_without_the_slice_asks_about_that(tmp_path):
     assert "slice-not-shown" not in codes
 
 
-BAD_STEPS = [
-    {}, {"do": 3}, {"do": "fly"}, [], "x", {"do": "move_knot"},
-    {"do": "move_knot", "stroke": 5, "knot": 0, "to": [1, 1]},
-    {"do": "move_knot", "stroke": 0, "knot": 99, "to": [1, 1]},
-    {"do": "move_knot", "stroke": 0, "knot": -1, "to": [1, 1]},
-    {"do": "move_knot", "stroke": 0, "knot": 1, "to": [1]},
-    {"do": "move_knot", "stroke": 0, "knot": 1, "to": [float("nan"), 1]},
-    {"do": "move_knot", "stroke": 0, "knot": 1, "to": [-50, 1]},
-    {"do": "move_knot", "stroke": 0, "knot": True, "to": [1, 1]},
-    {"do": "draw", "points": []}, {"do": "draw", "points": [[1, 1]]},
-    {"do": "draw", "points": [[1, 1], [1, 1]]}, {"do": "draw", "points": [[1, 1]] * 501},
-    {"do": "draw", "points": [[1, 1], [9, 9]], "closed": "no"},
-    {"do": "cut", "stroke": 0}, {"do": "cut", "stroke": 0, "start": [789, 673], "end": [249, 229]},
-    {"do": "exclude", "box": [1, 1, 0, 0]}, {"do": "exclude", "box": [5000, 1, 9, 9]},
-    {"do": "join", "stroke": 0, "other": 0}, {"do": "take", "ink": 77}, {"do": "leave", "ink": 77},
-    {"do": "choose", "candidate": 0}, {"do": "move_marker", "marker": "no", "to": [1, 1]},
-    {"do": "move_marker", "marker": "x1"}, {"do": "add_marker", "label": "x1"},
-    {"do": "add_marker", "label": ""}, {"do": "add_marker", "label": "a\u202eb\x07"},
-    {"do": "rename_marker", "marker": "x1", "label": "y" * 65},
-    {"do": "leave_out_marker", "marker": "x1", "out": 1}, {"do": "set_markers", "table": 3},
-    {"do": "answer", "finding": 99}, {"do": "answer", "finding": "no-such-code"},
-    {"do": "viewed", "stroke": 0, "from": -1}, {"do": "viewed", "stroke": 9},
-]  # fmt: skip
+KNOT = {"stroke": 0, "knot": 1}
+BAD_FIELDS = {
+    "fly": [{}],
+    "move_knot": [
+        {}, {"stroke": 5, "knot": 0, "to": [1, 1]}, {"stroke": 0, "knot": 99, "to": [1, 1]},
+        {"stroke": 0, "knot": -1, "to": [1, 1]}, {"stroke": 0, "knot": True, "to": [1, 1]},
+        {**KNOT, "to": [1]}, {**KNOT, "to": [float("nan"), 1]}, {**KNOT, "to": [-50, 1]},
+    ],
+    "draw": [
+        {"points": []}, {"points": [[1, 1]]}, {"points": [[1, 1], [1, 1]]},
+        {"points": [[1, 1]] * 501}, {"points": [[1, 1], [9, 9]], "closed": "no"},
+    ],
+    "cut": [{"stroke": 0}, {"stroke": 0, "start": [789, 673], "end": [249, 229]}],
+    "exclude": [{"box": [1, 1, 0, 0]}, {"box": [5000, 1, 9, 9]}],
+    "join": [{"stroke": 0, "other": 0}], "take": [{"ink": 77}], "leave": [{"ink": 77}],
+    "choose": [{"candidate": 0}],
+    "move_marker": [{"marker": "no", "to": [1, 1]}, {"marker": "x1"}],
+    "add_marker": [{"label": "x1"}, {"label": ""}, {"label": "a\u202eb\x07"}],
+    "rename_marker": [{"marker": "x1", "label": "y" * 65}],
+    "leave_out_marker": [{"marker": "x1", "out": 1}], "set_markers": [{"table": 3}],
+    "answer": [{"finding": 99}, {"finding": "no-such-code"}],
+    "viewed": [{"stroke": 0, "from": -1}, {"stroke": 9}],
+}  # fmt: skip
+BAD_STEPS = [{"do": name, **fields} for name, rows in BAD_FIELDS.items() for fields in rows]
+BAD_STEPS += [{}, {"do": 3}, [], "x"]
 
 
 @pytest.mark.parametrize("step", BAD_STEPS)

@@ -95,7 +95,7 @@ def shown_of(image, *strokes, **more):
 @pytest.mark.parametrize("seed", range(5))
 def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
     drawn = drawn_ends.draw(seed, covered=covered, tone=(0, 255, 40, 200, 60)[seed])
-    sheet = checked(drawn_ends.sheet_input(drawn))
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
     [inset, _] = insets(sheet, covered.capitalize())
     assert (inset.width, inset.height, inset.zoom) == (INSET_PX, INSET_PX, ZOOM)
     assert INSET_PX / DPI * 25.4 >= 40  # millimetres in print
@@ -254,7 +254,7 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
         side="above (robot +z)",
     )
     shown = replace(shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30))))
-    sheet = draw_sheet(shown)
+    sheet = checked(shown)
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
     picture = next(box for box in sheet.boxes if box.kind == "picture")
@@ -389,7 +389,7 @@ def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
     image = np.zeros((50, 60, 3), np.uint16)
     image[10:40, 10:50] = 4000
     image[20:30, 20:30] = 2000
-    sheet = checked(shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
+    sheet = draw_sheet(shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
     [inset, _] = insets(sheet, "Start")
     assert set(np.unique(drawn_part(sheet, inset))) >= {0, 128, 255}
 
@@ -404,7 +404,7 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     shown = drawn_ends.sheet_input(
         drawn, findings=findings, markers=drawn_ends.markers(rng, drawn.image.shape, 40)
     )
-    sheet = draw_sheet(shown)
+    sheet = checked(shown)
     words = " ".join(box.words for box in sheet.boxes if box.kind == "text")
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
