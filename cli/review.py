@@ -86,9 +86,9 @@ def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
 
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
+    from vfplan.review.plan import settings_of
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
-    from vfplan.review.source import settings_of
 
     if arguments["case"] and arguments["key"] is None:
         raise click.UsageError("--case belongs to a signature. Give --key KEY too")
@@ -126,6 +126,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     finally:
         server.close()
     session = server.session
+    findings = session.current.findings
     data = {"approved_by": approver, "steps": len(session.steps), "draft": None}
     if approver is None:
         if draft.path.exists():
@@ -133,7 +134,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         return CommandResult(
             data, failed="left without approval; nothing is written", verdict="not approved",
             next_step=f"continue where it was left: {command_line()}",
-            findings=session.findings,
+            findings=findings,
         )  # fmt: skip
     data["output"] = str(output)
     if arguments["key"] is None:
@@ -143,7 +144,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         keys = public_key_of(arguments["key"])
         next_step = verify_command(output, keys, case=arguments["case"])
     return CommandResult(
-        data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
+        data, f"wrote {output}", findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
 
@@ -223,7 +224,10 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         )
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
-        return sheet_input.of_extraction(extract(source, settings, curve=curve), source.name)
+        extracted = extract(source, settings, curve=curve)
+        return sheet_input.of_fixture(
+            extracted.fixture, source.name, image=extracted.image, extracted=extracted
+        )
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
@@ -237,7 +241,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     from vfplan.images.read import read_image
     from vfplan.planning.plan import register
     from vfplan.review import sheet_input
-    from vfplan.review.source import refuse_extraction_of_extracted, refuse_planning_of_planned
+    from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
 
     source, markers = arguments["source"], arguments["markers"]
     fixture = read_fixture(source)

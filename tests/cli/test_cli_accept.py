@@ -48,25 +48,24 @@ def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, t
     assert "A. Surgeon" in again.json["verdict"]
 
 
-def test_wrong_digest_or_a_finding_without_an_answer_writes_nothing(vfplan_cli, sheet, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "code", "error"),
+    [
+        (("--digest", "0" * 64, "--by", "A", "--answer-all"), 1, "digest-other"),
+        (("--by", "A"), 1, "findings-unanswered"),
+        (("--by", "A", "--answer", "ink-lost"), 2, "answer-unknown"),
+        (("--by", " ", "--answer-all"), 2, "name-missing"),
+        (("--by", "A", "--answer", "ink-left", "--answer-all"), 2, "usage"),
+    ],
+)
+def test_a_wrong_call_or_an_open_finding_writes_nothing(
+    words, code, error, vfplan_cli, sheet, tmp_path
+):
     path, digest = sheet
     out = tmp_path / "a.h5"
-    for given, more, code in (
-        ("0" * 64, ("--answer-all",), "digest-other"),
-        (digest, (), "findings-unanswered"),
-    ):
-        run = vfplan_cli("accept", path, "--digest", given, "--by", "A", *more, "-o", out, "--json")
-        assert run.code == 1
-        assert run.json["error"]["code"] == code
-        assert not out.exists()
-
-
-def test_unknown_code_or_name_is_a_mistake_in_the_call(vfplan_cli, sheet, tmp_path):
-    path, digest = sheet
-    call = ("accept", path, "--digest", digest, "-o", tmp_path / "a.h5")
-    assert vfplan_cli(*call, "--by", "A", "--answer", "ink-lost").code == 2
-    assert vfplan_cli(*call, "--by", " ", "--answer-all").code == 2
-    assert vfplan_cli(*call, "--by", "A", "--answer", "ink-left", "--answer-all").code == 2
+    run = vfplan_cli("accept", path, "--digest", digest, *words, "-o", out, "--json")
+    assert (run.code, run.json["error"]["code"]) == (code, error)
+    assert not out.exists()
 
 
 def test_a_sheet_without_its_slice_leaves_a_doubt_to_answer(vfplan_cli, tmp_path):

@@ -9,8 +9,10 @@ from canvas import Canvas
 from drawing import anatomy
 from slices import RED, SHAPE, arc_of, hand, part, pen
 
+from vfplan.curve.account import AccountEntry
 from vfplan.fixture import Stroke
-from vfplan.review.sheet_input import AccountEntry, SheetInput, SheetMarker
+from vfplan.review.markers import Marker
+from vfplan.review.sheet_input import SheetInput
 
 
 @dataclass
@@ -64,7 +66,7 @@ def markers(rng, shape, count):
     places = rng.uniform((2, 2), (width - 3, height - 3), (count, 2))
     residuals = rng.normal(0, 0.7, (count, 2))
     return tuple(
-        SheetMarker(f"M{k}", place, residual, 5e-4 * float(np.hypot(*residual)), used=k != 3)
+        Marker(f"M{k}", place, (), (), k != 3, 0.0, 5e-4 * float(np.hypot(*residual)), residual)
         for k, (place, residual) in enumerate(zip(places, residuals, strict=True))
     )
 
@@ -72,7 +74,7 @@ def markers(rng, shape, count):
 def account(rng, shape, count):
     """Pieces of other ink anywhere on a slice."""
     height, width = shape[:2]
+    places = [(rng.uniform(0, width - 1), rng.uniform(0, height - 1)) for _ in range(count)]
     return tuple(
-        AccountEntry(k + 1, rng.uniform(0, width - 1), rng.uniform(0, height - 1), 90 - k, 0.01)
-        for k in range(count)
+        AccountEntry(k, u, v, 91 - k, 0.01, 9.0, "ink") for k, (u, v) in enumerate(places, 1)
     )

@@ -1,12 +1,17 @@
-"""Drawn slices that extraction refuses or doubts, each with the line that is meant."""
+"""The sample, and slices that extraction refuses or doubts, each with the line that is meant."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import cv2
 import numpy as np
 from canvas import RASTERISERS, Canvas
 from drawing import anatomy, normal_errors
 
+SAMPLES = Path(__file__).parents[2] / "samples"
+SLICE = SAMPLES / "elbow.png"
+MARKERS = (SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv")
 SHAPE = (320, 380)
 RED = (255, 0, 0)
 
@@ -17,8 +22,11 @@ def wave(first=40, last=330, height=80):
     return np.column_stack([u, height + 30 * np.sin((u - 40) / 58)])
 
 
-def _canvas():
-    return Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+def _drawn(*lines):
+    canvas = Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+    for line in lines:
+        canvas.line(line, 3.0, RED)
+    return canvas.image(None)
 
 
 def _write(path, picture):
@@ -28,46 +36,39 @@ def _write(path, picture):
 
 def clear(path):
     truth = wave()
-    canvas = _canvas()
-    canvas.line(truth, 3.0, RED)
-    return _write(path, canvas.image(None)), truth
+    return _write(path, _drawn(truth)), truth
 
 
 def two_candidates(path):
     """Two lines of about one length; the lower is meant."""
     truth = wave(60, 300, 220)
-    canvas = _canvas()
-    canvas.line(wave(), 3.0, RED)
-    canvas.line(truth, 3.0, RED)
-    return _write(path, canvas.image(None)), truth
+    return _write(path, _drawn(wave(), truth)), truth
 
 
 def fork(path):
     """A line with a branch; the line from the left to the right is meant."""
     truth = wave()
-    canvas = _canvas()
-    canvas.line(truth, 3.0, RED)
-    start = truth[300]
-    branch = start + np.linspace(0, 1, 100)[:, None] * np.array([80.0, 110.0])
-    canvas.line(branch, 3.0, RED)
-    return _write(path, canvas.image(None)), truth
+    branch = truth[300] + np.linspace(0, 1, 100)[:, None] * np.array([80.0, 110.0])
+    return _write(path, _drawn(truth, branch)), truth
 
 
 def double(path, gap=8.0):
     """Two lines side by side, `gap` px apart; the upper is meant."""
     truth = wave()
-    canvas = _canvas()
-    canvas.line(truth, 3.0, RED)
-    canvas.line(truth + np.array([0.0, gap]), 3.0, RED)
-    return _write(path, canvas.image(None)), truth
+    return _write(path, _drawn(truth, truth + np.array([0.0, gap]))), truth
+
+
+def blue(path):
+    """One line, drawn in blue."""
+    picture = np.full((200, 300, 3), 90, np.uint8)
+    cv2.line(picture, (60, 100), (240, 110), (0, 0, 255), 3, cv2.LINE_AA)
+    return _write(path, picture), np.linspace((60, 100), (240, 110), 400)
 
 
 def hidden_end(path):
     """A line whose last 30 px lie under a grey box."""
     truth = wave()
-    canvas = _canvas()
-    canvas.line(truth, 3.0, RED)
-    picture = canvas.image(None)
+    picture = _drawn(truth)
     picture[20:90, 300:350] = 128
     return _write(path, picture), truth, (300, 20, 50, 70)
 
@@ -78,3 +79,12 @@ def miss(curve, truth, ends_px=2.0):
     inner = np.hypot(*(curve - truth[0]).T) > ends_px
     inner &= np.hypot(*(curve - truth[-1]).T) > ends_px
     return float(np.abs(normal_errors(curve[inner], truth, False)).max())
+
+
+def shifted(path, off_px):
+    """The sample's markers on the slice, one of them beside its place; and where it belongs."""
+    lines = MARKERS[0].read_text().splitlines()
+    label, u, v = lines[4].split(",")
+    lines[4] = f"{label},{float(u) + off_px:.2f},{v}"
+    path.write_text("\n".join(lines) + "\n")
+    return path, (float(u), float(v))

@@ -11,14 +11,14 @@ from review_slices import RED, double, miss, wave
 import vfplan
 from vfplan.review.geometry import routes_through
 from vfplan.review.ink import SliceInk
-from vfplan.review.strokes import spline_through
+from vfplan.review.strokes import path_through
 
 
 def drawn(truth, closed, seed, off_px=1.0):
     """A smooth path through fourteen clicks, each about a pixel off the line."""
     places = np.linspace(0, len(truth) - 1, 14 + closed).astype(int)[:14]
     clicks = truth[places] + np.random.default_rng(seed).normal(0, off_px, (len(places), 2))
-    return spline_through(clicks, closed)
+    return path_through(clicks, closed)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -66,7 +66,7 @@ def test_the_stated_deviation_is_honest_also_in_jpeg(quality, at_most):
 
 def test_a_path_without_ink_stays_as_it_is():
     picture = np.full((320, 380, 3), 90, np.uint8)
-    path = spline_through(wave()[::40], False)
+    path = path_through(wave()[::40], False)
     line = SliceInk(picture, "red").measure(path, False, 8.0)
     assert line.edited.all()
     assert (

@@ -11,14 +11,11 @@ import subprocess
 import sys
 
 import pytest
-from conftest import ROOT
-from review_slices import fork, two_candidates
+from review_slices import MARKERS, SLICE, fork, shifted, two_candidates
 from websockets.sync.client import connect
 
 import vfplan
 
-SLICE = ROOT / "samples" / "elbow.png"
-MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
 ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/#([\w-]{43})\n")
 
 
@@ -58,10 +55,14 @@ class Review:
         self.version = message["version"]
         return message["quick"]
 
-    def answer_all(self):
+    def approve(self):
+        """Look at the line, answer all and approve; what the page then shows."""
+        self.step(do="viewed")
         for number, finding in enumerate(self.heard("state")["state"]["findings"]):
             if finding["severity"] == "doubt" and finding["answered_by"] is None:
                 self.step(do="answer", finding=number, by="A. Planner")
+        self.page.send(json.dumps({"approve": "A. Planner"}))
+        return self.heard("approved")["approved"]["text"]
 
     def end(self):
         self._connection.__exit__(None, None, None)
@@ -81,11 +82,9 @@ def test_a_slice_is_approved_and_written(words, tmp_path):
     output = tmp_path / "o.h5"
     review = Review(*words, "-o", output, "--by", "A. Planner")
     assert not (tmp_path / "o.h5.draft.json").exists()
-    review.step(do="viewed")
+    review.step(do="reverse")
     assert (tmp_path / "o.h5.draft.json").exists()
-    review.answer_all()
-    review.page.send(json.dumps({"approve": "A. Planner"}))
-    assert review.heard("approved")["approved"]["text"] == "o.h5 is written."
+    assert review.approve() == "o.h5 is written."
     code, out, err = review.end()
     assert code == 0, err
     assert "approved by A. Planner" in out
@@ -100,10 +99,7 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert vfplan_cli("sign", fixture, "--key", tmp_path / "k.key", "-o", signed).code == 1
     words = ("--slice", SLICE) if with_slice else ()
     review = Review(fixture, *words, "-o", output)
-    review.step(do="viewed")
-    review.answer_all()
-    review.page.send(json.dumps({"approve": "A. Planner"}))
-    review.heard("approved")
+    review.approve()
     assert review.end()[0] == 0
     run = vfplan_cli("sign", output, "--key", tmp_path / "k.key", "-o", signed)
     assert run.code == 0, run.stderr
@@ -153,10 +149,7 @@ def test_the_next_step_names_the_case(fixture, is_signed, tmp_path, vfplan_cli):
         options = ("--key", key, "--case", "C 1", "--despite-findings", "-o", source)
         assert vfplan_cli("sign", fixture, *options).code == 0
     review = Review(source, "--slice", SLICE, *words, "-o", output)
-    review.step(do="viewed")
-    review.answer_all()
-    review.page.send(json.dumps({"approve": "A. Planner"}))
-    review.heard("approved")
+    review.approve()
     code, out, _ = review.end()
     assert code == 0
     following = shlex.split(out.splitlines()[-1].removeprefix("next: "))
@@ -191,6 +184,7 @@ def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
         ((SLICE, "-o", "o.h5", "--case", "c"), 2),
         ((SLICE, "-o", "o.h5", "--curve", MARKERS[0]), 3),
         ((SLICE, "-o", "o.h5", "--slice", SLICE), 2),
+        ((SLICE, "--sheet-out", "s.png", "--slice", SLICE), 2),
         ((MARKERS[0], "-o", "o.h5"), 3),
         ((SLICE, MARKERS[0], "-o", "o.h5"), 3),
     ],
@@ -239,11 +233,7 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
 
 
 def test_a_gate_names_the_command_that_mends_its_markers(vfplan_cli, tmp_path):
-    lines = MARKERS[0].read_text().splitlines()
-    label, u, v = lines[4].split(",")
-    lines[4] = f"{label},{float(u) + 15:.2f},{v}"
-    wrong = tmp_path / "wrong.csv"
-    wrong.write_text("\n".join(lines) + "\n")
+    wrong, _ = shifted(tmp_path / "wrong.csv", 15)
     run = vfplan_cli("plan", SLICE, wrong, MARKERS[1], "-o", tmp_path / "o.h5")
     assert run.code == 1
     assert f"vfplan review {SLICE} {wrong} {MARKERS[1]} -o {tmp_path / 'o.h5'}" in run.stderr

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,16 +13,12 @@ from captures import capture
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
-from review_slices import fork, hidden_end, miss, two_candidates
+from review_slices import MARKERS, SLICE, blue, fork, hidden_end, miss, shifted, two_candidates
 
 import vfplan
 from vfplan.findings import doubt
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
-
-ROOT = Path(__file__).parents[2]
-SLICE = ROOT / "samples" / "elbow.png"
-MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
 
 
 @pytest.fixture
@@ -34,12 +29,14 @@ def browser(tmp_path):
 
 
 class Running:
-    """`vfplan review` as a program of its own."""
+    """`vfplan review` as a program of its own, and where it writes."""
 
-    def __init__(self, *words):
-        command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "--no-browser"]
+    def __init__(self, output, *words):
+        self.output = output
+        command = ["-m", "vfplan", "review", *map(str, words), "-o", str(output), "--no-browser"]
+        pipe = subprocess.PIPE
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [sys.executable, *command], stdout=pipe, stderr=pipe, text=True
         )
         self.address = self.process.stdout.readline().strip()
         assert self.address.startswith("http://127.0.0.1:"), self.process.stderr.read()
@@ -55,7 +52,7 @@ def run(tmp_path):
     begun = []
 
     def begin(*words):
-        begun.append(Running(*words))
+        begun.append(Running(tmp_path / "o.h5", *words))
         return begun[-1]
 
     yield begin
@@ -64,14 +61,22 @@ def run(tmp_path):
         program.process.communicate()
 
 
-def test_the_sample_from_slice_to_signed_fixture(browser, run, tmp_path, vfplan_cli):
+@pytest.fixture
+def opened(run, browser):
+    """Begin a review of files, and open its page: the program, and a hand at the page."""
+
+    def begin(*words):
+        program = run(*words)
+        return program, Hand(browser, program.address)
+
+    return begin
+
+
+def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfplan_cli):
     assert vfplan_cli("keygen", "-o", tmp_path / "surgeon.key").code == 0
-    output = tmp_path / "elbow.h5"
-    program = run(
-        SLICE, *MARKERS, "--pixel-spacing", 0.5, "-o", output,
-        "--key", tmp_path / "surgeon.key", "--case", "case-7",
-    )  # fmt: skip
-    hand = Hand(browser, program.address)
+    signing = ("--key", tmp_path / "surgeon.key", "--case", "case-7")
+    program, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5, *signing)
+    output = program.output
     assert browser.run("document.getElementById('approve').textContent") == "Approve and sign"
     # The wheel zooms at the pointer: the place below it stays.
     before = hand.at((400, 300))
@@ -92,39 +97,32 @@ def test_the_sample_from_slice_to_signed_fixture(browser, run, tmp_path, vfplan_
     assert not fixture.open_findings
     planned = vfplan.plan(SLICE, *MARKERS).fixture
     assert np.allclose(fixture.points, planned.points, atol=1e-9)
-    assert not output.with_name("elbow.h5.draft.json").exists()
+    assert not output.with_name("o.h5.draft.json").exists()
 
 
 @pytest.mark.slow
-def test_two_candidates_by_a_click(browser, run, tmp_path):
+def test_two_candidates_by_a_click(browser, opened, tmp_path):
     path, truth = two_candidates(tmp_path / "slice.png")
-    program = run(path, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    program, hand = opened(path)
     assert "candidates" in browser.run("document.getElementById('refusal-text').textContent")
     hand.click(truth[300])
     browser.until("review.state.curve_px.length === 1")
-    finish(hand, program, tmp_path / "o.h5", truth)
+    finish(hand, program, truth)
 
 
 @pytest.mark.slow
-def test_a_line_of_another_pen_is_taken_by_a_button(browser, run, tmp_path):
-    picture = np.full((200, 300, 3), 90, np.uint8)
-    cv2.line(picture, (60, 100), (240, 110), (255, 0, 0), 3, cv2.LINE_AA)
-    cv2.imwrite(str(tmp_path / "blue.png"), picture)
-    program = run(tmp_path / "blue.png", "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_a_line_of_another_pen_is_taken_by_a_button(browser, opened, tmp_path):
+    path, truth = blue(tmp_path / "blue.png")
+    program, hand = opened(path)
     hand.press("Take the line in blue")
     browser.until("review.state.curve_px.length === 1")
-    finish(hand, program, tmp_path / "o.h5", np.linspace((60, 100), (240, 110), 400))
+    finish(hand, program, truth)
 
 
 @pytest.mark.slow
-def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, run, tmp_path):
+def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, opened, tmp_path):
     """A small slice is shown larger than one to one at once, and perhaps to nobody."""
-    picture = np.full((200, 300, 3), 90, np.uint8)
-    cv2.line(picture, (60, 100), (240, 110), (0, 0, 255), 3, cv2.LINE_AA)
-    cv2.imwrite(str(tmp_path / "small.png"), picture)
-    hand = Hand(browser, run(tmp_path / "small.png", "-o", tmp_path / "o.h5").address)
+    _, hand = opened(blue(tmp_path / "small.png")[0], "--colour", "blue")
     assert hand.state("review.view.zoom") > 1
     time.sleep(1.0)
     assert hand.state("review.state.unseen.map((runs) => runs.length)") == [1]
@@ -132,7 +130,7 @@ def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, run, 
     browser.until("review.state.unseen[0].length === 0")
 
 
-def finish(hand, program, output, truth):
+def finish(hand, program, truth):
     """Look, accept, approve; the curve then lies on its ink."""
     hand.name()
     hand.look_along()
@@ -140,7 +138,7 @@ def finish(hand, program, output, truth):
     hand.approve()
     code, out, err = program.end()
     assert code == 0, (out, err)
-    fixture = vfplan.read_fixture(output)
+    fixture = vfplan.read_fixture(program.output)
     measured = fixture.points[:, :2]
     if fixture.curve.edited is not None:
         measured = measured[~fixture.curve.edited]
@@ -150,26 +148,23 @@ def finish(hand, program, output, truth):
 
 
 @pytest.mark.slow
-def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, run, tmp_path):
+def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, opened, tmp_path):
     path, truth = fork(tmp_path / "slice.png")
-    program = run(path, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    program, hand = opened(path)
     browser.key("f")
     browser.key("d")
-    shaken = np.random.default_rng(3).normal(0, 1.0, (10, 2))
-    places = truth[np.linspace(0, len(truth) - 1, 10).astype(int)] + shaken
-    for place in places:
+    places = truth[np.linspace(0, len(truth) - 1, 10).astype(int)]
+    for place in places + np.random.default_rng(3).normal(0, 1.0, (10, 2)):
         hand.click(place)
     browser.key("Enter")
     browser.until("review.state.curve_px.length === 1")
-    finish(hand, program, tmp_path / "o.h5", truth)
+    finish(hand, program, truth)
 
 
 @pytest.mark.slow
-def test_a_hidden_end_by_the_keyboard_alone(browser, run, tmp_path):
+def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")
-    program = run(path, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    program, hand = opened(path)
     browser.run("document.getElementById('stage').focus()")
     browser.key("d")
     end = hand.state("review.state.curve_px[0].at(-1)")
@@ -188,14 +183,13 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, run, tmp_path):
         browser.key(" ")
     browser.key("Enter")
     browser.until("review.state.edited[0].length > 0")
-    fixture = finish(hand, program, tmp_path / "o.h5", truth)
+    fixture = finish(hand, program, truth)
     assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
 
 
 @pytest.mark.slow
-def test_a_knot_is_dragged_nudged_and_deleted(browser, run, tmp_path):
-    program = run(SLICE, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_a_knot_is_dragged_nudged_and_deleted(browser, opened):
+    _, hand = opened(SLICE)
     first = hand.state("review.state.curve_px")
     knot = hand.state("review.state.knots_px[0][12]")
     hand.drag(knot, (knot[0] + 30, knot[1] + 50))
@@ -216,10 +210,9 @@ def test_a_knot_is_dragged_nudged_and_deleted(browser, run, tmp_path):
 
 
 @pytest.mark.slow
-def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, run, tmp_path):
+def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, opened, tmp_path):
     path, truth = two_candidates(tmp_path / "slice.png")
-    program = run(path, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    _, hand = opened(path)
     browser.key("x")
     hand.drag((20, 30), (360, 130))
     browser.until("review.state.curve_px.length === 1")
@@ -233,15 +226,10 @@ def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, run, tmp_p
     browser.until("review.state.account[0].left_out")
 
 
-def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, tmp_path):
+def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opened, tmp_path):
     """The bound on the screen follows the drag within 150 ms, as the page itself measures."""
-    lines = MARKERS[0].read_text().splitlines()
-    label, u, v = lines[4].split(",")
-    lines[4] = f"{label},{float(u) + 4:.2f},{v}"
-    wrong = tmp_path / "wrong.csv"
-    wrong.write_text("\n".join(lines) + "\n")
-    program = run(SLICE, wrong, MARKERS[1], "--pixel-spacing", 0.5, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    wrong, home = shifted(tmp_path / "wrong.csv", 4)
+    _, hand = opened(SLICE, wrong, MARKERS[1], "--pixel-spacing", 0.5)
     before = hand.state("review.state.tre95_m")
     browser.run(
         "window.waits = []; window.sent = 0; const send = review.send.bind(review);"
@@ -250,7 +238,7 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, 
         " new MutationObserver(() => window.waits.push(performance.now() - window.sent)).observe("
         "document.getElementById('bound'), {childList: true, characterData: true, subtree: true});"
     )
-    start, home = (float(u) + 4, float(v)), (float(u), float(v))
+    start = (home[0] + 4, home[1])
     at = hand.at(start)
     browser.press(*at, "mouseMoved", "none")
     browser.press(*at)
@@ -260,11 +248,8 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, 
         time.sleep(0.06)
     browser.press(*hand.at(home), "mouseReleased")
     hand.until_steps(1)
-    after = browser.until("review.state.tre95_m", lambda bound: bound < 0.6 * before)
+    browser.until("review.state.tre95_m", lambda bound: bound < 0.6 * before)
     waits = browser.run("window.waits")
-    print(
-        f"bound {1e3 * before:.2f} -> {1e3 * after:.2f} mm, {np.median(waits):.0f} ms median wait"
-    )
     assert len(waits) >= 2
     assert np.median(waits) < 150
     assert hand.state("review.state.steps.length") == 1
@@ -288,9 +273,8 @@ def grey_at(browser, u, v):
     )
 
 
-def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, run, tmp_path):
-    program = run(deep_slice(tmp_path / "deep.png"), "-o", tmp_path / "o.h5")
-    Hand(browser, program.address)
+def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, opened, tmp_path):
+    opened(deep_slice(tmp_path / "deep.png"))
     browser.until("document.getElementById('slice').complete")
     assert grey_at(browser, 120, 120) == grey_at(browser, 10, 10) == round(20_000 / 257)
     browser.run(
@@ -312,9 +296,8 @@ def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, run, t
     browser.until("document.getElementById('slice').src.includes('low=0&high=65535')")
 
 
-def test_two_fingers_zoom_and_move_the_slice(browser, run, tmp_path):
-    program = run(SLICE, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_two_fingers_zoom_and_move_the_slice(browser, opened):
+    _, hand = opened(SLICE)
     middle = hand.at((400, 300))
 
     def fingers(kind, distance, shift=0.0):
@@ -335,9 +318,8 @@ def test_two_fingers_zoom_and_move_the_slice(browser, run, tmp_path):
 
 
 @pytest.mark.slow
-def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, run, tmp_path):
-    program = run(SLICE, "--pixel-spacing", 0.5, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
+    _, hand = opened(SLICE, "--pixel-spacing", 0.5)
     image = [line.split(",") for line in MARKERS[0].read_text().split()[1:]]
     robot = {line.split(",")[0]: line for line in MARKERS[1].read_text().split()[1:]}
     header = MARKERS[1].read_text().split()[0].removeprefix("label,")
@@ -381,10 +363,9 @@ def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, run, tmp_
 
 
 @pytest.mark.slow
-def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, run, tmp_path):
+def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, opened, tmp_path):
     path, _ = two_candidates(tmp_path / "slice.png")
-    program = run(path, "--stroke", "all", "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    _, hand = opened(path, "--stroke", "all")
     assert hand.state("review.state.curve_px.length") == 2
     for _ in range(4):
         browser.key("k")
@@ -407,10 +388,9 @@ def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, run, 
     assert hand.state("review.state.edited[0].length") == 1
 
 
-def test_a_stroke_can_be_joined_with_every_other_open_one(browser, run, tmp_path):
+def test_a_stroke_can_be_joined_with_every_other_open_one(browser, opened, tmp_path):
     path, _ = two_candidates(tmp_path / "slice.png")
-    program = run(path, "--stroke", "all", "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    _, hand = opened(path, "--stroke", "all")
     browser.run("review.step({do: 'draw', points: [[20, 20], [60, 22], [100, 20]], add: true})")
     browser.until("review.state.curve_px.length === 3")
     ring = "[[200, 20], [230, 20], [230, 50], [200, 50]]"
@@ -438,9 +418,8 @@ def press_while_the_page_is_renewed(browser, hand, button):
     browser.press(*place, "mouseReleased")
 
 
-def test_a_press_counts_though_the_whole_state_arrives_before_its_release(browser, run, tmp_path):
-    program = run(two_candidates(tmp_path / "slice.png")[0], "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_a_press_counts_though_a_state_arrives_before_its_release(browser, opened, tmp_path):
+    _, hand = opened(two_candidates(tmp_path / "slice.png")[0])
     press_while_the_page_is_renewed(browser, hand, "1Take this line")
     hand.until_steps(1)
     browser.key("k")
@@ -450,12 +429,11 @@ def test_a_press_counts_though_the_whole_state_arrives_before_its_release(browse
     hand.until_steps(1)
 
 
-def test_a_finding_is_accepted_though_the_list_is_renewed_under_the_pointer(browser, run, tmp_path):
+def test_a_finding_is_accepted_though_its_list_is_renewed_meanwhile(browser, opened, tmp_path):
     header, *lines = MARKERS[0].read_text().splitlines()
     few = tmp_path / "few.csv"
     few.write_text("\n".join([header, *lines[5:]]) + "\n")
-    program = run(SLICE, few, MARKERS[1], "--common", "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    _, hand = opened(SLICE, few, MARKERS[1], "--common")
     hand.name()
     unanswered = "review.state.findings.filter((f) => f.severity === 'doubt' && !f.answered_by)"
     before = hand.state(f"{unanswered}.length")
@@ -464,9 +442,8 @@ def test_a_finding_is_accepted_though_the_list_is_renewed_under_the_pointer(brow
     browser.until(f"{READY} && {unanswered}.length === {before - 1}")
 
 
-def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(browser, run, tmp_path):
-    program = run(SLICE, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(browser, opened):
+    _, hand = opened(SLICE)
     knot = hand.state("review.state.knots_px[0][12]")
     home = (knot[0] + 30, knot[1] + 50)
     browser.drag(hand.at(knot), hand.at(home), release=False)
@@ -479,9 +456,8 @@ def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(brows
     assert np.allclose(hand.state("review.state.knots_px[0][12]"), home, atol=1.0)
 
 
-def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, run, tmp_path):
-    program = run(SLICE, *MARKERS, "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, opened):
+    _, hand = opened(SLICE, *MARKERS)
     renew = "review.receive({state: review.state, version: review.version})"
     label = hand.state("review.state.markers[0].label")
     browser.run("document.querySelector('#marker-table input[maxlength]').focus()")
@@ -498,12 +474,11 @@ def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, run, 
 
 
 @pytest.mark.slow
-def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, run, tmp_path):
+def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, opened, tmp_path):
     path = capture(tmp_path, vfplan.read_image(SLICE).rgb, PixelSpacing=[0.5, 0.5],
                    ImagePositionPatient=[10, 20, 30],
                    ImageOrientationPatient=[1, 0, 0, 0, 1, 0])  # fmt: skip
-    program = run(path, *MARKERS, "--margin", "tre95", "-o", tmp_path / "o.h5")
-    hand = Hand(browser, program.address)
+    _, hand = opened(path, *MARKERS, "--margin", "tre95")
     letters = "[...document.querySelectorAll('#letters span')].map((n) => n.textContent).join('')"
     assert sorted(browser.run(letters)) == ["A", "L", "P", "R"]
     assert browser.run("document.getElementById('bar-text').textContent") == "50 mm"
@@ -558,10 +533,8 @@ def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, ru
     browser.until(f"{reasons}.length === 0 && !document.getElementById('approve').disabled")
 
 
-def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
-    words = (SLICE, *MARKERS, "-o", tmp_path / "o.h5")
-    program = run(*words)
-    hand = Hand(browser, program.address)
+def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
+    program, hand = opened(SLICE, *MARKERS)
     knot = hand.state("review.state.knots_px[0][5]")
     hand.drag(knot, (knot[0] - 40, knot[1]))
     hand.until_steps(1)
@@ -581,7 +554,7 @@ def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
     program.process.wait()
     browser.until("document.getElementById('status').textContent === 'connection lost'")
     assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
-    again = run(*words)
+    again = run(SLICE, *MARKERS)
     browser.open(again.address)
     browser.until(f"{READY} && review.state.steps.length === 1")
     assert hand.state("review.state.curve_px") == moved
@@ -595,16 +568,15 @@ def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
 
 
 def test_an_address_without_its_token_shows_nothing(browser, run, tmp_path):
-    program = run(SLICE, "-o", tmp_path / "o.h5")
+    program = run(SLICE)
     browser.open(program.address.split("#")[0])
     browser.until("document.getElementById('status').textContent === 'connection lost'")
     assert browser.run("review.state") is None
     assert browser.run("document.getElementById('slice').naturalWidth") == 0
 
 
-def test_every_control_has_a_name_and_the_page_fits_its_window(browser, run, tmp_path):
-    program = run(SLICE, *MARKERS, "-o", tmp_path / "o.h5")
-    Hand(browser, program.address)
+def test_every_control_has_a_name_and_the_page_fits_its_window(browser, opened):
+    opened(SLICE, *MARKERS)
     unnamed = browser.run(
         "[...document.querySelectorAll('button, input, textarea, [role]')].filter((n) =>"
         " !(n.textContent.trim() || n.getAttribute('aria-label') || n.labels?.length || n.title"
@@ -651,19 +623,16 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
         browser.until("document.getElementById('slice').complete")
         browser.until("document.querySelectorAll('.pin').length === 100")
         assert browser.run("document.querySelectorAll('.marker').length") == 40
-        rates = {}
-        rates["pan"] = frames(browser, hand, (2000, 3500), "pan")
-        rates["knot"] = frames(browser, hand, hand.state("review.state.knots_px[0][9]"), "knot")
-        rates["marker"] = frames(
-            browser, hand, hand.state("review.state.markers[7].place_px"), "marker"
-        )
-        print({kind: f"{rate:.0f} frames a second" for kind, rate in rates.items()})
-        assert min(rates.values()) > 30
+        knot = hand.state("review.state.knots_px[0][9]")
+        marker = hand.state("review.state.markers[7].place_px")
+        places = {"pan": (2000, 3500), "knot": knot, "marker": marker}
+        rates = {kind: frames(browser, hand, place) for kind, place in places.items()}
+        assert min(rates.values()) > 30, rates
     finally:
         server.close()
 
 
-def frames(browser, hand, place, kind):
+def frames(browser, hand, place):
     """Frames a second that the browser draws while something is dragged."""
     start = hand.at(place)
     browser.press(*start, "mouseMoved", "none")

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import bundles
 import cv2
 import drawn_ends
 import numpy as np
 import pytest
-from conftest import ROOT
 from drawing import blend, coverage, flat, to_uint8
+from refusals import refuses
+from review_slices import MARKERS, SLICE
 
 import vfplan
 from vfplan import PlannedImage
+from vfplan.curve.account import AccountEntry
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
-from vfplan.review.insets import INSET_PX, ZOOM
-from vfplan.review.paper import DPI, FOOT, PAGE_HEIGHT, PAGE_WIDTH, Paper
+from vfplan.review.paper import DPI, FOOT, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.sheet import draw_lists, draw_sheet
-from vfplan.review.sheet_input import AccountEntry, SheetInput, check_slice, of_fixture, of_plan
+from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet
+from vfplan.review.sheet_input import SheetInput, check_slice, of_fixture, of_plan
 
 RED = (255, 0, 0)
+BLANK = np.zeros((320, 380, 3), np.uint8)
 
 
 def drawn_part(sheet, box):
@@ -39,12 +42,11 @@ def insets(sheet, words):
 
 def collisions(sheet):
     """Pairs of texts, insets and pictures that overlap; a caption may stand on the slice itself."""
-    found = []
-    for i, one in enumerate(sheet.boxes):
-        for other in sheet.boxes[i + 1 :]:
-            if {one.kind, other.kind} != {"text", "picture"} and one.overlaps(other):
-                found.append((one, other))
-    return found
+    return [
+        (one, other)
+        for one, other in combinations(sheet.boxes, 2)
+        if {one.kind, other.kind} != {"text", "picture"} and one.overlaps(other)
+    ]
 
 
 def check_layout(sheet):
@@ -53,10 +55,22 @@ def check_layout(sheet):
     assert sheet.pixels.shape[0] % PAGE_HEIGHT == 0
     assert collisions(sheet) == []
     for box in sheet.boxes:
-        assert box.x >= 0
-        assert box.y >= 0
-        assert box.right <= PAGE_WIDTH, box
-        assert box.bottom <= PAGE_HEIGHT, box
+        assert 0 <= box.x <= box.right <= PAGE_WIDTH, box
+        assert 0 <= box.y <= box.bottom <= PAGE_HEIGHT, box
+
+
+def checked(shown):
+    """The sheet, once its layout was found in order."""
+    sheet = draw_sheet(shown)
+    check_layout(sheet)
+    return sheet
+
+
+def seen_wider(sheet, name):
+    """What the wider view of an end shows, a value a pixel, and where it begins on the slice."""
+    [_, wider] = insets(sheet, name)
+    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    return seen, *wider.window[:2]
 
 
 def line_of(points, *, closed=False, bridged=None, width=3.0):
@@ -127,9 +141,7 @@ def test_box_of_nearly_the_same_grey_shows_in_the_wider_view():
     image = to_uint8(blend(ground.astype(float), share, RED))
     image[end[1] - 14 : end[1] + 15, end[0] - 14 : end[0] + 15] = 94  # 4 of 256 greys
     sheet = draw_sheet(shown_of(image, line_of(drawn.line)))
-    [_, wider] = insets(sheet, "End")
-    u, v, _, _ = wider.window
-    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    seen, u, v = seen_wider(sheet, "End")
     inside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 12].mean()
     beside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 17].mean()
     assert abs(inside - beside) >= 3 * 4
@@ -141,11 +153,10 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
     grey = drawn.image[..., 1].astype(float)
     assert abs(grey[v - 4 : v - 1, u : u + width].mean() - 110) < 10
     sheet = draw_sheet(drawn_ends.sheet_input(drawn))
-    [_, wider] = insets(sheet, "End")
-    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom, 1].astype(float)
-    left, top = u - wider.window[0], v - wider.window[1]
-    inside = seen[max(top, 0) : top + height, max(left, 0) : left + width]
-    beside = seen[max(top, 0) : top + height, left - 12 : left - 2]
+    seen, first_u, first_v = seen_wider(sheet, "End")
+    left, top = u - first_u, v - first_v
+    inside = seen[max(top, 0) : top + height, max(left, 0) : left + width, 1]
+    beside = seen[max(top, 0) : top + height, left - 12 : left - 2, 1]
     assert inside.std() < 1
     assert beside.std() > 20
 
@@ -195,9 +206,7 @@ def test_cover_of_the_grey_around_it_is_told_in_words():
 def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
     image, line = white_ground(patch=252)
     sheet = draw_sheet(shown_of(image, line_of(line)))
-    [_, wider] = insets(sheet, "End")
-    u, v, _, _ = wider.window
-    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    seen, u, v = seen_wider(sheet, "End")
     inside = seen[105 - v : 135 - v, 141 - u : 145 - u].mean()
     beside = seen[80 - v : 98 - v, 141 - u : 145 - u].mean()
     assert abs(inside - beside) >= 25  # of 256 greys, where the file has 3
@@ -245,8 +254,7 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
         side="above (robot +z)",
     )
     shown = replace(shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30))))
-    sheet = draw_sheet(shown)
-    check_layout(sheet)
+    sheet = checked(shown)
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
     picture = next(box for box in sheet.boxes if box.kind == "picture")
@@ -260,10 +268,8 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
     assert is_seen[is_ink].mean() > 0.85
     captions = [b for b in sheet.boxes if b.kind == "text" and b.overlaps(picture)]
     for box in captions:
-        left, top = box.x - picture.x, box.y - picture.y
-        inside = (at[:, 0] >= left) & (at[:, 0] < left + box.width)
-        inside &= (at[:, 1] >= top) & (at[:, 1] < top + box.height)
-        assert not inside.any(), box.words
+        off = at - (box.x - picture.x, box.y - picture.y)
+        assert not ((off >= 0) & (off < (box.width, box.height))).all(axis=1).any(), box.words
 
 
 # ---- what a sheet shows ----
@@ -272,14 +278,8 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
 @pytest.fixture(scope="module")
 def planned_sheet():
     """What the sheet of the sample shows with a margin and other ink: the longest column."""
-    samples = ROOT / "samples"
-    planned = vfplan.plan(
-        samples / "elbow.png",
-        samples / "elbow_markers_image.csv",
-        samples / "elbow_markers_robot.csv",
-        settings=vfplan.FixtureSettings(margin="tre95"),
-    )
-    other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175)
+    planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95"))
+    other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
     return replace(of_plan(planned, "elbow.h5"), account=(other_ink,))
 
 
@@ -289,8 +289,7 @@ def test_a_sheet_with_few_findings_is_one_page(count, pages, planned_sheet):
     for number in range(count):
         text = f"Number {number}. Look at the place, and accept it or cut the curve there."
         findings.append(doubt("ink-touches", "plan", text, place_px=(300.0 + 90 * number, 300.0)))
-    sheet = draw_sheet(replace(planned_sheet, findings=tuple(findings)))
-    check_layout(sheet)
+    sheet = checked(replace(planned_sheet, findings=tuple(findings)))
     assert len(sheet.page_pngs()) == pages
     # Heading, heads and texts stand together; all heads begin in the same column.
     texts = [box for box in sheet.boxes if box.kind == "text"]
@@ -316,11 +315,8 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     bridged = np.zeros(341, bool)
     bridged[100:110] = True
     bridged[200:290] = True  # 90 px are more than one inset shows
-    sheet = draw_sheet(
-        shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points, bridged=bridged))
-    )
-    check_layout(sheet)
-    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    sheet = checked(shown_of(BLANK, line_of(points, bridged=bridged)))
+    names = [box.words for box in insets(sheet, "")]
     assert names[:4] == [
         "Start of the line", "Start of the line, wider", "End of the line", "End of the line, wider"
     ]  # fmt: skip
@@ -335,8 +331,7 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
 def test_line_without_ink_is_drawn_in_the_wider_view_alone():
     points = np.column_stack([np.linspace(60, 300, 241), np.full(241, 160.0)])
     vector = replace(line_of(points), sigma=None, width=None)
-    sheet = draw_sheet(shown_of(np.zeros((320, 380, 3), np.uint8), vector))
-    check_layout(sheet)
+    sheet = checked(shown_of(BLANK, vector))
     [close, wider] = insets(sheet, "End")
     assert not drawn_part(sheet, close).any()
     seen = drawn_part(sheet, wider).astype(int)
@@ -347,12 +342,11 @@ def test_line_without_ink_is_drawn_in_the_wider_view_alone():
 
 def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
-    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, "line hidden", is_ink=False)
-    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01)
-    shown = shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points))
-    sheet = draw_sheet(replace(shown, account=(hidden, ink)))
-    check_layout(sheet)
-    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "hidden")
+    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
+    shown = shown_of(BLANK, line_of(points))
+    sheet = checked(replace(shown, account=(hidden, ink)))
+    names = [box.words for box in insets(sheet, "")]
     assert names[4:] == ["1: line hidden"]
 
 
@@ -360,23 +354,19 @@ def test_closed_line_shows_its_start_and_a_bridge_across_it():
     points = ring((320, 380))
     bridged = np.zeros(len(points), bool)
     bridged[:8] = bridged[-8:] = True
-    sheet = draw_sheet(
-        shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points, closed=True, bridged=bridged))
-    )
-    check_layout(sheet)
-    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    sheet = checked(shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
+    names = [box.words for box in insets(sheet, "")]
     assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
 
 
 def test_twelve_bridges_take_another_page():
     points = ring((600, 700), 220.0)
     bridged = np.arange(400) % 33 < 5
-    sheet = draw_sheet(
+    sheet = checked(
         shown_of(
             np.full((600, 700, 3), 90, np.uint8), line_of(points, closed=True, bridged=bridged)
         )
     )
-    check_layout(sheet)
     assert len(insets(sheet, "Bridge")) == 12
     assert {box.page for box in insets(sheet, "Bridge")} == {0, 1}
 
@@ -387,11 +377,10 @@ def test_any_size_of_slice_fits(size):
     image = rng.integers(0, 120, (*size, 3), dtype=np.uint8)
     t = np.linspace(0.1, 0.9, 500)[:, None]
     line = line_of(t * (size[1], size[0]) + (0, 2) * np.sin(20 * t))
-    sheet = draw_sheet(
+    sheet = checked(
         shown_of(image, line, markers=drawn_ends.markers(rng, size, 6), metres_per_px=1e-4,
                  tre95_m=np.full(500, 2e-4))
     )  # fmt: skip
-    check_layout(sheet)
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
 
@@ -415,8 +404,7 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     shown = drawn_ends.sheet_input(
         drawn, findings=findings, markers=drawn_ends.markers(rng, drawn.image.shape, 40)
     )
-    sheet = draw_sheet(shown)
-    check_layout(sheet)
+    sheet = checked(shown)
     words = " ".join(box.words for box in sheet.boxes if box.kind == "text")
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
@@ -425,16 +413,15 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
 
 
 def test_the_headline_counts_the_ends_to_look_at():
-    blank = np.zeros((320, 380, 3), np.uint8)
     along = np.column_stack([np.linspace(20, 360, 341), np.full(341, 100.0)])
     one, two = line_of(along), line_of(along + np.array([0, 90]))
     counts = {}
     for name, lines in {"one": (one,), "two": (one, two), "ring": ()}.items():
-        shown = replace(shown_of(blank, one), strokes=lines)
+        shown = replace(shown_of(BLANK, one), strokes=lines)
         if name == "ring":
-            shown = shown_of(blank, line_of(ring((320, 380)), closed=True))
+            shown = shown_of(BLANK, line_of(ring((320, 380)), closed=True))
         counts[name] = ("both" in shown.verdict, "4" in shown.verdict)
-        check_layout(draw_sheet(shown))
+        checked(shown)
     assert counts == {"one": (True, False), "two": (False, True), "ring": (False, False)}
 
 
@@ -445,8 +432,7 @@ def test_text_from_files_can_do_no_harm():
     given = drawn_ends.markers(rng, drawn.image.shape, len(names))
     given = tuple(replace(m, label=name) for m, name in zip(given, names, strict=True))
     finding = doubt("code" * 40, "plan", "word " * 200 + "y" * 400, answered_by="\x00" * 9)
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn, markers=given, findings=(finding,)))
-    check_layout(sheet)
+    checked(drawn_ends.sheet_input(drawn, markers=given, findings=(finding,)))
 
 
 # ---- a bundle ----
@@ -457,8 +443,7 @@ def test_bundle_without_a_slice_has_three_views(name):
     fixture = getattr(bundles, name)()
     place = tuple(fixture.points[0])
     finding = doubt("size-unusual", "plan", "So.", place_m=place)
-    sheet = draw_sheet(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
-    check_layout(sheet)
+    sheet = checked(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
@@ -466,8 +451,7 @@ def test_bundle_without_a_slice_has_three_views(name):
 
 
 def test_large_cloud_is_drawn_in_time():
-    sheet = draw_sheet(of_fixture(bundles.large(), "f.h5"))
-    check_layout(sheet)
+    checked(of_fixture(bundles.large(), "f.h5"))
 
 
 def test_sheet_without_its_slice_says_so():
@@ -495,17 +479,15 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
         normal = np.cross(record.T_robot_image[:, 0], record.T_robot_image[:, 1])
         left = target - record.T_robot_image @ [*place, 1] - moved
         assert np.linalg.norm(np.cross(left, normal)) < 1e-9 * np.linalg.norm(normal)
-    check_layout(draw_sheet(shown))
+    checked(shown)
 
 
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
-    with pytest.raises(InputError) as caught:
+    with refuses(InputError, "slice-other"):
         of_fixture(bundles.whole(), "f.h5", image=image)
-    assert caught.value.code == "slice-other"
-    with pytest.raises(InputError) as caught:
+    with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
-    assert caught.value.code == "slice-unknown"
 
 
 @pytest.mark.parametrize("stiffness", [(1e5, 1e5, 1e5), (1000.0, 1000.0, 800.0)])
@@ -515,9 +497,8 @@ def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
     facts = dict(of_fixture(replace(fixture, rendering=rendering), "f.h5").facts)
     for value in stiffness:
         assert f"{value:g}" in facts["The wall"]
-    sheet = draw_sheet(of_fixture(replace(fixture, rendering=rendering), "f.h5"))
+    sheet = checked(of_fixture(replace(fixture, rendering=rendering), "f.h5"))
     assert any(box.kind == "text" and "N/m" in box.words for box in sheet.boxes)
-    check_layout(sheet)
 
 
 def test_side_is_said_in_words():

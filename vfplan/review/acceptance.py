@@ -1,12 +1,9 @@
 """A person's word on a plan, stored in its bundle: answers to findings, a name, and the digest.
 
-A person's approval, stored in the bundle: the answers, the name, the time and the digest.
-
-The digest of what a review sheet shows: 64 hexadecimal digits.
-
-It covers every value of the bundle, so the SHA-256 of the slice too, and the findings. It does not
-cover when and by which program the bundle was made, nor who answered a finding. So the same plan
-has the same digest tomorrow and after its acceptance, and no other plan has it.
+The digest is 64 hexadecimal digits over what a review sheet shows: every value of the bundle, so
+the SHA-256 of the slice too, and the findings. It does not cover when and by which program the
+bundle was made, nor who answered a finding. So the same plan has the same digest tomorrow and after
+its acceptance, and no other plan has it.
 """
 
 from __future__ import annotations
@@ -19,15 +16,12 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import Finding, doubt
+from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
 
 # What changes although the plan does not.
 LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc", "reviewed"}
-
-# So that no other program's digest of the same values is taken for one of a review.
-DOMAIN = "vfplan review sheet 1"
 
 
 def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
@@ -42,7 +36,8 @@ def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
         another digest: who saw that sheet has not seen the ends of the line.
     """
     seen = hashlib.sha256()
-    _add(seen, DOMAIN)
+    # So that no other program's digest of the same values is taken for one of a review.
+    _add(seen, "vfplan review sheet 1")
     _add(seen, fixture)
     is_drawn = fixture.provenance.inputs.get("image") is not None
     _add(seen, "slice not shown" if is_drawn and not slice_shown else "all shown")
@@ -81,13 +76,9 @@ def _add_array(seen: Any, array: np.ndarray) -> None:
 
 
 def accept(
-    fixture: Fixture,
-    digest: str,
-    by: str,
-    *,
-    answers: Collection[str] = (),
+    fixture: Fixture, digest: str, by: str, *, answers: Collection[str] = (),
     answer_all: bool = False,
-) -> Fixture:
+) -> Fixture:  # fmt: skip
     """The fixture with its findings answered and its review.
 
     Parameters
@@ -117,16 +108,24 @@ def accept(
             "the sheet.",
             code="name-missing",
         )
-    if not is_digest_of(fixture, digest):
+    given, digest, with_slice = digest, digest.lower(), digest_of(fixture)
+    if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
         raise CheckFailed(
             "This digest is not that of the bundle: the sheet that was looked at shows another "
             "plan. Draw the sheet of this bundle and look at it: vfplan review FIXTURE.h5 --slice "
             "IMAGE --sheet-out SHEET.png.",
             code="digest-other",
-            numbers={"given": digest, "expected": digest_of(fixture)},
+            numbers={"given": given, "expected": with_slice},
         )
-    if digest.lower() != digest_of(fixture):
-        fixture = without_slice(fixture)
+    if digest != with_slice:
+        if not any(finding.code == "slice-not-shown" for finding in fixture.findings):
+            text = (
+                "The sheet did not show the slice, so neither the line's ends nor other ink could "
+                "be seen. Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE "
+                "--sheet-out PNG."
+            )
+            asked = doubt("slice-not-shown", "review", text)
+            fixture = replace(fixture, findings=(*fixture.findings, asked))
         digest = digest_of(fixture, slice_shown=False)
     open_codes = {finding.code for finding in fixture.open_findings}
     unknown = sorted(set(answers) - open_codes)
@@ -138,54 +137,17 @@ def accept(
             numbers={"unknown": unknown, "open": sorted(open_codes)},
         )
     now = now_utc()
-    findings = []
-    for finding in fixture.findings:
-        if finding.is_open and (answer_all or finding.code in answers):
-            finding = replace(finding, answered_by=by, answered_utc=now)
-        findings.append(finding)
+    findings = tuple(
+        replace(finding, answered_by=by, answered_utc=now)
+        if finding.is_open and (answer_all or finding.code in answers)
+        else finding
+        for finding in fixture.findings
+    )
     left = sorted({finding.code for finding in findings if finding.is_open})
     if left:
-        raise CheckFailed(
+        message = (
             f"These findings have no answer: {', '.join(left)}. Answer each with --answer CODE, or "
-            "all with --answer-all.",
-            code="findings-unanswered",
-            numbers={"unanswered": left},
+            "all with --answer-all."
         )
-    return replace(fixture, findings=tuple(findings), reviewed=Review(by, now, digest.lower()))
-
-
-def without_slice(fixture: Fixture) -> Fixture:
-    """The fixture with the doubt that nobody saw its line on the slice."""
-    if any(finding.code == "slice-not-shown" for finding in fixture.findings):
-        return fixture
-    text = (
-        "The sheet did not show the slice, so neither the line's ends nor other ink could be seen. "
-        "Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE --sheet-out PNG."
-    )
-    return replace(fixture, findings=(*fixture.findings, doubt("slice-not-shown", "review", text)))
-
-
-def is_digest_of(fixture: Fixture, digest: str) -> bool:
-    """Whether a digest is that of the fixture's sheet, with its slice or without."""
-    with_slice = digest_of(fixture)
-    return digest.lower() in (with_slice, digest_of(fixture, slice_shown=False))
-
-
-def approved(
-    fixture: Fixture,
-    findings: tuple[Finding, ...],
-    by: str,
-    steps_sha256: str,
-    *,
-    slice_shown: bool,
-) -> Fixture:
-    """The fixture with its findings answered, approved by a person now.
-
-    The digest is that of the review sheet of the same bundle, so a sheet that is printed later
-    shows whether it is the plan that was approved.
-    """
-    settings = {**fixture.provenance.settings, "review_steps_sha256": steps_sha256}
-    provenance = replace(fixture.provenance, settings=settings)
-    fixture = replace(fixture, provenance=provenance, findings=findings, reviewed=None)
-    digest = digest_of(fixture, slice_shown=slice_shown)
-    return replace(fixture, reviewed=Review(by, now_utc(), digest))
+        raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
+    return replace(fixture, findings=findings, reviewed=Review(by, now, digest))

@@ -1,14 +1,9 @@
 """What the review knows of the slice: its curve, or why there is none, and all other ink.
 
 `Geometry` is immutable. It says what `vfplan extract` would say of the slice, and holds what a
-person made of it since.
-
-The account of a slice: ink in the pen's colour that is not the curve's, and where it is bridged.
-
-`vfplan extract` lists the same when it has measured a curve. A curve that a person mended has
-another account, so the review makes it anew, by the same rule and with the same numbers.
-
-The routes that a curve may take over a piece of ink: from each free end to each other one.
+person made of it since. A mended curve has another account than the measured one, so the review
+makes the account anew, by the same rule and with the same numbers. A piece of ink has the routes
+that a curve may take over it: from each free end to each other one.
 """
 
 from __future__ import annotations
@@ -25,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.account import AccountEntry
 from vfplan.curve.centreline import drawn_length
+from vfplan.curve.coverage import Box
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
@@ -37,43 +34,32 @@ from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
 
 Array = NDArray[np.float64]
 
-Box = tuple[int, int, int, int]
-
 MAX_ENTRIES = 200
 """Entries that are listed at most; more is a photograph, not a drawing."""
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
-    """A piece of ink that is not the curve, or a stretch of the curve that shows no ink.
+class Entry(AccountEntry):
+    """An entry of the account that also says which pixels it has.
 
     Parameters
     ----------
-    number
-        From 1, the largest first.
-    middle
-        (u, v) [px]: the middle of the ink's box, or of the stretch.
-    pixels
-        How many pixels of ink, or points of the stretch.
-    share
-        The same, over all pixels of ink.
+    what
+        "ink", or "gap" of a stretch of the curve that shows no ink, whatever the reason.
     box
         (u, v, width, height) [px] of the ink.
     mask
         (height, width) bool, the ink in its box; `None` for a stretch.
     """
 
-    number: int
-    middle: tuple[float, float]
-    pixels: int
-    share: float
+    what: str
     box: Box
     mask: NDArray[np.bool_] | None
 
     @property
-    def is_ink(self) -> bool:
-        """Whether it is ink, and no stretch of the curve."""
-        return self.mask is not None
+    def middle(self) -> tuple[float, float]:
+        """(u, v) [px]: the middle of the ink's box, or of the stretch."""
+        return self.u, self.v
 
     @property
     def outline(self) -> list[list[list[float]]]:
@@ -93,10 +79,9 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
     """
     from scipy.spatial import cKDTree
 
-    nonzero = cv2.findNonZero(mask.view(np.uint8))
-    if nonzero is None:
+    pixels = np.argwhere(mask)[:, ::-1]
+    if len(pixels) == 0:
         return ()
-    pixels = nonzero.reshape(-1, 2).astype(np.int64)
     edge_distance = np.full(len(pixels), np.inf)
     for line in lines:
         to_line, _ = cKDTree(line.points).query(pixels)
@@ -113,7 +98,7 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
         label = labels[left[:, 1] - corner[1], left[:, 0] - corner[0]]
         sizes = np.bincount(label)[1:]
         pieces = np.split(np.argsort(label, kind="stable"), np.cumsum(sizes)[:-1])
-    entries = []
+    rows = []
     for members in pieces:
         if len(members) < tuned.SPECK_PX:
             continue
@@ -122,33 +107,39 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
         box = (*low.tolist(), *(high - low + 1).tolist())
         piece_mask = np.zeros((box[3], box[2]), bool)
         piece_mask[piece[:, 1] - low[1], piece[:, 0] - low[0]] = True
-        middle = tuple(((low + high) / 2).tolist())
-        entries.append((len(piece), middle, box, piece_mask))
+        rows.append((len(piece), *((low + high) / 2).tolist(), "ink", box, piece_mask))
     for line in lines:
         for run in runs(line.bridged, line.closed):
             u, v = line.points[run[len(run) // 2]].tolist()
-            entries.append((len(run), (u, v), (round(u), round(v), 1, 1), None))
-    entries.sort(key=lambda entry: (-entry[0], *entry[1]))
-    account = []
-    for number, (count, middle, box, piece_mask) in enumerate(entries[:MAX_ENTRIES], 1):
-        account.append(Entry(number, middle, count, count / len(pixels), box, piece_mask))
-    return tuple(account)
+            rows.append((len(run), u, v, "gap", (round(u), round(v), 1, 1), None))
+    rows.sort(key=lambda row: (-row[0], *row[1:3]))
+    return tuple(
+        Entry(
+            number,
+            u,
+            v,
+            count,
+            count / len(pixels),
+            float(max(box[2:]) if what == "ink" else count),
+            what,
+            box,
+            piece_mask,
+        )
+        for number, (count, u, v, what, box, piece_mask) in enumerate(rows[:MAX_ENTRIES], 1)
+    )
 
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
     """The settings with which a bundle's curve was extracted, as far as it records them."""
     known = fixture.provenance.settings
-    recorded: dict[str, Any] = {}
-    for name in ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm"):
-        if name in known:
-            recorded[name] = known[name]
+    names = ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm")
+    recorded = {name: known[name] for name in names if name in known}
     for name in ("start", "end"):
         if name in known:
             recorded[name] = tuple(float(number) for number in str(known[name]).split(","))
-    roi = None
-    for box in boxes_of(known.get("roi")):
-        roi = box
-    return replace(settings, **recorded, roi=roi, exclude=boxes_of(known.get("exclude")) or None)
+    roi = boxes_of(known.get("roi"))[-1:]
+    exclude = boxes_of(known.get("exclude"))
+    return replace(settings, **recorded, roi=roi[0] if roi else None, exclude=exclude or None)
 
 
 def boxes_of(text: Any) -> tuple[Box, ...]:
@@ -157,8 +148,7 @@ def boxes_of(text: Any) -> tuple[Box, ...]:
     for part in str(text or "").split(";"):
         numbers = part.split(",")
         if len(numbers) == 4 and all(number.strip().isdigit() for number in numbers):
-            u, v, width, height = (int(number) for number in numbers)
-            boxes.append((u, v, width, height))
+            boxes.append(tuple(int(number) for number in numbers))
     return tuple(boxes)
 
 
@@ -193,8 +183,7 @@ def routes_through(
         return [], []
     number = np.full(bone.shape, -1)
     number[rows, columns] = np.arange(len(rows))
-    pairs = []
-    lengths = []
+    pairs, lengths = [], []
     for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
         neighbour = number[rows + dv, columns + du]
         keep = neighbour >= 0
@@ -217,11 +206,12 @@ def routes_through(
 
     # The shortest path from each end to each other one.
     distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
-    routes = []
-    for i, start in enumerate(ends):
-        for stop in ends[i + 1 :]:
-            if np.isfinite(distance[i, stop]):
-                routes.append(route_along(pixels[_walked_back(before[i], start, stop)], False))
+    routes = [
+        route_along(pixels[_walked_back(before[i], start, stop)], False)
+        for i, start in enumerate(ends)
+        for stop in ends[i + 1 :]
+        if np.isfinite(distance[i, stop])
+    ]
     routes.sort(key=lambda route: -route.length)
     return routes[:MAX_ROUTES], forks
 
@@ -232,8 +222,7 @@ def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Stroke]:
 
     cut = graph.tolil()
     start, stop = edges[0]
-    cut[start, stop] = 0
-    cut[stop, start] = 0
+    cut[start, stop] = cut[stop, start] = 0
     cut = cut.tocsr()
     cut.eliminate_zeros()
     distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
@@ -255,19 +244,6 @@ MOVED_PX = 1.0
 may be a step along the line."""
 
 
-@dataclass(frozen=True)
-class Refusal:
-    """Why there is no curve yet: the code, the words and, if known, the place (u, v) [px].
-
-    other_pen: the colour of another pen, whose line is the longest on the slice; empty for none
-    """
-
-    code: str
-    text: str
-    place_px: tuple[float, float] | None = None
-    other_pen: str = ""
-
-
 @dataclass(frozen=True, eq=False)
 class Geometry:
     """The curve on its slice, as far as it is settled.
@@ -281,7 +257,8 @@ class Geometry:
     findings
         The findings of extraction, less what was mended.
     refusal
-        Why extraction gave no curve; `None` if it did, or if a person gave one.
+        Why extraction gave no curve, as the page shows it: code, words, place and, where another
+        pen drew the longest line, its colour; `None` if it did, or if a person gave one.
     candidates
         Routes that the curve may take, from which a person can choose.
     excluded_ink
@@ -291,7 +268,7 @@ class Geometry:
     strokes: tuple[MendedStroke, ...] = ()
     ink: SliceInk | None = None
     findings: tuple[Finding, ...] = ()
-    refusal: Refusal | None = None
+    refusal: dict[str, Any] | None = None
     candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
 
@@ -302,7 +279,7 @@ class Geometry:
             return ()
         lines = []
         for stroke in self.strokes:
-            width = stroke.width
+            width = stroke.width if stroke.is_ordered else 0.0
             if width is None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
             lines.append(replace(stroke, width=width))
@@ -320,8 +297,8 @@ class Geometry:
                 f"{int(stroke.edited.sum())} px of the curve were placed by hand where no ink "
                 "shows them. Their deviation is taken as 1 px."
             )
-            finding = note("drawn-by-hand", "extract", text, place_px=tuple(first.tolist()))
-            findings.append(finding)
+            place_px = tuple(first.tolist())
+            findings.append(note("drawn-by-hand", "extract", text, place_px=place_px))
         return tuple(findings)
 
     def stroke(self, number: int) -> MendedStroke:
@@ -337,7 +314,7 @@ class Geometry:
     def entry(self, number: int) -> Entry:
         """The ink of this number in the account; raises `SettingError` if there is none."""
         for entry in self.account:
-            if entry.number == number and entry.is_ink:
+            if entry.number == number and entry.what == "ink":
                 return entry
         raise SettingError(
             f"There is no ink {number} in the account. It lists {len(self.account)} entries.",
@@ -377,8 +354,7 @@ class Geometry:
         from scipy.spatial import cKDTree
 
         strokes = list(self.strokes)
-        before = strokes[number]
-        strokes[number] = stroke
+        before, strokes[number] = strokes[number], stroke
         # Points of either line that are not on the other.
         changed = []
         for one, other in ((before, stroke), (stroke, before)):
@@ -442,14 +418,12 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     middle = np.rint(route.points[len(route.points) // 2]).astype(int)
     for entry in Geometry(ink=geometry.ink).account:
         left_of, above = middle - entry.box[:2]
-        if not (0 <= left_of < entry.box[2] and 0 <= above < entry.box[3]):
-            continue
-        if not entry.mask[above, left_of]:
+        inside = 0 <= left_of < entry.box[2] and 0 <= above < entry.box[3]
+        if not inside or not entry.mask[above, left_of]:
             continue
         routes, forks = routes_through(entry.mask, entry.box[:2])
-        for other in routes:
-            if np.array_equal(other.points, route.points):
-                return ()
+        if any(np.array_equal(other.points, route.points) for other in routes):
+            return ()
         return tuple(routes) if forks and len(routes) > 1 else ()
     return ()
 
@@ -472,20 +446,18 @@ def route_over(entry: Entry) -> Stroke:
     return routes[0]
 
 
-def _refusal_of(error: CurveError) -> Refusal:
+def _refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
-    sentences = []
-    for sentence in re.split(r"(?<=\.) ", error.message):
-        # The page has a button for the other pen.
-        is_option = bool(other_pen) and "--colour" in sentence
-        if "vfplan review" not in sentence and not is_option:
-            sentences.append(sentence)
-    text = " ".join(sentences) or error.message
-    place = None
-    if "u_px" in error.numbers and "v_px" in error.numbers:
-        place = (float(error.numbers["u_px"]), float(error.numbers["v_px"]))
-    return Refusal(error.code, text, place, other_pen)
+    # The page has a button for the other pen.
+    options = ("vfplan review", "--colour") if other_pen else ("vfplan review",)
+    sentences = re.split(r"(?<=\.) ", error.message)
+    kept = [words for words in sentences if not any(option in words for option in options)]
+    places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
+    place = tuple(map(float, places)) if len(places) == 2 else None
+    text = " ".join(kept) or error.message
+    return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
+            "other_pen": other_pen}  # fmt: skip
 
 
 def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:
@@ -504,11 +476,11 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
     if settings.roi is not None:
         low = np.array(settings.roi[:2], float)
         high = low + settings.roi[2:]
-    long = []
-    for route in routes:
-        inside = (route.points >= low) & (route.points < high)
-        if route.length >= MIN_LINE_PX and inside.all():
-            long.append(route)
+    long = [
+        route
+        for route in routes
+        if route.length >= MIN_LINE_PX and ((route.points >= low) & (route.points < high)).all()
+    ]
     long.sort(key=lambda route: -route.length)
     return tuple(long[:MAX_ROUTES])
 
@@ -517,11 +489,9 @@ def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding,
     """The findings without those whose place lies on what was changed."""
     kept = []
     for finding in findings:
-        if finding.place_px is not None and len(changed):
-            _, distance = nearest_point(changed, finding.place_px)
-            if distance <= JOIN_PX:
-                continue
-        kept.append(finding)
+        is_near = finding.place_px is not None and len(changed) > 0
+        if not is_near or nearest_point(changed, finding.place_px)[1] > JOIN_PX:
+            kept.append(finding)
     return tuple(kept)
 
 

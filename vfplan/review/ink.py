@@ -2,9 +2,6 @@
 
 `vfplan.extract_curve` measures a curve that it finds by itself. Here a person says where the curve
 runs. The path is moved onto the ink nearest to it, and measured there as extraction measures.
-
-What the profiles across a path show of the line there, and a smooth line through them.
-
 A profile is a row of samples across the path; `offset` is where the ink's centre lies in it.
 """
 
@@ -20,7 +17,7 @@ from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, 
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink, sample
 from vfplan.curve.profiles import add_brightness, find_ends, places_across, read_profiles
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import evenly, normals, values_at
+from vfplan.geometry.lines import evenly, normals, runs, values_at
 
 NEARBY_POINTS = 41
 """Points along a line whose median is what is usual there; longer than a branch's mouth."""
@@ -36,37 +33,33 @@ def is_valley(coverage: NDArray) -> NDArray[np.bool_]:
     return np.minimum(left, right) - coverage > tuned.RISE * coverage.max(axis=1, keepdims=True)
 
 
-def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
-    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
+def _median_nearby(values: NDArray) -> NDArray[np.float64]:
+    """The values' running median along the line."""
     from scipy.ndimage import median_filter
 
+    return median_filter(values, size=NEARBY_POINTS, mode="nearest")
+
+
+def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
+    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
     nearby = np.full(len(width), usual)
-    at = np.flatnonzero(has_ink)
-    nearby[at] = median_filter(width[at], size=NEARBY_POINTS, mode="nearest")
+    nearby[has_ink] = _median_nearby(width[has_ink])
     return np.maximum(nearby, usual)
 
 
 def is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(M,) bool: half as strong as the ink around, at least; where it is fainter, the line ends."""
-    from scipy.ndimage import median_filter
-
     strong = np.zeros(len(peak), bool)
-    at = np.flatnonzero(has_ink)
-    if len(at):
-        usual = median_filter(peak[at], size=NEARBY_POINTS, mode="nearest")
-        strong[at] = peak[at] >= tuned.HALF * usual
+    if has_ink.any():
+        strong[has_ink] = peak[has_ink] >= tuned.HALF * _median_nearby(peak[has_ink])
     return strong
 
 
 def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
-    from scipy.ndimage import median_filter
-
-    at = np.flatnonzero(has_ink)
     is_jump = np.zeros(len(offset), bool)
-    if len(at) >= 5:
-        trend = median_filter(offset[at], size=NEARBY_POINTS, mode="nearest")
-        is_jump[at] = np.abs(offset[at] - trend) > 1.5
+    if has_ink.sum() >= 5:
+        is_jump[has_ink] = np.abs(offset[has_ink] - _median_nearby(offset[has_ink])) > 1.5
     return is_jump
 
 
@@ -100,21 +93,16 @@ def past_branches(
     """
     from scipy.interpolate import CubicSpline
 
-    between = ~alone
-    edges = np.flatnonzero(np.diff(np.r_[False, between, False].astype(int))).reshape(-1, 2)
     points = points.copy()
     passed = np.zeros(len(points), bool)
     at = np.flatnonzero(alone)
-    for start, stop in edges:
-        before = at[at < start][-13::4]
-        after = at[at >= stop][:13:4]
-        is_branch = joined[start:stop].mean() > 0.5 and stop - start <= MAX_BRANCH_PX
-        if not is_branch or len(before) < 2 or len(after) < 2:
-            continue
-        known = np.r_[before, after]
-        run = np.arange(start, stop)
-        points[run] = CubicSpline(known, points[known])(run)
-        passed[run] = True
+    for run in runs(~alone, False):
+        before, after = at[at < run[0]][-13::4], at[at > run[-1]][:13:4]
+        is_branch = joined[run].mean() > 0.5 and len(run) <= MAX_BRANCH_PX
+        if is_branch and len(before) >= 2 and len(after) >= 2:
+            known = np.r_[before, after]
+            points[run] = CubicSpline(known, points[known])(run)
+            passed[run] = True
     return points, passed
 
 
@@ -157,16 +145,9 @@ class SliceInk:
     """
 
     def __init__(
-        self,
-        rgb: NDArray,
-        colour: str,
-        exclude: tuple[Box, ...] = (),
-        roi: Box | None = None,
+        self, rgb: NDArray, colour: str, exclude: tuple[Box, ...] = (), roi: Box | None = None
     ) -> None:
-        self.rgb = rgb
-        self.colour = colour
-        self.roi = roi
-        self.exclude = exclude
+        self.rgb, self.colour, self.exclude, self.roi = rgb, colour, exclude, roi
         self._region = Region.of(roi, exclude, rgb.shape)
 
     def of_pen(self, colour: str) -> SliceInk:
@@ -253,9 +234,7 @@ class SliceInk:
             offset, has_ink, width = self.nearest(points, closed, reach)
             if not has_ink.any():
                 return drawn_by_hand(path, closed)
-            usual = pen_px
-            if usual is None:
-                usual = float(np.median(width[has_ink]))
+            usual = float(np.median(width[has_ink])) if pen_px is None else pen_px
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
@@ -264,22 +243,20 @@ class SliceInk:
             noisy = is_noisy(self.found, points, usual)
             smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
             # Close to the ink it is measured as extraction measures.
-            mass = np.ones(len(points))
+            normal, mass = normals(points, closed), np.ones(len(points))
             if reach == CLOSE_PX and alone.sum() >= tuned.MIN_PROFILES:
                 at = np.flatnonzero(alone)
-                normal = normals(points, closed)[at]
-                profiles = read_profiles(self.found, points[at], normal, usual)
+                across = normal[at]
+                profiles = read_profiles(self.found, points[at], across, usual)
                 alone[at] = profiles.valid
                 mass[at] = profiles.mass
-                offset[at] = profiles.offset(noisy)
+                found = profiles.offset(noisy)
                 if noisy:
-                    offset[at] = add_brightness(
-                        self.found, points[at], normal, profiles, offset[at]
-                    )
+                    found = add_brightness(self.found, points[at], across, profiles, found)
+                offset[at] = found
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.
-            normal = normals(points, closed)
             spline = fit_spline(points + offset[:, None] * normal, alone, mass, smooth_px, closed)
             smooth = ((spline(np.arange(len(points))) - points) * normal).sum(axis=1)
             residual = np.where(alone, offset - smooth, 0.0)
@@ -333,8 +310,7 @@ class SliceInk:
             stop = ends[1].place
         if stop - start < tuned.MIN_PROFILES:
             return line
-        at = np.linspace(start, stop, round(stop - start) + 1)
-        path = values_at(carried, at)
+        path = values_at(carried, np.linspace(start, stop, round(stop - start) + 1))
         return self.measure(path, False, CLOSE_PX, width)
 
     def width_along(self, path: NDArray, closed: bool) -> float:
@@ -348,3 +324,8 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
     points = evenly(path, closed)
     count = len(points)
     return Stroke(points, closed, np.full(count, HAND_SIGMA_PX), edited=np.ones(count, bool))
+
+
+def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
+    """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
+    return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)

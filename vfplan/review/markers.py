@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError, VfplanError
+from vfplan.geometry.lines import plane_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers
 from vfplan.planning.settings import FixtureSettings
@@ -47,8 +48,8 @@ class Marker:
     ----------
     label
         Its name.
-    place_px
-        (u, v) on the slice.
+    place
+        (u, v) on the slice [px]; on a sheet without a slice (x, y, z) in front of the robot [m].
     target_m
         (x, y, z) in front of the robot.
     sigma_m
@@ -57,19 +58,25 @@ class Marker:
         Whether the registration rests on it.
     depth_m
         Distance from the slice's plane, for markers of the patient's frame.
+    residual_m
+        Distance from where the registration says it lies.
+    residual_px
+        From its place to there, in the plane of the slice.
     """
 
     label: str
-    place_px: tuple[float, float] | None = None
+    place: tuple[float, ...] | None = None
     target_m: tuple[float, float, float] | None = None
     sigma_m: tuple[float, ...] = ()
     is_used: bool = True
     depth_m: float = 0.0
+    residual_m: float | None = None
+    residual_px: tuple[float, float] | None = None
 
     @property
     def is_whole(self) -> bool:
         """Whether both of its positions are known."""
-        return self.place_px is not None and self.target_m is not None
+        return self.place is not None and self.target_m is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +115,12 @@ class Fit:
         """Why there is no registration; empty if there is one."""
         return self._fitted[1]
 
+    @property
+    def _sigma_width(self) -> int:
+        """How many deviations each marker in use has: one, one an axis, or 0."""
+        counts = {len(marker.sigma_m) for marker in self.used}
+        return counts.pop() if counts in ({1}, {3}) else 0
+
     @cached_property
     def _fitted(self) -> tuple[Registration | None, str]:
         used = self.used
@@ -118,13 +131,11 @@ class Fit:
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:
             spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
         # Deviations of the targets count where all markers have them.
-        sigma = None
-        counts = {len(marker.sigma_m) for marker in used}
-        if counts in ({1}, {3}):
-            sigma = np.array([marker.sigma_m for marker in used])
-        if counts == {1}:
+        width = self._sigma_width
+        sigma = np.array([marker.sigma_m for marker in used]) if width else None
+        if width == 1:
             sigma = sigma[:, 0]
-        places = np.array([marker.place_px for marker in used])
+        places = np.array([marker.place for marker in used])
         depths = np.array([marker.depth_m for marker in used])
         try:
             registration = fit_registration(
@@ -146,11 +157,9 @@ class Fit:
         places = np.asarray(places, float).reshape(-1, 2)
         if self.T_patient_image is None:
             return places
-        normal = np.cross(self.T_patient_image[:, 0], self.T_patient_image[:, 1])
-        normal /= np.linalg.norm(normal)
         on_slice = np.column_stack([places, np.ones(len(places))]) @ self.T_patient_image.T
         depths = np.broadcast_to(depth_m, len(places))
-        return on_slice + depths[:, None] * normal
+        return on_slice + depths[:, None] * _unit_normal(self.T_patient_image)
 
     @property
     def metres_per_step(self) -> NDArray[np.float64] | None:
@@ -183,33 +192,24 @@ class Fit:
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
         registration, steps = self.registration, self.metres_per_step
-        left_out = {}
+        loo_m = {}
         if registration is not None:
-            left_out = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
+            loo_m = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
         rows = []
         for marker in self.markers:
+            left_out = loo_m.get(marker.label, np.nan)
             row: dict[str, Any] = {
-                "label": marker.label,
-                "place_px": None,
-                "target_m": None,
-                "used": marker.is_used,
-                "depth_m": marker.depth_m,
-                "residual_m": None,
-                "residual_px": None,
-                "loo_m": None,
-            }
-            rows.append(row)
-            if marker.place_px is not None:
-                row["place_px"] = list(marker.place_px)
-            if marker.target_m is not None:
-                row["target_m"] = list(marker.target_m)
-            if marker.is_used and np.isfinite(left_out.get(marker.label, np.nan)):
-                row["loo_m"] = left_out[marker.label]
+                "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
+                "used": marker.is_used, "depth_m": marker.depth_m,
+                "residual_m": None, "residual_px": None,
+                "loo_m": left_out if marker.is_used and np.isfinite(left_out) else None,
+            }  # fmt: skip
             if registration is not None and marker.is_whole:
-                reached = registration.apply(self.to_source(marker.place_px, marker.depth_m))[0]
+                reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
                 residual = np.array(marker.target_m) - reached
                 row["residual_m"] = float(np.linalg.norm(residual))
                 row["residual_px"] = (np.linalg.pinv(steps) @ residual).tolist()
+            rows.append(row)
         return rows
 
     @contextmanager
@@ -224,14 +224,10 @@ class Fit:
             # The positions in the patient's frame, as 3D Slicer stores them.
             points = []
             for marker in self.used:
-                position = self.to_source(marker.place_px, marker.depth_m)[0].tolist()
+                position = self.to_source(marker.place, marker.depth_m)[0].tolist()
                 points.append({"label": marker.label, "position": position})
-            markup = {
-                "type": "Fiducial",
-                "coordinateSystem": "LPS",
-                "coordinateUnits": "m",
-                "controlPoints": points,
-            }
+            markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "m",
+                      "controlPoints": points}  # fmt: skip
             source = Path(folder) / "markers.mrk.json"
             document = {"@schema": SLICER_SCHEMA, "markups": [markup]}
             source.write_text(json.dumps(document), encoding="utf-8")
@@ -239,25 +235,16 @@ class Fit:
 
     def table(self) -> str:
         """The markers in use as a CSV that every command reads."""
-        used = self.used
         on_slice = self.T_patient_image is None
-        width = min((len(marker.sigma_m) for marker in used), default=0)
-        names = ["label"]
-        if on_slice:
-            names += ["u_px", "v_px"]
-        names += ["x_m", "y_m", "z_m"]
-        if width == 1:
-            names += ["sigma_m"]
-        elif width == 3:
-            names += ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
+        width = self._sigma_width
+        sigmas = {0: [], 1: ["sigma_m"], 3: ["sigma_x_m", "sigma_y_m", "sigma_z_m"]}[width]
+        rows = [["label", *(["u_px", "v_px"] if on_slice else []), "x_m", "y_m", "z_m", *sigmas]]
+        for marker in self.used:
+            place = marker.place if on_slice else ()
+            numbers = [*place, *marker.target_m, *marker.sigma_m[:width]]
+            rows.append([marker.label, *map(repr, map(float, numbers))])
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(names)
-        for marker in used:
-            numbers = [*marker.target_m, *marker.sigma_m[:width]]
-            if on_slice:
-                numbers = [*marker.place_px, *numbers]
-            writer.writerow([marker.label, *map(repr, map(float, numbers))])
+        csv.writer(text, lineterminator="\n").writerows(rows)
         return text.getvalue()
 
     def index(self, name: Any) -> int:
@@ -268,11 +255,8 @@ class Fit:
             if marker.label == name:
                 return number
         labels = ", ".join(marker.label for marker in self.markers)
-        raise SettingError(
-            f"There is no marker {name!r}. The markers are: {labels or 'none'}.",
-            code="no-such-marker",
-            numbers={"markers": len(self.markers)},
-        )
+        text = f"There is no marker {name!r}. The markers are: {labels or 'none'}."
+        raise SettingError(text, code="no-such-marker", numbers={"markers": len(self.markers)})
 
     def with_marker(self, number: int, **changes: Any) -> Fit:
         """The fit with one marker changed."""
@@ -306,9 +290,7 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
             "plans for a robot. Give the positions in front of the robot as a table.",
             code="markers-not-for-robot",
         )
-    place = None
-    depths = np.zeros(len(pairs.labels))
-    places = pairs.source
+    place, places, depths = None, pairs.source, np.zeros(len(pairs.labels))
     if pairs.source_frame != "image":
         if image.T_patient_image is None:
             raise SettingError(
@@ -317,19 +299,19 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
                 code="slice-without-place",
             )
         place = image.T_patient_image[:3]
-        normal = np.cross(place[:, 0], place[:, 1])
-        normal /= np.linalg.norm(normal)
-        depths = (pairs.source - place[:, 2]) @ normal
+        depths = (pairs.source - place[:, 2]) @ _unit_normal(place)
         places = (pairs.source - place[:, 2]) @ np.linalg.pinv(place[:, :2]).T
     markers = []
     for k, label in enumerate(pairs.labels):
         sigma = tuple(np.atleast_1d(pairs.sigma[k]).tolist()) if pairs.sigma is not None else ()
-        target = tuple(pairs.target[k].tolist())
-        marker = Marker(
-            str(label), tuple(places[k].tolist()), target, sigma, depth_m=float(depths[k])
-        )
-        markers.append(marker)
+        at, target = tuple(places[k].tolist()), tuple(pairs.target[k].tolist())
+        markers.append(Marker(str(label), at, target, sigma, depth_m=float(depths[k])))
     return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
+
+
+def _unit_normal(axes: NDArray) -> NDArray[np.float64]:
+    normal = plane_normal(axes)
+    return normal / np.linalg.norm(normal)
 
 
 def pairs_of_table(text: str) -> Correspondences:

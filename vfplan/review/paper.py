@@ -1,15 +1,9 @@
-"""Pages of paper to draw on, and a record of what stands where.
+"""Pages of paper to draw on, a record of what stands where, and places for captions.
 
 All lengths are in pixels of the page. A page is A4 at 200 dots an inch, so that a sheet can be
 printed at its own size; several pages stand one below the other in one picture. Lines and pictures
 are drawn with OpenCV and letters with Pillow: importing either takes a tenth of what Matplotlib
 takes.
-
-Where the captions on a picture go: close to what they name, and never over each other.
-
-A caption tries places around its point, the closest first. It takes the first one that lies inside
-the picture, covers no other caption and covers nothing that has to stay visible. A caption without
-such a place is omitted, and the sheet says how many were.
 """
 
 from __future__ import annotations
@@ -27,13 +21,14 @@ from numpy.typing import NDArray
 
 from vfplan.palette import BRIDGED, CLOUD, HIP, PROXY
 
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 
 def colour_of(hexadecimal: str) -> Colour:
     """(red, green, blue) of "#rrggbb"."""
-    red, green, blue = (int(hexadecimal[i : i + 2], 16) for i in (1, 3, 5))
-    return red, green, blue
+    return tuple(int(hexadecimal[i : i + 2], 16) for i in (1, 3, 5))
 
 
 DPI = 200
@@ -92,15 +87,11 @@ class Box:
         """The first row beyond it."""
         return self.y + self.height
 
-    def overlaps(self, other: Box) -> bool:
-        """Whether the two have a pixel in common."""
-        return (
-            self.page == other.page
-            and self.x < other.right
-            and other.x < self.right
-            and self.y < other.bottom
-            and other.y < self.bottom
-        )
+    def overlaps(self, other: Box, gap: float = 0) -> bool:
+        """Whether the two have a pixel in common, or are closer than the gap."""
+        across = self.x < other.right + gap and other.x < self.right + gap
+        down = self.y < other.bottom + gap and other.y < self.bottom + gap
+        return self.page == other.page and across and down
 
 
 @dataclass(frozen=True)
@@ -133,6 +124,9 @@ HEADING = Style(1.2 * BASE, bold=True)
 BODY = Style(BASE)
 STRONG = Style(BASE, bold=True)
 
+INSET_PX = 360
+"""Side [px of the page] of an inset, a place that is enlarged: 46 mm in print."""
+
 FOOT = PAGE_HEIGHT - MARGIN - BODY.line_height
 """Row at which the foot of a page begins; nothing else stands below it."""
 
@@ -142,7 +136,7 @@ class Paper:
 
     def __init__(self) -> None:
         self.boxes: list[Box] = []
-        self._pages: list[NDArray[np.uint8]] = []
+        self._pages: list[Pixels] = []
         self._texts: list[list[tuple[float, float, str, Style, Colour]]] = []
         self.add_page()
 
@@ -168,45 +162,33 @@ class Paper:
         return len(self._pages) - 1
 
     @property
-    def canvas(self) -> NDArray[np.uint8]:
+    def canvas(self) -> Pixels:
         """(PAGE_HEIGHT, PAGE_WIDTH, 3) the last page, red first."""
         return self._pages[-1]
 
     def text(
-        self,
-        x: float,
-        y: float,
-        words: str,
-        style: Style = BODY,
-        colour: Colour = BLACK,
-        *,
+        self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
         page: int | None = None,
-    ) -> Box:
+    ) -> Box:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
         words = printable(words)
-        if page is None:
-            page = self.page
+        page = self.page if page is None else page
         self._texts[page].append((x, y, words, style, colour))
         box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
         self.boxes.append(box)
         return box
 
     def paragraph(
-        self,
-        x: float,
-        y: float,
-        words: str,
-        width: float,
-        style: Style = BODY,
+        self, x: float, y: float, words: str, width: float, style: Style = BODY,
         colour: Colour = BLACK,
-    ) -> float:
+    ) -> float:  # fmt: skip
         """Write text in lines of at most this width; returns where the next line begins."""
         for line in wrapped(words, width, style):
             self.text(x, y, line, style, colour)
             y += style.line_height
         return y
 
-    def picture(self, x: int, y: int, rgb: NDArray[np.uint8], **box: Any) -> Box:
+    def picture(self, x: int, y: int, rgb: Pixels, **box: Any) -> Box:
         """Lay a picture on the page, pixel by pixel."""
         height, width = rgb.shape[:2]
         self.canvas[y : y + height, x : x + width] = rgb
@@ -224,7 +206,7 @@ class Paper:
         canvas[y:bottom, x : x + thickness] = colour
         canvas[y:bottom, right - thickness : right] = colour
 
-    def image(self) -> NDArray[np.uint8]:
+    def image(self) -> Pixels:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
         from PIL import Image, ImageDraw
 
@@ -232,12 +214,9 @@ class Paper:
             for x, y, words, style, colour in texts:
                 size = (int(style.width_of(words)) + 2, style.line_height + 4)
                 letters = Image.new("L", size)
+                font = _font(style.points, style.bold)
                 ImageDraw.Draw(letters).text(
-                    (0, style.baseline),
-                    words,
-                    fill=255,
-                    font=_font(style.points, style.bold),
-                    anchor="ls",
+                    (0, style.baseline), words, fill=255, font=font, anchor="ls"
                 )
                 column, row = round(x), round(y)
                 height, width = canvas.shape[:2]
@@ -263,8 +242,7 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
             fitting = len(word)
             while fitting > 1 and style.width_of(word[:fitting]) > width:
                 fitting -= 1
-            lines[-1] = word[:fitting]
-            lines.append("")
+            lines[-1:] = [word[:fitting], ""]
             word = word[fitting:]
         lines[-1] = word
     return lines
@@ -282,12 +260,7 @@ def shortened(words: str, width: float, style: Style) -> str:
 
 def printable(words: str) -> str:
     """The text in one line, without characters that cannot be seen: labels come from files."""
-    characters = []
-    for character in words:
-        if unicodedata.category(character)[0] in "CZ":
-            character = " "
-        characters.append(character)
-    return "".join(characters)
+    return "".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in words)
 
 
 @cache
@@ -300,45 +273,72 @@ def _font(points: float, bold: bool) -> Any:
     return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
 
 
-def fixed_point(points: NDArray[np.float64]) -> NDArray[np.int32]:
+def fixed_point(points: Array) -> NDArray[np.int32]:
     """(N, 1, 2) points on a page as OpenCV's drawing functions take them with `SHIFT`."""
     return np.rint(np.reshape(points, (-1, 1, 2)) * (1 << SHIFT)).astype(np.int32)
 
 
 def draw_line(
-    canvas: NDArray[np.uint8],
-    points: NDArray[np.float64],
-    colour: Any,
-    thickness: int,
-    closed: bool = False,
+    canvas: Pixels, points: Array, colour: Any, thickness: int, closed: bool = False
 ) -> None:
     """Draw a line along (N, 2) points with smooth edges."""
     cv2.polylines(canvas, [fixed_point(points)], closed, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def draw_cased(
-    canvas: NDArray[np.uint8],
-    points: NDArray[np.float64],
-    colour: Colour,
-    thickness: int,
-    closed: bool = False,
+    canvas: Pixels, points: Array, colour: Colour, thickness: int, closed: bool = False
 ) -> None:
     """Draw a line with a white edge on either side, which shows on dark and on light ground."""
     draw_line(canvas, points, WHITE, thickness + 3, closed)
     draw_line(canvas, points, colour, thickness, closed)
 
 
-def draw_disc(
-    canvas: NDArray[np.uint8], centre: Any, radius: float, colour: Any, thickness: int = -1
-) -> None:
+def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:
     """Draw a disc, or a ring if a thickness is given."""
     x, y = fixed_point(np.asarray(centre, dtype=float)).ravel().tolist()
     cv2.circle(canvas, (x, y), round(radius * (1 << SHIFT)), colour, thickness, cv2.LINE_AA, SHIFT)
 
 
-def blend(
-    canvas: NDArray[np.uint8], cover: NDArray[np.uint8], colour: Colour, x: int, y: int
+def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
+    """The outlines of what is brighter than 127, inner ones too."""
+    inside = (mask > 127).astype(np.uint8)
+    return cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+
+
+def draw_distance(
+    canvas: Pixels, points: Array, distance: Array, closed: bool, is_bound: bool
 ) -> None:
+    """Draw the outline of what lies within a distance, (M,), of a line, (M, 2) [px of the page].
+
+    The 95 % bound has dashes, the margin has none.
+    """
+    within = np.zeros(canvas.shape[:2], np.uint8)
+    if closed:
+        points, distance = np.vstack([points, points[:1]]), np.append(distance, distance[:1])
+    # Points whose neighbourhood does not reach the canvas draw nothing.
+    reach = float(distance.max()) + 1
+    size = np.array(within.shape[::-1])
+    reaches = ((points > -reach) & (points < size + reach)).all(axis=1)
+    for k in np.flatnonzero(reaches):
+        draw_disc(within, points[k], distance[k], 255)
+        if k:
+            thickness = max(1, round(distance[k] + distance[k - 1]))
+            draw_line(within, points[k - 1 : k + 1], 255, thickness)
+    height, width = within.shape
+    colour = BAND_COLOUR if is_bound else MARGIN_COLOUR
+    for contour in contours_of(within):
+        outline = contour[:, 0]
+        x, y = outline.T
+        inner = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
+        length = 14 if is_bound else len(outline)
+        for start in range(0, len(outline), length + 8):
+            dash = outline[start : start + length]
+            dash = dash[inner[start : start + length]]
+            if len(dash) > 1:
+                draw_line(canvas, dash.astype(float), colour, 2)
+
+
+def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int, y: int) -> None:
     """Lay a colour over part of a canvas as far as (H, W) `cover` says, 0 none to 255 wholly."""
     # Most covers are empty but for a small part.
     first_x, first_y, width, height = cv2.boundingRect(cover)
@@ -367,17 +367,12 @@ DIRECTIONS = 16
 """Number of directions that are tried at each distance, the first to the upper right."""
 
 
-@dataclass(frozen=True)
-class Place:
-    """The corner (x, y) of a caption, and the leader (2, 2) from its point to its edge."""
-
-    x: int
-    y: int
-    leader: NDArray[np.float64]
-
-
 class Labeller:
-    """Finds places for captions on a picture.
+    """Finds places for captions on a picture: close to what they name, and never over each other.
+
+    A caption tries places around its point, the closest first. It takes the first one that lies
+    inside the picture, covers no other caption and covers nothing that has to stay visible. A
+    caption without such a place is omitted, and the sheet says how many were.
 
     Parameters
     ----------
@@ -388,45 +383,45 @@ class Labeller:
     def __init__(self, keep_visible: NDArray[np.bool_]) -> None:
         self.height, self.width = keep_visible.shape
         self.omitted = 0
-        self._placed: list[tuple[float, float, float, float]] = []
+        self._placed: list[Box] = []
         self._sum = cv2.integral(keep_visible.astype(np.uint8))
 
-    def place(self, point: NDArray[np.float64], width: int, height: int) -> Place | None:
-        """A place for a caption of this size close to a point (x, y); `None` if there is none."""
+    def place(self, point: Array, width: int, height: int) -> tuple[int, int, Array] | None:
+        """A place for a caption of this size close to a point (x, y); `None` if there is none.
+
+        Returns its corner (x, y), and the leader (2, 2) from its point to its edge.
+        """
         for attempt in range(1, TRIES + 1):
-            distance = float(attempt * STEP)
             for k in range(DIRECTIONS):
                 angle = -np.pi / 4 + k * 2 * np.pi / DIRECTIONS
                 direction = np.array([np.cos(angle), np.sin(angle)])
-                corner = np.asarray(point) + direction * distance
                 # The caption extends away from its point.
+                corner = np.asarray(point) + direction * float(attempt * STEP)
                 corner += (direction - 1) / 2 * (width, height)
                 x, y = round(float(corner[0])), round(float(corner[1]))
-                if not self._is_free(x, y, width, height):
+                box = Box(0, x, y, width, height, "text")
+                if not self._is_free(box):
                     continue
-                self._placed.append((x, y, x + width, y + height))
+                self._placed.append(box)
                 start = np.asarray(point, dtype=float)
                 target = np.clip(start, (x, y), (x + width, y + height))
                 length = float(np.hypot(*(target - start)))
-                if length <= LEADER_GAP:
-                    start = target
-                else:
+                if length > LEADER_GAP:
                     start = start + (target - start) * LEADER_GAP / length
-                return Place(x, y, np.array([start, target]))
+                else:
+                    start = target
+                return x, y, np.array([start, target])
         self.omitted += 1
         return None
 
-    def _is_free(self, x: int, y: int, width: int, height: int) -> bool:
-        right, bottom = x + width, y + height
+    def _is_free(self, box: Box) -> bool:
+        x, y, right, bottom = box.x, box.y, box.right, box.bottom
         if min(x, y) < CLEARANCE:
             return False
         if right > self.width - CLEARANCE or bottom > self.height - CLEARANCE:
             return False
-        for other_x, other_y, other_right, other_bottom in self._placed:
-            overlaps_across = x < other_right + CLEARANCE and other_x < right + CLEARANCE
-            overlaps_down = y < other_bottom + CLEARANCE and other_y < bottom + CLEARANCE
-            if overlaps_across and overlaps_down:
-                return False
+        if any(box.overlaps(other, CLEARANCE) for other in self._placed):
+            return False
         total = self._sum
         covered = total[bottom, right] - total[y, right] - total[bottom, x] + total[y, x]
         return covered == 0

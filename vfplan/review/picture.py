@@ -16,29 +16,10 @@ from vfplan.display import nice_length
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import runs
 from vfplan.review import paper
-from vfplan.review.insets import INSET_PX, draw_distance, ends_of
-from vfplan.review.paper import (
-    BAND_COLOUR,
-    BLACK,
-    BODY,
-    BRIDGE_COLOUR,
-    CONTENT_WIDTH,
-    GREY,
-    HEADING,
-    LINE_COLOUR,
-    MARGIN,
-    MARGIN_COLOUR,
-    STRONG,
-    WHITE,
-    Box,
-    Labeller,
-    Paper,
-)
-from vfplan.review.sheet_input import SheetInput
+from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
+from vfplan.review.sheet_input import SheetInput, ends_of
 
-Array = NDArray[np.float64]
-
-VIEW_PX = CONTENT_WIDTH // 2 - BODY.line_height
+VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
 """Side [px of the page] of a view: two stand side by side."""
 
 MAX_DRAWN = 50_000
@@ -48,48 +29,41 @@ MAX_OUTLINED = 2_000
 """Triangles whose edges are drawn; the edges of more would fill the view."""
 
 
-@dataclass(frozen=True)
-class Side:
-    """A direction of view.
+@dataclass(frozen=True, eq=False)
+class View:
+    """A view of points in space, from one side.
 
     `across` and `upward` are the axes that point to the right and upwards, `toward` is the axis
-    that points to the viewer, and `sign` tells on which side of it the viewer stands.
+    that points to the viewer, and `sign` tells on which side of it the viewer stands. `middle` is
+    the place (3,) [m] in its middle, and `scale` the pixels of the page a metre.
     """
 
-    words: str
     across: int
     upward: int
     toward: int
     sign: float
+    middle: paper.Array
+    scale: float
+
+    def project(self, points: paper.Array) -> paper.Array:
+        """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
+        flat = (points - self.middle)[:, [self.across, self.upward]] * self.scale * (1, -1)
+        return flat + VIEW_PX / 2 - 0.5
+
+    def depth(self, points: paper.Array) -> paper.Array:
+        """(M,) how far points lie towards the viewer."""
+        return points[:, self.toward] * self.sign
 
 
 SIDES = (
-    Side("Seen from above (+z)", 0, 1, 2, 1.0),
-    Side("Seen from the side (-y)", 0, 2, 1, -1.0),
-    Side("Seen from the side (+x)", 1, 2, 0, 1.0),
+    ("Seen from above (+z)", 0, 1, 2, 1.0),
+    ("Seen from the side (-y)", 0, 2, 1, -1.0),
+    ("Seen from the side (+x)", 1, 2, 0, 1.0),
 )
+"""The words of each view, and its axes."""
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A side, the place (3,) [m] in its middle, and the pixels of the page a metre."""
-
-    side: Side
-    middle: Array
-    scale: float
-
-    def project(self, points: Array) -> Array:
-        """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
-        axes = [self.side.across, self.side.upward]
-        flat = (points - self.middle)[:, axes] * self.scale * (1, -1)
-        return flat + VIEW_PX / 2 - 0.5
-
-    def depth(self, points: Array) -> Array:
-        """(M,) how far points lie towards the viewer."""
-        return points[:, self.side.toward] * self.side.sign
-
-
-def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, float, float]:
+def draw_views(sheet: paper.Paper, content: SheetInput, y: float) -> tuple[float, float, float]:
     """Draw the three views.
 
     Returns the corner of the quarter that they leave free, and where the next thing below begins.
@@ -98,31 +72,29 @@ def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, floa
     low = np.vstack(everything).min(axis=0)
     high = np.vstack(everything).max(axis=0)
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
-    for number, side in enumerate(SIDES):
+    for number, (words, *axes) in enumerate(SIDES):
         row, column = divmod(number, 2)
-        x = MARGIN + CONTENT_WIDTH - VIEW_PX if column == 1 else MARGIN
+        x = MARGIN + paper.CONTENT_WIDTH - VIEW_PX if column == 1 else MARGIN
         view_y = round(y) + row * (VIEW_PX + 60)
-        sheet.text(x, view_y, side.words, STRONG)
-        axes = f"{'xyz'[side.across]} to the right, {'xyz'[side.upward]} upwards"
-        sheet.text(x + 330, view_y, axes, BODY, GREY)
-        view = View(side, (low + high) / 2, scale)
+        view = View(*axes, (low + high) / 2, scale)
+        sheet.text(x, view_y, words, STRONG)
+        words = f"{'xyz'[view.across]} to the right, {'xyz'[view.upward]} upwards"
+        sheet.text(x + 330, view_y, words, BODY, GREY)
         box = sheet.picture(x, view_y + 34, _geometry(view, content))
         sheet.frame(box)
         _draw_marks(sheet, box, view, content)
         # The length of a bar, below on the left.
-        unit, per_metre = "mm", 1e3
-        if content.frame == "image":
-            unit, per_metre = "px", 1.0
+        unit, per_metre = ("px", 1.0) if content.frame == "image" else ("mm", 1e3)
         length = nice_length(160 / scale * per_metre)
         start = np.array([box.x + 16, box.bottom - 18])
         end = start + np.array([length / per_metre * scale, 0])
         paper.draw_line(sheet.canvas, np.array([start, end]), BLACK, 4)
         sheet.text(start[0], start[1] - 8 - BODY.line_height, f"{length:g} {unit}", BODY)
-    free_x, free_y = MARGIN + CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
+    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
 
-def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
+def _geometry(view: View, content: SheetInput) -> paper.Pixels:
     """The points or the triangles, those in front over those behind."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     points = content.points_m
@@ -131,7 +103,7 @@ def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
         corners = points[content.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1)
-        facing = np.abs(normals[:, view.side.toward]) / np.maximum(lengths, 1e-30)
+        facing = np.abs(normals[:, view.toward]) / np.maximum(lengths, 1e-30)
         light = 0.35 + 0.6 * facing[:, None]
         colours = np.rint(light * (255 + np.array(LINE_COLOUR)) / 2).astype(int).tolist()
         flat = view.project(points)
@@ -154,42 +126,32 @@ def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
     return canvas
 
 
-def _draw_marks(sheet: Paper, box: Box, view: View, content: SheetInput) -> None:
+def _draw_marks(sheet: paper.Paper, box: paper.Box, view: View, content: SheetInput) -> None:
     """Draw the markers and the findings that have a place, with captions."""
     x, y = round(box.x), round(box.y)
     part = sheet.canvas[y : y + VIEW_PX, x : x + VIEW_PX]
-    captions = []
-    places = []
-    for marker in content.markers:
-        captions.append(marker.label)
-        places.append(marker.place)
+    marks = [(marker.label, marker.place) for marker in content.markers]
     for number, finding in enumerate(content.findings, 1):
         if finding.place_m is not None:
-            captions.append(f"F{number}")
-            places.append(np.array(finding.place_m))
-    if not places:
+            marks.append((f"F{number}", np.array(finding.place_m)))
+    if not marks:
         return
     keep = np.zeros((VIEW_PX, VIEW_PX), np.uint8)
     keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # The scale stands here.
-    drawn = view.project(np.array(places))
+    drawn = view.project(np.array([place for _, place in marks]))
     for place in drawn:
         paper.draw_disc(part, place, 11, WHITE, 5)
         paper.draw_disc(part, place, 11, BLACK, 2)
         paper.draw_disc(keep, place, 14, 1)
-    labeller = Labeller(keep > 0)
-    for words, place in zip(captions, drawn, strict=True):
+    labeller = paper.Labeller(keep > 0)
+    for (words, _), place in zip(marks, drawn, strict=True):
         draw_tag(sheet, part, box, labeller, place, words)
 
 
 def draw_tag(
-    sheet: Paper,
-    part: NDArray[np.uint8],
-    box: Box,
-    labeller: Labeller,
-    point: Array,
-    words: str,
-    ground: paper.Colour = WHITE,
-) -> None:
+    sheet: paper.Paper, part: paper.Pixels, box: paper.Box, labeller: paper.Labeller,
+    point: paper.Array, words: str, ground: paper.Colour = WHITE,
+) -> None:  # fmt: skip
     """Write a caption in a small plate close to its point, if there is a place for one.
 
     `ground` is the plate's colour. The letters are black on white, and white on any other.
@@ -199,18 +161,19 @@ def draw_tag(
     place = labeller.place(point, width, height)
     if place is None:
         return
-    paper.draw_cased(part, place.leader, BLACK, 1)
-    letters = BLACK if ground == WHITE else WHITE
-    plate = part[place.y : place.y + height, place.x : place.x + width]
+    x, y, leader = place
+    paper.draw_cased(part, leader, BLACK, 1)
+    plate = part[y : y + height, x : x + width]
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground
-    sheet.text(box.x + place.x + 6, box.y + place.y + 1, words, STRONG, letters)
+    letters = BLACK if ground == WHITE else WHITE
+    sheet.text(box.x + x + 6, box.y + y + 1, words, STRONG, letters)
 
 
 COLUMN_WIDTH = round(1.3 * INSET_PX)
 """Width [px of the page] of the column of facts beside the slice."""
 
-PICTURE_WIDTH = CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
+PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 """Width [px of the page] of the slice at most."""
 
 PICTURE_HEIGHT = 980
@@ -244,7 +207,7 @@ class Panel:
     height: int
     zoom: float
 
-    def place(self, points_px: Any) -> Array:
+    def place(self, points_px: Any) -> paper.Array:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
         return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5
 
@@ -255,7 +218,7 @@ class Panel:
 
 
 def draw_picture(
-    sheet: Paper, content: SheetInput, rgb: NDArray[np.uint8], y: float, column_x: float,
+    sheet: paper.Paper, content: SheetInput, rgb: paper.Pixels, y: float, column_x: float,
     column_width: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
@@ -265,12 +228,8 @@ def draw_picture(
     height, width = rgb.shape[:2]
     zoom = min(PICTURE_WIDTH / width, PICTURE_HEIGHT / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
-    if zoom < 1:
-        method = cv2.INTER_AREA
-    elif zoom < 2:
-        method = cv2.INTER_LINEAR
-    else:
-        method = cv2.INTER_NEAREST
+    enlarged = cv2.INTER_LINEAR if zoom < 2 else cv2.INTER_NEAREST
+    method = cv2.INTER_AREA if zoom < 1 else enlarged
     panel = Panel(MARGIN, round(y), *size, zoom)
     box = sheet.picture(panel.x, panel.y, cv2.resize(rgb, size, interpolation=method))
     sheet.frame(box)
@@ -280,7 +239,7 @@ def draw_picture(
     drawn_bands = _draw_bands(canvas, content, panel)
     enlargement = _residual_enlargement(content, panel)
     _draw_markers(canvas, content, panel, enlargement)
-    labeller = Labeller(_kept_visible(content, panel, region, enlargement))
+    labeller = paper.Labeller(_kept_visible(content, panel, region, enlargement))
     _draw_captions(sheet, canvas, box, content, panel, labeller)
 
     bottom = _draw_scale_bar(sheet, content, panel)
@@ -291,9 +250,7 @@ def draw_picture(
     return bottom, column_y
 
 
-def _draw_outline(
-    canvas: NDArray[np.uint8], content: SheetInput, panel: Panel
-) -> NDArray[np.uint8]:
+def _draw_outline(canvas: paper.Pixels, content: SheetInput, panel: Panel) -> paper.Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
     region = np.zeros((panel.height, panel.width), np.uint8)
     for stroke in content.strokes:
@@ -305,16 +262,14 @@ def _draw_outline(
         else:
             for point in points:
                 paper.draw_disc(region, point, distance, 255)
-    contours, _ = cv2.findContours(
-        (region > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
-    )
+    contours = paper.contours_of(region)
     casing, outline = np.zeros_like(region), np.zeros_like(region)
     cv2.drawContours(casing, contours, -1, 255, 4, cv2.LINE_AA)
     cv2.drawContours(outline, contours, -1, 255, 2, cv2.LINE_AA)
     for stroke in content.strokes:
         for end in ends_of(stroke):
-            paper.draw_disc(casing, panel.place(end.place), FREE_RADIUS, 0)
-            paper.draw_disc(outline, panel.place(end.place), FREE_RADIUS, 0)
+            for layer in (casing, outline):
+                paper.draw_disc(layer, panel.place(end.place), FREE_RADIUS, 0)
     bridges = np.zeros_like(region)
     for stroke in content.strokes:
         thickness = round(2 * panel.outline_distance(stroke)) + 12
@@ -322,56 +277,47 @@ def _draw_outline(
             paper.draw_line(bridges, panel.place(stroke.points[run]), 255, thickness)
     paper.blend(canvas, casing, WHITE, 0, 0)
     paper.blend(canvas, np.where(bridges > 0, 0, outline).astype(np.uint8), LINE_COLOUR, 0, 0)
-    paper.blend(canvas, np.where(bridges > 0, outline, 0).astype(np.uint8), BRIDGE_COLOUR, 0, 0)
+    paper.blend(
+        canvas, np.where(bridges > 0, outline, 0).astype(np.uint8), paper.BRIDGE_COLOUR, 0, 0
+    )
     return region
 
 
-def _draw_bands(canvas: NDArray[np.uint8], content: SheetInput, panel: Panel) -> set[str]:
+def _draw_bands(canvas: paper.Pixels, content: SheetInput, panel: Panel) -> set[str]:
     """Draw margin and 95 % band if they reach beyond the outline; says which were drawn."""
     drawn: set[str] = set()
     if content.metres_per_px is None:
         return drawn
-    first = 0
-    for stroke in content.strokes:
-        count = len(stroke.points)
-        points = panel.place(stroke.points)
-        outline = panel.outline_distance(stroke) + 3
-        to_page = panel.zoom / content.metres_per_px
-        if content.margin_m and content.margin_m * to_page > outline:
-            distance = np.full(count, content.margin_m * to_page)
-            draw_distance(canvas, points, distance, stroke.closed, MARGIN_COLOUR, dashed=False)
-            drawn.add("margin")
-        if content.tre95_m is not None:
-            distance = content.tre95_m[first : first + count] * to_page
-            if distance.max() > outline:
-                draw_distance(canvas, points, distance, stroke.closed, BAND_COLOUR, dashed=True)
-                drawn.add("bound")
-        first += count
+    to_page = panel.zoom / content.metres_per_px
+    for stroke, is_bound, half_m in content.bands():
+        if half_m.max() * to_page > panel.outline_distance(stroke) + 3:
+            points = panel.place(stroke.points)
+            paper.draw_distance(canvas, points, half_m * to_page, stroke.closed, is_bound)
+            drawn.add("bound" if is_bound else "margin")
     return drawn
 
 
 def _residual_enlargement(content: SheetInput, panel: Panel) -> float | None:
     """How much longer than true the residuals are drawn; `None` if there are none."""
-    longest = None
-    for marker in content.markers:
-        if marker.residual_px is not None:
-            length = float(np.hypot(*marker.residual_px)) * panel.zoom
-            longest = max(length, longest or 0.0)
-    if longest is None:
+    lengths = [
+        float(np.hypot(*marker.residual_px)) * panel.zoom
+        for marker in content.markers
+        if marker.residual_px is not None
+    ]
+    if not lengths:
         return None
+    longest = max(lengths)
     return 1.0 if not 0 < longest < ARROW_LENGTH else nice_length(ARROW_LENGTH / longest)
 
 
 def _draw_markers(
-    canvas: NDArray[np.uint8], content: SheetInput, panel: Panel, enlargement: float | None
+    canvas: paper.Pixels, content: SheetInput, panel: Panel, enlargement: float | None
 ) -> None:
     """Draw each marker where it was given, and its residual as an arrow."""
     for marker in content.markers:
         centre = panel.place(marker.place)
         # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
-        turns, inner = (0, 90, 180, 270), 13
-        if not marker.used:
-            turns, inner = (45, 135, 225, 315), 4
+        turns, inner = ((0, 90, 180, 270), 13) if marker.is_used else ((45, 135, 225, 315), 4)
         for colour, thickness in ((WHITE, 5), (BLACK, 2)):
             paper.draw_disc(canvas, centre, 13, colour, thickness)
             for turn in turns:
@@ -397,7 +343,7 @@ def _draw_markers(
 
 
 def _kept_visible(
-    content: SheetInput, panel: Panel, region: NDArray[np.uint8], enlargement: float | None
+    content: SheetInput, panel: Panel, region: paper.Pixels, enlargement: float | None
 ) -> NDArray[np.bool_]:
     """(H, W) what no caption may cover.
 
@@ -420,22 +366,17 @@ def _kept_visible(
 
 
 def _draw_captions(
-    sheet: Paper,
-    canvas: NDArray[np.uint8],
-    box: Box,
-    content: SheetInput,
-    panel: Panel,
-    labeller: Labeller,
-) -> None:
+    sheet: paper.Paper, canvas: paper.Pixels, box: paper.Box, content: SheetInput, panel: Panel,
+    labeller: paper.Labeller,
+) -> None:  # fmt: skip
     """Ends and bridges first, then findings, markers and other ink, as long as places are free."""
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
         draw_tag(sheet, canvas, box, labeller, panel.place(place), words, ground)
 
     for number, stroke in enumerate(content.strokes, 1):
-        of_line, of_bridge = f" {number}", f" of {number}"
-        if len(content.strokes) == 1:
-            of_line, of_bridge = "", ""
+        is_single = len(content.strokes) == 1
+        of_line, of_bridge = ("", "") if is_single else (f" {number}", f" of {number}")
         for end in ends_of(stroke):
             tag(end.place, end.name + of_line, ground=LINE_COLOUR)
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
@@ -444,15 +385,13 @@ def _draw_captions(
         if finding.place_px is not None:
             tag(finding.place_px, f"F{number}", ground=BLACK)
     for marker in content.markers:
-        words = f"{marker.label} {marker.residual_m * 1e3:.2f} mm"
-        if not marker.used:
-            words = f"{marker.label} left out"
-        tag(marker.place, words)
-    for entry in content.account or ():
+        residual = f"{marker.residual_m * 1e3:.2f} mm" if marker.is_used else "left out"
+        tag(marker.place, f"{marker.label} {residual}")
+    for entry in content.account:
         tag((entry.u, entry.v), str(entry.number))
 
 
-def _draw_scale_bar(sheet: Paper, content: SheetInput, panel: Panel) -> float:
+def _draw_scale_bar(sheet: paper.Paper, content: SheetInput, panel: Panel) -> float:
     """Draw a bar below the picture; returns where the next thing below begins."""
     if content.metres_per_px is None:
         length = nice_length(0.2 * panel.width / panel.zoom)
@@ -470,34 +409,31 @@ def _draw_scale_bar(sheet: Paper, content: SheetInput, panel: Panel) -> float:
 
 
 def _draw_legend(
-    sheet: Paper,
-    content: SheetInput,
-    enlargement: float | None,
-    drawn_bands: set[str],
-    x: float,
-    y: float,
-    width: float,
-) -> float:
+    sheet: paper.Paper, content: SheetInput, enlargement: float | None, drawn_bands: set[str],
+    x: float, y: float, width: float,
+) -> float:  # fmt: skip
     """What the lines on the picture mean."""
     line = f"the line of the pen ({content.pen})" if content.pen else "the curve"
     rows: list[tuple[str, paper.Colour, bool]] = [
         (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
     ]
     if any(stroke.bridged.any() for stroke in content.strokes):
-        rows.append(("Orange outline: carried over a gap", BRIDGE_COLOUR, False))
+        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if "margin" in drawn_bands:
-        rows.append(("Green line: margin, true scale", MARGIN_COLOUR, False))
+        rows.append(("Green line: margin, true scale", paper.MARGIN_COLOUR, False))
     elif content.margin_m:
-        rows.append(("Green: margin, see the last enlargement", MARGIN_COLOUR, False))
+        rows.append(("Green: margin, see the last enlargement", paper.MARGIN_COLOUR, False))
     if "bound" in drawn_bands:
-        rows.append(("Purple dashes: 95 % band of the registration, true scale", BAND_COLOUR, True))
+        rows.append(
+            ("Purple dashes: 95 % band of the registration, true scale", paper.BAND_COLOUR, True)
+        )
     elif content.tre95_m is not None:
-        rows.append(("Purple dashes: 95 % band, see the last enlargement", BAND_COLOUR, True))
+        rows.append(("Purple dashes: 95 % band, see the last enlargement", paper.BAND_COLOUR, True))
     if enlargement is not None:
         length = f"drawn {enlargement:g} times as long" if enlargement != 1 else "true length"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
-    sheet.text(x, y, "On the picture", HEADING)
-    y += HEADING.line_height + 4
+    sheet.text(x, y, "On the picture", paper.HEADING)
+    y += paper.HEADING.line_height + 4
     for words, colour, is_dashed in rows:
         middle = y + BODY.line_height / 2
         dashes = ((0, 12), (17, 29), (34, 44)) if is_dashed else ((0, 44),)

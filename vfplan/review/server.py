@@ -5,9 +5,8 @@ and stands in the address behind "#", where no browser sends it on. Messages to 
 objects: `state` with all there is, `quick` with what is known at once after a step, `preview` of a
 marker that is being dragged, `error`, `answered` with the number of a change, `approved`.
 
-The draft of a review: its steps, in a file beside the output, written after every step.
-
-Whatever ends the program, the next call with the same files takes the review up where it was.
+The steps also stand in a draft, a file beside the output, written after every step. Whatever ends
+the program, the next call with the same files takes the review up where it was.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,10 @@ from vfplan.io.files import MAX_TEXT_BYTES, read_whole, to_json_types
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import write_whole
 from vfplan.palette import DARK, LIGHT
-from vfplan.review.session import Session
-from vfplan.review.source import sha256_of
+from vfplan.review.plan import sha256_of
+from vfplan.review.session import Session, marker_state
+from vfplan.review.steps import move_marker
 
-FORMAT = "vfplan-draft"
-VERSION = "1.0"
 MAX_BYTES = MAX_TEXT_BYTES // 4
 """Largest size of a draft. Thousands of steps take some megabytes."""
 
@@ -61,12 +60,8 @@ class Draft:
         self.path = path
         sha256 = {role: sha256_of(file) for role, file in files.items() if file is not None}
         texts = {name: repr(value) for name, value in sorted(settings.items())}
-        self._header = {
-            "format": FORMAT,
-            "version": VERSION,
-            "sha256": sha256,
-            "settings": texts,
-        }
+        self._header = {"format": "vfplan-draft", "version": "1.0", "sha256": sha256,
+                        "settings": texts}  # fmt: skip
 
     def take_up(self, session: Session) -> Session:
         """The session with the draft's steps applied; as it is if there is no draft.
@@ -89,16 +84,12 @@ class Draft:
             if not isinstance(steps, list) or not isinstance(undone, list):
                 raise TypeError
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise InputError(
-                f"This is no draft of a review. {advice}", where=where, code="no-draft"
-            ) from None
+            message = f"This is no draft of a review. {advice}"
+            raise InputError(message, where=where, code="no-draft") from None
         if header != self._header:
             what = "other files" if header["sha256"] != self._header["sha256"] else "other settings"
-            raise InputError(
-                f"This is the draft of a review with {what}. {advice}",
-                where=where,
-                code="another-draft",
-            )
+            message = f"This is the draft of a review with {what}. {advice}"
+            raise InputError(message, where=where, code="another-draft")
         try:
             for step in steps:
                 session = session.apply(step)
@@ -106,12 +97,9 @@ class Draft:
             for step in undone:
                 after = after.apply(step)
         except SettingError as error:
-            raise InputError(
-                f"The draft holds a step that does not fit. {error.message} {advice}",
-                where=where,
-                code="draft-does-not-fit",
-            ) from None
-        return session.with_undone(undone)
+            message = f"The draft holds a step that does not fit. {error.message} {advice}"
+            raise InputError(message, where=where, code="draft-does-not-fit") from None
+        return replace(session, undone=tuple(undone))
 
     def keep(self, session: Session) -> None:
         """Write the session's steps; raises `OutputError` if that fails."""
@@ -265,10 +253,8 @@ class ReviewServer:
             rgb = self._session.source.image.rgb
             grey_max = int(np.iinfo(rgb.dtype).max)
             low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
-            is_window = False
-            if GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high):
-                is_window = int(low) < int(high) <= grey_max
-            if not is_window:
+            is_grey = GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high)
+            if not is_grey or not int(low) < int(high) <= grey_max:
                 return connection.respond(400, "low and high are no greys of the slice")
             # 8 bits, as browsers show them, with the slice's full depth between the two greys.
             if (int(low), int(high)) != (0, 255) or rgb.dtype != np.uint8:
@@ -299,8 +285,7 @@ class ReviewServer:
             self._send(connection, {"about": self._about})
             self._send(connection, self._quick())
             self._stale.set()
-            allowance = BURST
-            before = time.monotonic()
+            allowance, before = BURST, time.monotonic()
             for text in connection:
                 now = time.monotonic()
                 allowance = min(BURST, allowance + (now - before) * MESSAGES_PER_S) - 1.0
@@ -346,13 +331,9 @@ class ReviewServer:
             is_look = isinstance(step, dict) and step.get("do") == "viewed"
             if message.get("version") != self._version:
                 if is_look:
-                    # What was in view belongs to a line that has changed since.
-                    return
-                raise SettingError(
-                    "The page showed an earlier state. Look again, and repeat the step.",
-                    code="stale-step",
-                    numbers={"version": self._version},
-                )
+                    return  # What was in view belongs to a line that has changed since.
+                text = "The page showed an earlier state. Look again, and repeat the step."
+                raise SettingError(text, code="stale-step", numbers={"version": self._version})
             if "undo" in message:
                 session = self._session.undo()
             elif "redo" in message:
@@ -368,16 +349,11 @@ class ReviewServer:
 
     def _preview(self, wish: Any) -> dict[str, Any]:
         """The registration as it would be with a marker elsewhere; nothing is changed."""
-        from vfplan.review.steps import move_marker
-
         if not isinstance(wish, dict):
-            raise SettingError(
-                'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.',
-                code="step-malformed",
-            )
-        session = self._session
-        state = move_marker(session, {**wish, "do": "move_marker"})
-        return {"preview": to_json_types(session.marker_state(state.fit))}
+            text = 'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.'
+            raise SettingError(text, code="step-malformed")
+        plan = move_marker(self._session.current, {**wish, "do": "move_marker"})
+        return {"preview": to_json_types(marker_state(plan))}
 
     def _quick(self) -> dict[str, Any]:
         with self._lock:
@@ -426,8 +402,10 @@ def _pages() -> dict[str, tuple[bytes, str]]:
             pages[f"/{file.name}"] = (file.read_bytes(), f"{MEDIA_TYPES[suffix]}; charset=utf-8")
     pages["/"] = pages.pop("/index.html")
     # The colours of every picture, as the page's variables.
-    light = "; ".join(f"--{name}: {colour}" for name, colour in LIGHT.items())
-    dark = "; ".join(f"--{name}: {colour}" for name, colour in DARK.items())
+    light, dark = (
+        "; ".join(f"--{name}: {colour}" for name, colour in colours.items())
+        for colours in (LIGHT, DARK)
+    )
     palette = f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
     pages["/palette.css"] = (palette.encode(), "text/css; charset=utf-8")
     style = files("vfplan.report").joinpath("style.css").read_bytes()

@@ -10,50 +10,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vfplan.errors import CheckFailed, SettingError, VfplanError
-from vfplan.findings import Finding, doubt
-from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.planning.plan import register
-from vfplan.review.geometry import Geometry, describe_candidate
-from vfplan.review.markers import Fit
-from vfplan.review.source import Source, open_source
+from vfplan.errors import CheckFailed, SettingError
+from vfplan.fixture import Fixture, Review
+from vfplan.geometry.lines import runs
+from vfplan.io.files import now_utc
+from vfplan.review import steps as steps_of_a_plan
+from vfplan.review.acceptance import digest_of
+from vfplan.review.geometry import describe_candidate
+from vfplan.review.plan import Plan, Source, open_source
 
 MAX_STEPS = 20_000
 """Steps of a review at most: a person makes some hundreds."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The plan as it would be written now: a fixture with its findings, or why there is none."""
-
-    fixture: Fixture | None
-    findings: tuple[Finding, ...]
-    why_not: str = ""
-    code: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """What the steps made of the source."""
-
-    geometry: Geometry
-    fit: Fit
-    exclude: tuple[tuple[int, int, int, int], ...] = ()
-    # A finding's key -> who accepted it, and when.
-    answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
-    # Holds the plan of this state once there is one; steps that do not change it hand it on.
-    plan: dict[str, Outcome] = field(default_factory=dict)
-
-    def changed(self, **changes: Any) -> State:
-        """The state with another curve, or other markers; it has no plan yet."""
-        return replace(self, plan={}, **changes)
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box", "outline")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +39,7 @@ class Session:
     source: Source
     steps: tuple[dict[str, Any], ...] = ()
     undone: tuple[dict[str, Any], ...] = ()
-    _states: tuple[State, ...] = ()  # the source's own, then one a step
+    _plans: tuple[Plan, ...] = ()  # the source's own, then one a step
 
     @classmethod
     def open(
@@ -100,7 +76,7 @@ class Session:
             An unknown setting, or one outside its range.
         """
         source = open_source(image, markers, markers2, slice, curve, settings)
-        return cls(source, _states=(State(source.geometry, source.fit, source.exclude),))
+        return cls(source, _plans=(Plan(source, source.geometry, source.fit, source.exclude),))
 
     # Steps, and the way back.
 
@@ -113,51 +89,35 @@ class Session:
             The step is not understood or does not fit the present state. Nothing has changed.
         """
         if len(self.steps) >= MAX_STEPS:
-            raise SettingError(
-                f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew.",
-                code="too-many-steps",
-                numbers={"steps": MAX_STEPS},
-            )
-        from vfplan.review.steps import STEPS, named
-
-        name = named(step)
-        state = STEPS[name](self, step)
+            text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
+            raise SettingError(text, code="too-many-steps", numbers={"steps": MAX_STEPS})
+        plan = steps_of_a_plan.apply(self.current, step)
         kept = dict(step)
-        if name == "answer":
+        if kept["do"] == "answer":
             # The time belongs to the step, so that a draft gives the same answer again. The newest
             # answer is the last of the dictionary.
-            kept.setdefault("utc", next(reversed(state.answers.values()))[1])
-        undone: tuple[dict[str, Any], ...] = ()
-        if name == "viewed":
-            # A look takes nothing back, so what was undone can still be done again.
-            undone = self.undone
-        return replace(
-            self, steps=(*self.steps, kept), undone=undone, _states=(*self._states, state)
-        )
+            kept.setdefault("utc", next(reversed(plan.answers.values()))[1])
+        # A look takes nothing back, so what was undone can still be done again.
+        undone = self.undone if kept["do"] == "viewed" else ()
+        return replace(self, steps=(*self.steps, kept), undone=undone, _plans=(*self._plans, plan))
 
     def undo(self) -> Session:
         """The session before the last step; what was merely looked at since is undone with it."""
         if not self.steps:
-            raise SettingError(
-                "There is no step to undo. Take a step first.", code="nothing-to-undo"
-            )
+            text = "There is no step to undo. Take a step first."
+            raise SettingError(text, code="nothing-to-undo")
         # Go back to the last step that is more than a look.
         count = len(self.steps) - 1
         while count > 0 and self.steps[count]["do"] == "viewed":
             count -= 1
-        return replace(
-            self,
-            steps=self.steps[:count],
-            undone=(*self.steps[count:], *self.undone),
-            _states=self._states[: count + 1],
-        )
+        steps, undone = self.steps[:count], (*self.steps[count:], *self.undone)
+        return replace(self, steps=steps, undone=undone, _plans=self._plans[: count + 1])
 
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            raise SettingError(
-                "There is no step to do again. Undo one first.", code="nothing-to-redo"
-            )
+            text = "There is no step to do again. Undo one first."
+            raise SettingError(text, code="nothing-to-redo")
         count = 1
         while count < len(self.undone) and self.undone[count]["do"] == "viewed":
             count += 1
@@ -166,180 +126,61 @@ class Session:
             session = session.apply(step)
         return replace(session, undone=self.undone[count:])
 
-    def with_undone(self, steps: list[dict[str, Any]]) -> Session:
-        """The session with steps that `redo` gives, as a draft holds them."""
-        return replace(self, undone=tuple(steps))
-
     @property
-    def current(self) -> State:
-        """The state after the last step."""
-        return self._states[-1]
+    def current(self) -> Plan:
+        """The plan after the last step."""
+        return self._plans[-1]
 
-    # What the state says.
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What a person should look at, with the answers that were given."""
-        findings = []
-        for finding in self.outcome.findings:
-            if key_of(finding) in self.current.answers:
-                by, at = self.current.answers[key_of(finding)]
-                finding = replace(finding, answered_by=by or "", answered_utc=at)
-            findings.append(finding)
-        return tuple(findings)
-
-    @property
-    def why_not(self) -> list[str]:
-        """What stands against an approval, one sentence each; empty where nothing does."""
-        state = self.current
-        reasons = []
-        if not state.geometry.strokes:
-            reasons.append("There is no curve yet. Choose a candidate, or draw the curve.")
-        elif self.outcome.why_not:
-            reasons.append(self.outcome.why_not)
-        for number, stroke in enumerate(state.geometry.strokes):
-            if not stroke.viewed.all():
-                share = 1.0 - stroke.viewed.mean()
-                reasons.append(
-                    f"{max(share, 0.01):.0%} of stroke {number + 1} was not in view yet at full "
-                    "size. Look along it."
-                )
-        unanswered = sum(finding.is_open for finding in self.findings)
-        if unanswered == 1:
-            reasons.append("One finding wants an answer.")
-        elif unanswered:
-            reasons.append(f"{unanswered} findings want an answer.")
-        return reasons
-
-    @property
-    def approvable(self) -> bool:
-        """Whether the plan may be approved as it stands."""
-        return not self.why_not
-
-    @property
-    def outcome(self) -> Outcome:
-        """The plan as it stands, made once a state."""
-        plan = self.current.plan
-        if "outcome" not in plan:
-            outcome = self._plan()
-            # Whether this review shows the slice; an earlier one may have.
-            findings = [
-                finding for finding in outcome.findings if finding.code != "slice-not-shown"
-            ]
-            if self.source.is_slice_missing:
-                text = (
-                    "The slice is not shown, so neither the line's ends nor other ink can be seen. "
-                    "Open the bundle with its slice: --slice IMAGE."
-                )
-                findings.append(doubt("slice-not-shown", "extract", text))
-            plan["outcome"] = replace(outcome, findings=tuple(findings))
-        return plan["outcome"]
+    # What the page shows.
 
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON holds it."""
-        state = self.quick_state()
-        state["findings"] = [finding.as_dict() for finding in self.findings]
-        state["warnings"] = [finding.text for finding in self.findings]
-        refusal = self.current.geometry.refusal
-        if self.outcome.why_not and self.current.geometry.strokes:
-            state["refusal"] = {
-                "code": self.outcome.code,
-                "text": self.outcome.why_not,
-                "place_px": None,
-                "stage": "register",
-            }
-        elif refusal is not None:
-            state["refusal"] = {
-                "code": refusal.code,
-                "text": refusal.text,
-                "place_px": refusal.place_px,
-                "stage": "extract",
-                "other_pen": refusal.other_pen,
-            }
-        state["why_not"] = self.why_not
-        state["approvable"] = not state["why_not"]
-        return state
+        plan, state = self.current, self.quick_state()
+        state["refusal"] = plan.geometry.refusal
+        if plan.outcome.why_not and plan.geometry.strokes:
+            state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
+                                "place_px": None, "stage": "register"}  # fmt: skip
+        findings, why_not = plan.findings, plan.why_not
+        return state | {
+            "findings": [finding.as_dict() for finding in findings],
+            "warnings": [finding.text for finding in findings],
+            "why_not": why_not,
+            "approvable": not why_not,
+        }
 
     def quick_state(self) -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
-        geometry = self.current.geometry
-        state: dict[str, Any] = {
+        plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
+        titles = [_title(step) for step in self.steps if step["do"] != "viewed"]
+        account = [
+            {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
+            | {"is_ink": entry.what == "ink", "left_out": entry.middle in geometry.excluded_ink}
+            for entry in geometry.account
+        ]
+        state = {
             "image": self.source.describe(),
-            "curve_px": [],
-            "knots_px": [],
-            "closed": [],
-            "sigma_px": [],
-            "edited": [],
-            "bridged": [],
-            "unseen": [],
-            "candidates": [],
-            "account": [],
-            "boxes": [list(box) for box in self.current.exclude],
-            "refusal": None,
-            "steps": [_title(step) for step in self.steps if step["do"] != "viewed"],
-            "can_redo": bool(self.undone),
+            "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
+            "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
+            "closed": [stroke.closed for stroke in strokes],
+            "sigma_px": [float(np.max(stroke.sigma)) for stroke in strokes],
+            "edited": [_first_and_last(stroke.edited) for stroke in strokes],
+            "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
+            "unseen": [_first_and_last(~stroke.viewed) for stroke in strokes],
+            "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
+            "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
+            "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
             "approved": None,
-        }
-        for stroke in geometry.strokes:
-            state["curve_px"].append(stroke.points.round(4).tolist())
-            state["knots_px"].append(stroke.knots_px.round(4).tolist())
-            state["closed"].append(stroke.closed)
-            state["sigma_px"].append(float(np.max(stroke.sigma)))
-            state["edited"].append(_runs(stroke.edited))
-            state["bridged"].append(_runs(stroke.bridged))
-            state["unseen"].append(_runs(~stroke.viewed))
-        for number, route in enumerate(geometry.candidates, 1):
-            state["candidates"].append(describe_candidate(number, route))
-        for entry in geometry.account:
-            row = {
-                "number": entry.number,
-                "u": entry.middle[0],
-                "v": entry.middle[1],
-                "pixels": entry.pixels,
-                "share": entry.share,
-                "is_ink": entry.is_ink,
-                "box": list(entry.box),
-                "outline": entry.outline,
-                "left_out": entry.middle in geometry.excluded_ink,
-            }
-            state["account"].append(row)
-        state["can_undo"] = bool(state["steps"])
-        if not self.steps:
-            state["approved"] = self.source.approved
-        return state | self.marker_state()
-
-    def marker_state(self, fit: Fit | None = None) -> dict[str, Any]:
-        """The markers, their residuals and the bound; also of markers that are being dragged."""
-        if fit is None:
-            fit = self.current.fit
-        points = np.zeros((0, 2))
-        if self.current.geometry.strokes:
-            points = np.vstack([stroke.points for stroke in self.current.geometry.strokes])
-        bound_m = fit.tre95_m(points)
-        fre_rms_m = loo_rms_m = None
-        if fit.registration is not None:
-            fre_rms_m = _finite(fit.registration.fre_rms_m)
-            loo_rms_m = _finite(fit.registration.loo_rms_m)
-        why_not = fit.why_not if fit.markers else ""
-        margin_m = None
-        if isinstance(fit.settings.margin, float):
-            margin_m = fit.settings.margin
-        elif fit.settings.margin == "tre95":
-            margin_m = bound_m
-        contact_m = fit.settings.contact_radius + fit.settings.point_radius
-        return {
-            "markers": fit.describe(),
-            "mm_per_px": fit.mm_per_px,
-            "fre_rms_m": fre_rms_m,
-            "loo_rms_m": loo_rms_m,
-            "tre95_m": bound_m,
-            "margin_m": margin_m,
-            "contact_m": contact_m,
-            "markers_why_not": why_not,
-        }
+        }  # fmt: skip
+        fixture = self.source.fixture
+        if not self.steps and fixture is not None and fixture.reviewed is not None:
+            state["approved"] = asdict(fixture.reviewed)
+        return state | marker_state(plan)
 
     def approve(self, by: str) -> Fixture:
         """The fixture (or, without markers, the curve), approved by a person.
+
+        The digest is that of the review sheet of the same bundle, so a sheet that is printed later
+        shows whether it is the plan that was approved.
 
         Parameters
         ----------
@@ -353,32 +194,24 @@ class Session:
         SettingError
             The name is empty.
         """
-        from vfplan.review.acceptance import approved
-
-        if not str(by).strip():
-            raise SettingError(
-                "No name was given. An approval names the person who gives it.", code="no-name"
-            )
-        reasons = self.why_not
-        if reasons:
-            raise CheckFailed(
-                f"The plan cannot be approved. {' '.join(reasons)}",
-                code="not-approvable",
-                numbers={"reasons": len(reasons)},
-            )
         by = str(by).strip()
-        findings = []
-        for finding in self.findings:
-            if finding.answered_by == "":
-                finding = replace(finding, answered_by=by)
-            findings.append(finding)
-        return approved(
-            self.outcome.fixture,
-            tuple(findings),
-            by,
-            self.steps_sha256,
-            slice_shown=self.source.slice_path is not None,
-        )
+        if not by:
+            text = "No name was given. An approval names the person who gives it."
+            raise SettingError(text, code="no-name")
+        reasons = self.current.why_not
+        if reasons:
+            text = f"The plan cannot be approved. {' '.join(reasons)}"
+            raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
+        findings = [
+            replace(finding, answered_by=by) if finding.answered_by == "" else finding
+            for finding in self.current.findings
+        ]
+        fixture = self.current.outcome.fixture
+        settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
+        provenance = replace(fixture.provenance, settings=settings)
+        fixture = replace(fixture, provenance=provenance, findings=tuple(findings), reviewed=None)
+        digest = digest_of(fixture, slice_shown=self.source.slice_path is not None)
+        return replace(fixture, reviewed=Review(by, now_utc(), digest))
 
     @property
     def steps_sha256(self) -> str:
@@ -386,100 +219,40 @@ class Session:
         text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
-    # The plan as it would be written.
 
-    def _plan(self) -> Outcome:
-        state = self.current
-        of_curve = state.geometry.all_findings
-        if not state.geometry.strokes:
-            return Outcome(None, of_curve)
-        # What no step changed is approved as it is in the bundle.
-        first = self._states[0]
-        before, after = first.geometry.strokes, state.geometry.strokes
-        is_changed = state.fit is not first.fit or len(before) != len(after)
-        for stroke, other in zip(before, after, strict=False):
-            if stroke.points is not other.points:
-                is_changed = True
-        if self.source.fixture is not None and not is_changed:
-            return Outcome(self.source.fixture, self.source.fixture.findings)
-        curve = self.curve()
-        if not state.fit.markers:
-            return Outcome(curve, of_curve)
-        if state.fit.why_not:
-            return Outcome(None, of_curve, _sentence(state.fit.why_not), "markers")
-        with state.fit.as_files() as files:
-            # The files themselves, as long as nobody changed a marker.
-            if state.fit is self.source.fit and self.source.marker_files:
-                files = self.source.marker_files
-            try:
-                planned = register(
-                    curve, *files, state.fit.settings, image=self.source.image_of_markers
-                )
-            except VfplanError as error:
-                # The page has no options; what is wrong with the markers is mended on it.
-                message = error.message.replace(", or give --markers-as-given", "")
-                return Outcome(None, of_curve, _sentence(message), error.code)
-        return Outcome(planned.fixture, (*of_curve, *planned.findings))
-
-    def curve(self) -> Fixture:
-        """The curve in the image's pixels, as `vfplan extract` would write it."""
-        strokes = self.current.geometry.strokes
-        points = np.vstack([stroke.points for stroke in strokes])
-        sigma = np.concatenate([stroke.sigma for stroke in strokes])
-        if not sigma.any():
-            # A curve that was drawn as vectors has no deviation.
-            sigma = None
-        settings = self.source.settings_in_force
-        if self.current.exclude:
-            settings["exclude"] = self.current.exclude
-        ink = self.current.geometry.ink
-        if ink is not None and ink.colour != self.source.extraction.colour:
-            settings["colour"] = ink.colour
-        image = self.source.image
-        size = SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm)
-        return Fixture(
-            frame="image",
-            points=np.c_[points, np.zeros(len(points))],
-            provenance=Provenance.now(self.source.inputs, settings),
-            sigma=sigma,
-            curve=Curve.of(strokes),
-            image=size,
-        )
+def marker_state(plan: Plan) -> dict[str, Any]:
+    """The markers, their residuals and the bound; also of markers that are being dragged."""
+    fit, strokes = plan.fit, plan.geometry.strokes
+    points = np.vstack([stroke.points for stroke in strokes]) if strokes else np.zeros((0, 2))
+    bound_m = fit.tre95_m(points)
+    margin = fit.settings.margin
+    return {
+        "markers": fit.describe(),
+        "mm_per_px": fit.mm_per_px,
+        "fre_rms_m": _finite(fit.registration and fit.registration.fre_rms_m),
+        "loo_rms_m": _finite(fit.registration and fit.registration.loo_rms_m),
+        "tre95_m": bound_m,
+        "margin_m": bound_m if margin == "tre95" else margin,
+        "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
+        "markers_why_not": fit.why_not if fit.markers else "",
+    }
 
 
-def key_of(finding: Finding) -> str:
-    """What an answer belongs to: a finding with other words or at another place is another one."""
-    place = finding.place_px or finding.place_m or ()
-    return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
-
-
-def _runs(flags: np.ndarray) -> list[list[int]]:
+def _first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
-    edges = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(int)))
-    return [[int(start), int(stop) - 1] for start, stop in edges.reshape(-1, 2)]
+    return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
 
 
 def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _sentence(text: str) -> str:
-    """A message as a sentence."""
-    text = text[:1].upper() + text[1:]
-    if not text.endswith("."):
-        text += "."
-    return text
+    return None if value is None or not np.isfinite(value) else float(value)
 
 
 def _title(step: dict[str, Any]) -> str:
     """A step in the list of steps."""
     words = step["do"].replace("_", " ")
     for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):
-        if name not in step:
-            continue
-        number = step[name]
-        # The page counts these from 1.
-        if name in ("stroke", "knot", "finding") and isinstance(number, int):
-            number += 1
-        words += f", {name} {number}"
+        if name in step:
+            # The page counts these from 1.
+            is_from_0 = name in ("stroke", "knot", "finding") and isinstance(step[name], int)
+            words += f", {name} {step[name] + 1 if is_from_0 else step[name]}"
     return words

@@ -1,171 +1,74 @@
 """Everything that a review sheet shows, as one plain record, and how it is filled.
 
-`of_plan` and `of_extraction` fill it from what was just planned, `of_fixture` from a bundle that
-was read, with its slice where that is given.
-
-The numbers of a plan in words, as they stand beside the picture on a sheet.
+`of_plan` fills it from what was just planned, `of_fixture` from a bundle that was read, with its
+slice where that is given. The numbers of a plan in words stand beside the picture.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError
+from vfplan.curve.account import AccountEntry
+from vfplan.errors import InputError, VfplanError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import length_of
+from vfplan.geometry.lines import length_of, plane_normal
+from vfplan.planning.settings import ExtractSettings
+from vfplan.registration.registration import Registration, describe_side, fit_registration
 from vfplan.review.acceptance import digest_of
+from vfplan.review.geometry import Geometry, extraction_of
+from vfplan.review.ink import SliceInk
+from vfplan.review.markers import Marker
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
     from vfplan.planning.extraction import ExtractResult
     from vfplan.planning.plan import PlanResult
-    from vfplan.registration.registration import Registration
-
-
-def facts_of(
-    record: SheetInput,
-    fixture: Fixture,
-    strokes: tuple[Stroke, ...],
-) -> tuple[tuple[str, str], ...]:
-    """What stands beside the picture, in words."""
-    heading = "Geometry" if not strokes else "Line"
-    facts = [(heading, _geometry_in_words(record, fixture, strokes))]
-    registration = fixture.registration
-    if record.metres_per_px is not None:
-        # Where markers and image say different sizes, both stand there.
-        size = f"{record.metres_per_px * 1e3:.4g}"
-        stated = size
-        by_markers = registration is not None and registration.source_frame == "image"
-        if by_markers and fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
-            along_u, along_v = fixture.image.pixel_spacing_mm
-            stated = f"{math.sqrt(along_u * along_v):.4g}"
-        words = f"{size} mm"
-        if stated != size:
-            words += f" by the markers, as the lengths here; {stated} mm by the image"
-        facts.append(("Pixel", words))
-    if registration is not None:
-        left_out = labels_left_out(fixture)
-        used = []
-        for number, label in enumerate(registration.labels):
-            if label not in left_out:
-                used.append(number)
-        worst = max(used, key=lambda number: registration.residuals_m[number])
-        markers = str(len(used))
-        if len(used) < len(registration.labels):
-            markers += f" of {len(registration.labels)}"
-        words = (
-            f"{markers}, {registration.model}; residual "
-            f"{registration.fre_rms_m * 1e3:.2f} mm rms, largest "
-            f"{registration.residuals_m[worst] * 1e3:.2f} mm at "
-            f"{registration.labels[worst]}"
-        )
-        facts.append(("Markers", words))
-    error = "not known"
-    if fixture.frame == "image":
-        error = "not registered yet"
-    elif record.tre95_m is not None:
-        bound = float(record.tre95_m.max())
-        error = f"moves the line by at most {bound * 1e3:.2f} mm"
-        if record.metres_per_px is not None:
-            error += f" ({bound / record.metres_per_px:.1f} px)"
-        error += " (95 %)"
-    elif registration is not None and registration.tre_m is not None:
-        largest = float(registration.tre_m.max())
-        error = f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
-    if fixture.frame == "image" or registration is not None:
-        facts.append(("Error of the registration", error))
-    if record.margin_m is not None:
-        facts.append(("Margin", f"{record.margin_m * 1e3:.2f} mm on every side"))
-    elif "margin" in fixture.provenance.settings:
-        facts.append(("Margin", "the 95 % bound"))
-    elif fixture.rendering is not None:
-        facts.append(("Margin", "none"))
-    if fixture.rendering is not None:
-        radius = fixture.rendering.contact_radius + fixture.rendering.point_radius
-        what = "line"
-        if fixture.mesh is not None:
-            what = "surface"
-        elif fixture.curve is None:
-            what = "points"
-        stiffness = stiffness_in_words(fixture.rendering.stiffness)
-        facts.append(
-            ("The wall", f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}")
-        )
-    return tuple(facts)
-
-
-def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stroke, ...]) -> str:
-    if not strokes and fixture.mesh is not None:
-        return f"{len(fixture.points)} points, {len(fixture.mesh)} triangles"
-    if not strokes:
-        return f"{len(fixture.points)} points"
-    parts = []
-    for stroke in strokes:
-        if not stroke.is_ordered:
-            parts.append(f"{len(stroke.points)} pixels in no order")
-            continue
-        shape = "closed" if stroke.closed else "open"
-        length = length_of(stroke.points, stroke.closed)
-        words = f"{shape}, {length:.0f} px"
-        if record.metres_per_px is not None:
-            words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
-        if stroke.width is not None:
-            words += f"; the pen is {stroke.width:.1f} px wide"
-        parts.append(words)
-    return ". ".join(parts)
-
-
-def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
-    """The stiffness of the wall, one number where it is the same along all axes."""
-    x, y, z = stiffness
-    return f"{x:g} N/m" if x == y == z else f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
-
-
-def labels_left_out(fixture: Fixture) -> list[str]:
-    """The labels of the markers that a robust registration did not use."""
-    return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
-
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class AccountEntry:
-    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all.
-
-    Where `is_ink` is false it is a stretch of the line that shows no ink; `what` says why.
-    """
-
-    number: int
-    u: float
-    v: float
-    pixels: int
-    share: float
-    what: str = ""
-    is_ink: bool = True
-
-
 @dataclass(frozen=True, eq=False)
-class SheetMarker:
-    """A marker where it was given.
+class LineEnd:
+    """An end of a line, or the start of a closed one.
 
-    `place` is (u, v) [px] on a slice, else (x, y, z) [m] in the frame of the fixture.
-    `residual_px` is (2,) from there to where the other markers say it lies, in the plane of the
-    slice, or `None`; `residual_m` is the length of the whole residual.
+    `name` is "start" or "end", `place` is (u, v) [px of the slice], and `direction` the unit
+    vector in which the line would go on; `None` for a closed line.
     """
 
-    label: str
+    name: str
     place: Array
-    residual_px: Array | None
-    residual_m: float
-    used: bool = True
+    direction: Array | None
+
+
+def ends_of(stroke: Stroke) -> list[LineEnd]:
+    """Both ends of a line, or the start of a closed one."""
+    points = stroke.points
+    if not stroke.is_ordered:
+        return []
+    if stroke.closed:
+        return [LineEnd("start", points[0], None)]
+    ends = []
+    for name, line in (("start", points[::-1]), ("end", points)):
+        step = line[-1] - line[max(0, len(line) - 9)]
+        length = max(float(np.hypot(*step)), 1e-9)
+        ends.append(LineEnd(name, line[-1], step / length))
+    return ends
+
+
+WORDS_OF_ENTRY = {
+    "ink": "",
+    "bridge": "gap in the line",
+    "hidden": "line hidden",
+    "gap": "gap in the line, or line hidden",
+}
+"""What the sheet calls an entry of the account."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +88,7 @@ class SheetInput:
     strokes
         The lines on the slice.
     account
-        Other ink, the largest first; `None` where nobody knows.
+        Other ink, and where the line shows none, the largest first.
     markers
         Where they were given.
     metres_per_px
@@ -215,8 +118,8 @@ class SheetInput:
     findings: tuple[Finding, ...] = ()
     rgb: NDArray[Any] | None = None
     strokes: tuple[Stroke, ...] = ()
-    account: tuple[AccountEntry, ...] | None = None
-    markers: tuple[SheetMarker, ...] = ()
+    account: tuple[AccountEntry, ...] = ()
+    markers: tuple[Marker, ...] = ()
     metres_per_px: float | None = None
     margin_m: float | None = None
     tre95_m: Array | None = None
@@ -228,6 +131,17 @@ class SheetInput:
     frame: str = "robot_base"
     missing_slice: bool = False
     pen: str = ""
+
+    def bands(self) -> Iterator[tuple[Stroke, bool, Array]]:
+        """Margin and 95 % bound along each stroke: whether it is the bound, and (M,) [m]."""
+        first = 0
+        for stroke in self.strokes:
+            stop = first + len(stroke.points)
+            if self.margin_m:
+                yield stroke, False, np.full(stop - first, self.margin_m)
+            if self.tre95_m is not None:
+                yield stroke, True, self.tre95_m[first:stop]
+            first = stop
 
     @property
     def unanswered(self) -> int:
@@ -242,26 +156,125 @@ class SheetInput:
         if self.reviewed and not self.unanswered:
             return f"Approved by {self.reviewed}"
         then = "approve"
-        if self.unanswered == 1:
-            then = "answer 1 finding"
-        elif self.unanswered:
-            then = f"answer {self.unanswered} findings"
+        if self.unanswered:
+            then = (
+                "answer 1 finding" if self.unanswered == 1 else f"answer {self.unanswered} findings"
+            )
         # No program can tell whether something covers an end.
         ends = sum(len(stroke.end_points) for stroke in self.strokes)
-        places = "the whole line"
+        places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
         if self.rgb is None:
             places = "the three views"
-        elif ends == 2:
-            places = "both ends of the line"
-        elif ends > 2:
-            places = f"all {ends} ends"
         return f"Look at {places}, then {then}"
+
+
+def facts_of(
+    record: SheetInput, fixture: Fixture, strokes: tuple[Stroke, ...]
+) -> tuple[tuple[str, str], ...]:
+    """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
+    facts = [
+        ("Line" if strokes else "Geometry", _geometry_in_words(record, fixture, strokes)),
+        ("Pixel", _pixel_in_words(record, fixture)),
+        ("Markers", _markers_in_words(fixture)),
+        ("Error of the registration", _error_in_words(record, fixture)),
+        ("Margin", _margin_in_words(record, fixture)),
+        ("The wall", _wall_in_words(fixture)),
+    ]
+    return tuple((heading, words) for heading, words in facts if words)
+
+
+def _geometry_in_words(record: SheetInput, fixture: Fixture, strokes: tuple[Stroke, ...]) -> str:
+    parts = []
+    for stroke in strokes:
+        if not stroke.is_ordered:
+            parts.append(f"{len(stroke.points)} pixels in no order")
+            continue
+        length = length_of(stroke.points, stroke.closed)
+        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
+        if record.metres_per_px is not None:
+            words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
+        if stroke.width is not None:
+            words += f"; the pen is {stroke.width:.1f} px wide"
+        parts.append(words)
+    if not strokes:
+        parts = [f"{len(fixture.points)} points"]
+        if fixture.mesh is not None:
+            parts = [f"{parts[0]}, {len(fixture.mesh)} triangles"]
+    return ". ".join(parts)
+
+
+def _pixel_in_words(record: SheetInput, fixture: Fixture) -> str:
+    if record.metres_per_px is None:
+        return ""
+    # Where markers and image say different sizes, both stand there.
+    size = stated = f"{record.metres_per_px * 1e3:.4g}"
+    by_markers = fixture.registration is not None and fixture.registration.source_frame == "image"
+    spacing_mm = fixture.image.pixel_spacing_mm if fixture.image is not None else None
+    if by_markers and spacing_mm is not None:
+        stated = f"{math.sqrt(spacing_mm[0] * spacing_mm[1]):.4g}"
+    if stated == size:
+        return f"{size} mm"
+    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
+
+
+def _markers_in_words(fixture: Fixture) -> str:
+    registration = fixture.registration
+    if registration is None:
+        return ""
+    left_out, labels = labels_left_out(fixture), registration.labels
+    used = [number for number, label in enumerate(labels) if label not in left_out]
+    worst = max(used, key=lambda number: registration.residuals_m[number])
+    count = f"{len(used)} of {len(labels)}" if len(used) < len(labels) else f"{len(used)}"
+    return (
+        f"{count}, {registration.model}; residual {registration.fre_rms_m * 1e3:.2f} mm rms, "
+        f"largest {registration.residuals_m[worst] * 1e3:.2f} mm at {labels[worst]}"
+    )
+
+
+def _error_in_words(record: SheetInput, fixture: Fixture) -> str:
+    if fixture.frame == "image":
+        return "not registered yet"
+    if fixture.registration is None:
+        return ""
+    if record.tre95_m is not None:
+        bound = float(record.tre95_m.max())
+        words = f"moves the line by at most {bound * 1e3:.2f} mm"
+        if record.metres_per_px is not None:
+            words += f" ({bound / record.metres_per_px:.1f} px)"
+        return f"{words} (95 %)"
+    if fixture.registration.tre_m is None:
+        return "not known"
+    largest = float(fixture.registration.tre_m.max())
+    return f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
+
+
+def _margin_in_words(record: SheetInput, fixture: Fixture) -> str:
+    if record.margin_m is not None:
+        return f"{record.margin_m * 1e3:.2f} mm on every side"
+    if "margin" in fixture.provenance.settings:
+        return "the 95 % bound"
+    return "none" if fixture.rendering is not None else ""
+
+
+def _wall_in_words(fixture: Fixture) -> str:
+    rendering = fixture.rendering
+    if rendering is None:
+        return ""
+    drawn = "points" if fixture.curve is None else "line"
+    what = "surface" if fixture.mesh is not None else drawn
+    radius = rendering.contact_radius + rendering.point_radius
+    stiffness = stiffness_in_words(rendering.stiffness)
+    return f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}"
+
+
+def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
+    """The stiffness of the wall, one number where it is the same along all axes."""
+    x, y, z = stiffness
+    return f"{x:g} N/m" if x == y == z else f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
 
 
 def of_plan(plan: PlanResult, title: str) -> SheetInput:
     """What the sheet of a new plan shows."""
-    if plan.extracted.image is None:
-        return of_fixture(plan.fixture, title)
     return of_fixture(
         plan.fixture,
         title,
@@ -271,21 +284,10 @@ def of_plan(plan: PlanResult, title: str) -> SheetInput:
     )
 
 
-def of_extraction(extracted: ExtractResult, title: str) -> SheetInput:
-    """What the sheet of a curve shows that is not registered yet."""
-    if extracted.image is None:
-        return of_fixture(extracted.fixture, title)
-    return of_fixture(extracted.fixture, title, image=extracted.image, extracted=extracted)
-
-
 def of_fixture(
-    fixture: Fixture,
-    title: str,
-    *,
-    image: PlannedImage | None = None,
-    registration: Registration | None = None,
-    extracted: ExtractResult | None = None,
-) -> SheetInput:
+    fixture: Fixture, title: str, *, image: PlannedImage | None = None,
+    registration: Registration | None = None, extracted: ExtractResult | None = None,
+) -> SheetInput:  # fmt: skip
     """What the sheet of a bundle shows.
 
     Parameters
@@ -308,50 +310,39 @@ def of_fixture(
     InputError
         The image is not the one that the curve was drawn on.
     """
-    from vfplan.planning.settings import ExtractSettings
-    from vfplan.registration.registration import describe_side
-
     if image is not None:
         check_slice(fixture, image)
-    drawn = fixture.provenance.inputs.get("image") is not None
-    pen = ""
-    if drawn and "curve" not in fixture.provenance.inputs:
-        pen = str(fixture.provenance.settings.get("colour", ExtractSettings().colour))
-    # From where the robot sees the slice, where the bundle says how it lies.
-    side = None
+    inputs = fixture.provenance.inputs
     axes = _pixel_axes(fixture, image)
-    if axes is not None and fixture.registration is not None:
-        side = describe_side(-np.cross(axes[:, 0], axes[:, 1]))
-    reviewed = ""
-    if fixture.reviewed is not None:
-        reviewed = f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
     record = SheetInput(
         title=title,
         digest=digest_of(fixture, slice_shown=image is not None),
         findings=fixture.findings,
-        reviewed=reviewed,
-        margin_m=_margin_of(fixture, None),
-        side=side,
         frame=fixture.frame,
-        pen=pen,
     )
+    if fixture.reviewed is not None:
+        record = replace(record, reviewed=f"{fixture.reviewed.by}, {fixture.reviewed.utc}")
+    if "image" in inputs and "curve" not in inputs:
+        colour = fixture.provenance.settings.get("colour", ExtractSettings().colour)
+        record = replace(record, pen=str(colour))
+    # From where the robot sees the slice, where the bundle says how it lies.
+    if axes is not None and fixture.registration is not None:
+        record = replace(record, side=describe_side(-plane_normal(axes)))
     if image is None:
-        markers: tuple[SheetMarker, ...] = ()
-        if fixture.registration is not None:
-            markers = _markers_of(fixture, fixture.registration.target, None)
-        return replace(
+        record = replace(
             record,
+            margin_m=_margin_of(fixture, None),
             points_m=fixture.points,
             triangles=fixture.mesh,
-            markers=markers,
-            missing_slice=drawn,
-            facts=facts_of(record, fixture, ()),
+            markers=_markers_of(fixture),
+            missing_slice="image" in inputs,
         )
+        return replace(record, facts=facts_of(record, fixture, ()))
     if extracted is None:
         strokes = strokes_on_slice(fixture, image)
         account = account_again(fixture, image, strokes)
     else:
-        strokes, account = extracted.extraction.strokes, account_of(extracted)
+        strokes, account = extracted.extraction.strokes, extracted.extraction.account
     if registration is None:
         registration = _registration_again(fixture)
     tre95_m = None
@@ -362,13 +353,9 @@ def of_fixture(
             points = points @ place[:, :2].T + place[:, 2]
         tre95_m = registration.tre95_curve_m(points)
     # The size of a pixel: by the markers, else as the image or the bundle says.
-    metres_per_px = None
-    spacing_mm = image.pixel_spacing_mm
-    if spacing_mm is None and fixture.image is not None:
-        spacing_mm = fixture.image.pixel_spacing_mm
-    if axes is not None:
-        metres_per_px = _size_of(axes)
-    elif spacing_mm is not None:
+    metres_per_px = _size_of(axes) if axes is not None else None
+    spacing_mm = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
+    if axes is None and spacing_mm is not None:
         metres_per_px = float(np.sqrt(spacing_mm[0] * spacing_mm[1])) * 1e-3
     record = replace(
         record,
@@ -387,9 +374,8 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
     """Raise `InputError` unless the image is the one that the curve was drawn on."""
     known = fixture.provenance.inputs.get("image")
     if known is None:
-        raise InputError(
-            "This bundle was not drawn on a slice. Leave --slice out.", code="slice-unknown"
-        )
+        text = "This bundle was not drawn on a slice. Leave --slice out."
+        raise InputError(text, code="slice-unknown")
     if known != image.sha256:
         raise InputError(
             f"This is not the slice that the curve was drawn on: its SHA-256 begins with "
@@ -405,15 +391,13 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     The slice need not be given where the bundle itself says how its pixels lie.
     """
     convert = to_pixels(fixture, image)
-    units_per_px = _size_of(_pixel_axes(fixture, image)) if fixture.frame != "image" else 1.0
+    units_per_px = 1.0 if fixture.frame == "image" else _size_of(_pixel_axes(fixture, image))
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        sigma = stroke.sigma
-        if sigma is not None:
-            sigma = sigma / units_per_px
+        sigma = stroke.sigma / units_per_px if stroke.sigma is not None else None
         strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
     return tuple(strokes)
 
@@ -454,42 +438,15 @@ def _onto_plane(transform: Array) -> Callable[[Array], Array]:
     return lambda points: (points - transform[:3, 2]) @ back.T
 
 
-def account_of(extracted: ExtractResult) -> tuple[AccountEntry, ...]:
-    """The ink that was not taken, the largest first."""
-    words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
-    entries = []
-    for entry in extracted.extraction.account:
-        what, is_ink = words.get(entry.what, entry.what), entry.what == "ink"
-        entries.append(
-            AccountEntry(entry.number, entry.u, entry.v, entry.pixels, entry.share, what, is_ink)
-        )
-    return tuple(entries)
-
-
 def account_again(
     fixture: Fixture, image: PlannedImage, strokes: tuple[Stroke, ...]
 ) -> tuple[AccountEntry, ...]:
     """The account of a bundle, made again on its slice; none for a curve of vectors."""
-    from vfplan.planning.settings import ExtractSettings
-    from vfplan.review.geometry import extraction_of, list_account
-    from vfplan.review.ink import SliceInk
-
     if "curve" in fixture.provenance.inputs:
         return ()
     settings = extraction_of(fixture, ExtractSettings())
     ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
-    lines = []
-    for stroke in strokes:
-        width = ink.width_along(stroke.points, stroke.closed) if stroke.is_ordered else 0.0
-        lines.append(replace(stroke, width=width))
-    entries = []
-    for entry in list_account(ink.mask, lines):
-        what = "gap in the line, or line hidden" if not entry.is_ink else ""
-        u, v = entry.middle
-        entries.append(
-            AccountEntry(entry.number, u, v, entry.pixels, entry.share, what, entry.is_ink)
-        )
-    return tuple(entries)
+    return Geometry(strokes, ink).account
 
 
 def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
@@ -518,7 +475,7 @@ def _size_of(axes: Array) -> float:
     return float(np.sqrt(np.prod(np.linalg.svd(axes)[1])))
 
 
-def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarker, ...]:
+def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[Marker, ...]:
     """The markers where they lie on the slice, or where they project onto it."""
     record, steps = fixture.registration, _pixel_axes(fixture, image)
     if record is None or steps is None:
@@ -529,23 +486,31 @@ def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarke
     else:
         places = _onto_plane(image.T_patient_image[:3])(record.source)
         reached = record.source @ record.T_robot_image[:3, :3].T + record.T_robot_image[:3, 3]
-    in_plane = (record.target - reached) @ np.linalg.pinv(steps).T
-    return _markers_of(fixture, places, in_plane)
-
-
-def _markers_of(
-    fixture: Fixture, places: Array, residuals_px: Array | None
-) -> tuple[SheetMarker, ...]:
-    record = fixture.registration
-    left_out = labels_left_out(fixture)
-    markers = []
-    for i, label in enumerate(record.labels):
-        residual_px = residuals_px[i] if residuals_px is not None else None
-        residual_m = float(record.residuals_m[i])
-        markers.append(
-            SheetMarker(label, places[i], residual_px, residual_m, label not in left_out)
+    residuals_px = (record.target - reached) @ np.linalg.pinv(steps).T
+    return tuple(
+        replace(marker, place=place, residual_px=residual_px)
+        for marker, place, residual_px in zip(
+            _markers_of(fixture), places, residuals_px, strict=True
         )
-    return tuple(markers)
+    )
+
+
+def _markers_of(fixture: Fixture) -> tuple[Marker, ...]:
+    """The markers where they lie in front of the robot."""
+    record, left_out = fixture.registration, labels_left_out(fixture)
+    if record is None:
+        return ()
+    return tuple(
+        Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m))
+        for label, place, residual_m in zip(
+            record.labels, record.target, record.residuals_m, strict=True
+        )
+    )
+
+
+def labels_left_out(fixture: Fixture) -> list[str]:
+    """The labels of the markers that a robust registration did not use."""
+    return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
 
 
 def _registration_again(fixture: Fixture) -> Registration | None:
@@ -553,25 +518,20 @@ def _registration_again(fixture: Fixture) -> Registration | None:
 
     A bundle holds neither weights of markers nor the bound along its curve.
     """
-    from vfplan.errors import VfplanError
-    from vfplan.registration.registration import fit_registration
-
     record = fixture.registration
     if record is None:
         return None
-    left_out = labels_left_out(fixture)
-    used = np.array([label not in left_out for label in record.labels])
+    used = [marker.is_used for marker in _markers_of(fixture)]
     spacing_m = None
     if record.source_frame == "image" and fixture.image is not None:
-        spacing = fixture.image.pixel_spacing_mm
-        if spacing is not None:
-            spacing_m = (spacing[0] * 1e-3, spacing[1] * 1e-3)
+        spacing_mm = fixture.image.pixel_spacing_mm
+        if spacing_mm is not None:
+            spacing_m = (spacing_mm[0] * 1e-3, spacing_mm[1] * 1e-3)
     try:
         again = fit_registration(
             record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m
         )
     except VfplanError:
         return None
-    if not np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9):
-        return None
-    return again
+    is_own = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
+    return again if is_own else None

@@ -1,6 +1,6 @@
-"""The steps of a review, each a function from a session and the step's fields to the next state.
+"""The steps of a review, each a function from a plan and the step's fields to the next plan.
 
-Strokes, knots and findings count from 0, as in the lists of the state. Candidates and ink have the
+Strokes, knots and findings count from 0, as in the lists of the plan. Candidates and ink have the
 numbers that the state gives them, from 1. Places are (u, v) in pixels.
 """
 
@@ -17,10 +17,10 @@ from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.io.files import now_utc
 from vfplan.planning.plan import register
 from vfplan.review.geometry import Geometry, route_over, with_chosen
-from vfplan.review.ink import REACH_PX, SliceInk, drawn_by_hand
-from vfplan.review.markers import Marker, fit_of, pairs_of_table
-from vfplan.review.session import Session, State, key_of
-from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, spline_through
+from vfplan.review.ink import SliceInk, measured
+from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table
+from vfplan.review.plan import Plan, key_of
+from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
 
 Step = dict[str, Any]
 MAX_CLICKS = 500
@@ -42,16 +42,12 @@ MAX_LABEL = 64
 def named(step: Any) -> str:
     """What a step does; raises `SettingError` for none that is known."""
     if not isinstance(step, dict) or not isinstance(step.get("do"), str):
-        raise SettingError(
-            'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.',
-            code="step-malformed",
-        )
+        text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
+        raise SettingError(text, code="step-malformed")
     name = step["do"]
     if name not in STEPS:
-        raise SettingError(
-            f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}.",
-            code="no-such-step",
-        )
+        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}."
+        raise SettingError(text, code="no-such-step")
     return name
 
 
@@ -87,15 +83,18 @@ def _numbers(step: Step, name: str, count: int) -> tuple[float, ...]:
     return tuple(float(number) for number in value)
 
 
-def _place(session: Session, step: Step, name: str) -> np.ndarray:
+def _place(plan: Plan, step: Step, name: str) -> np.ndarray:
     """A place on the slice; a hand may point half a pixel beyond its border."""
-    return _on_slice(session, np.array(_numbers(step, name, 2)))
+    return _on_slice(plan, np.array(_numbers(step, name, 2)))
 
 
-def _on_slice(session: Session, place: np.ndarray) -> np.ndarray:
-    image = session.source.image
-    limit = np.array([image.width_px, image.height_px]) - 0.5
-    if (place < -0.5).any() or (place > limit).any():
+def _limit(plan: Plan) -> np.ndarray:
+    return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
+
+
+def _on_slice(plan: Plan, place: np.ndarray) -> np.ndarray:
+    image = plan.source.image
+    if (place < -0.5).any() or (place > _limit(plan)).any():
         raise SettingError(
             f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
             f"{image.width_px} x {image.height_px} px.",
@@ -114,10 +113,9 @@ def _label(step: Step, name: str) -> str:
     return value.strip()
 
 
-def _stroke_of(session: Session, step: Step) -> tuple[State, int, MendedStroke]:
-    state = session.current
+def _stroke_of(plan: Plan, step: Step) -> tuple[int, MendedStroke]:
     number = _whole(step, "stroke", 0)
-    return state, number, state.geometry.stroke(number)
+    return number, plan.geometry.stroke(number)
 
 
 def _knot_of(stroke: MendedStroke, step: Step) -> int:
@@ -131,14 +129,12 @@ def _knot_of(stroke: MendedStroke, step: Step) -> int:
     return knot
 
 
-def _needs_ink(session: Session) -> SliceInk:
-    ink = session.current.geometry.ink
+def _needs_ink(plan: Plan) -> SliceInk:
+    ink = plan.geometry.ink
     if ink is None:
-        if session.source.slice_path is None:
-            raise SettingError(
-                "This step needs the slice. Open the bundle with it: --slice IMAGE.",
-                code="no-slice",
-            )
+        if plan.source.slice_path is None:
+            text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
+            raise SettingError(text, code="no-slice")
         raise SettingError(
             "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
             "clicks, or open the slice without --curve.",
@@ -150,61 +146,57 @@ def _needs_ink(session: Session) -> SliceInk:
 # The curve.
 
 
-def move_knot(session: Session, step: Step) -> State:
+def _with_stroke(plan: Plan, number: int, stroke: MendedStroke) -> Plan:
+    return plan.changed(geometry=plan.geometry.with_stroke(number, stroke))
+
+
+def _with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
+    return plan.changed(geometry=plan.geometry.with_strokes(strokes))
+
+
+def move_knot(plan: Plan, step: Step) -> Plan:
     """Move a knot; its stretch is measured again where there is ink."""
-    state, number, stroke = _stroke_of(session, step)
+    number, stroke = _stroke_of(plan, step)
     knot = _knot_of(stroke, step)
-    to = _place(session, step, "to")
-    moved = stroke.move_knot(knot, to, state.geometry.ink)
-    return state.changed(geometry=state.geometry.with_stroke(number, moved))
+    moved = stroke.move_knot(knot, _place(plan, step, "to"), plan.geometry.ink)
+    return _with_stroke(plan, number, moved)
 
 
-def insert_knot(session: Session, step: Step) -> State:
+def insert_knot(plan: Plan, step: Step) -> Plan:
     """A further knot on the curve, nearest to a place."""
-    state, number, stroke = _stroke_of(session, step)
-    new = stroke.insert_knot(_place(session, step, "at"))
-    return state.changed(geometry=state.geometry.with_stroke(number, new))
+    number, stroke = _stroke_of(plan, step)
+    return _with_stroke(plan, number, stroke.insert_knot(_place(plan, step, "at")))
 
 
-def delete_knot(session: Session, step: Step) -> State:
+def delete_knot(plan: Plan, step: Step) -> Plan:
     """Draw the stretch without a knot; of an end, cut back to the next knot."""
-    state, number, stroke = _stroke_of(session, step)
-    new = stroke.delete_knot(_knot_of(stroke, step), state.geometry.ink)
-    return state.changed(geometry=state.geometry.with_stroke(number, new))
+    number, stroke = _stroke_of(plan, step)
+    new = stroke.delete_knot(_knot_of(stroke, step), plan.geometry.ink)
+    return _with_stroke(plan, number, new)
 
 
-def draw(session: Session, step: Step) -> State:
+def draw(plan: Plan, step: Step) -> Plan:
     """Draw a stretch, or a whole curve, by clicks.
 
     A line that begins or ends on the curve becomes a stretch of it. Any other becomes the curve,
     in place of what was there; with `"add": true` it becomes a further stroke.
     """
-    state = session.current
-    closed = step.get("closed", False)
-    adds = step.get("add", False)
+    closed, adds = step.get("closed", False), step.get("add", False)
     if not isinstance(closed, bool) or not isinstance(adds, bool):
         raise _malformed(step, "closed", "true or false")
-    clicks = _clicks(session, step, closed)
-    path = spline_through(np.array(clicks), closed)
-    image = session.source.image
-    limit = np.array([image.width_px, image.height_px]) - 0.5
-    path = np.clip(path, -0.5, limit)
-    geometry = state.geometry
+    clicks = _clicks(plan, step, closed)
+    geometry = plan.geometry
+    path = np.clip(path_through(np.array(clicks), closed), -0.5, _limit(plan))
     if not closed and not adds:
         number = _stroke_at(geometry, step, path)
         if number is not None:
             stroke = geometry.strokes[number].redraw(path, geometry.ink)
-            return state.changed(geometry=geometry.with_stroke(number, stroke))
-    if geometry.ink is None:
-        line = drawn_by_hand(path, closed)
-    else:
-        line = geometry.ink.draw(path, closed, REACH_PX, (True, True))
-    stroke = MendedStroke.of(line)
-    strokes: tuple[MendedStroke, ...] = (*geometry.strokes, stroke) if adds else (stroke,)
-    return state.changed(geometry=geometry.with_strokes(strokes))
+            return _with_stroke(plan, number, stroke)
+    stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
+    return _with_strokes(plan, (*geometry.strokes, stroke) if adds else (stroke,))
 
 
-def _clicks(session: Session, step: Step, closed: bool) -> list[np.ndarray]:
+def _clicks(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     """The places of a drawn line, without doubled ones; enough of them to draw it."""
     points = step.get("points")
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= MAX_CLICKS:
@@ -212,14 +204,12 @@ def _clicks(session: Session, step: Step, closed: bool) -> list[np.ndarray]:
     clicks: list[np.ndarray] = []
     for point in points:
         place = _numbers({"do": "draw", "points": point}, "points", 2)
-        place = _on_slice(session, np.array(place))
+        place = _on_slice(plan, np.array(place))
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
-    needed = 2
-    if closed:
-        needed = 3
-        if len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
-            clicks.pop()
+    needed = 3 if closed else 2
+    if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
+        clicks.pop()
     if len(clicks) < needed:
         raise SettingError(
             f"{len(clicks)} places a pixel or more apart draw no line. Click {needed} places.",
@@ -235,253 +225,222 @@ def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
         number = _whole(step, "stroke")
         geometry.stroke(number)
         return number
-    distances = []
-    for number, stroke in enumerate(geometry.strokes):
-        for end in (path[0], path[-1]):
-            _, distance = nearest_point(stroke.points, end)
-            distances.append((distance, number))
+    distances = [
+        (nearest_point(stroke.points, end)[1], number)
+        for number, stroke in enumerate(geometry.strokes)
+        for end in (path[0], path[-1])
+    ]
     return None if not distances or min(distances)[0] > JOIN_PX else min(distances)[1]
 
 
-def cut(session: Session, step: Step) -> State:
+def cut(plan: Plan, step: Step) -> Plan:
     """Cut off what lies before `start` or behind `end`, places near the curve."""
-    state, number, stroke = _stroke_of(session, step)
+    number, stroke = _stroke_of(plan, step)
     if "start" not in step and "end" not in step:
         raise _malformed(step, "start", "a place, as start or as end")
-    start, end = None, None
-    if "start" in step:
-        start = _place(session, step, "start")
-    if "end" in step:
-        end = _place(session, step, "end")
-    return state.changed(geometry=state.geometry.with_stroke(number, stroke.cut(start, end)))
+    start = _place(plan, step, "start") if "start" in step else None
+    end = _place(plan, step, "end") if "end" in step else None
+    return _with_stroke(plan, number, stroke.cut(start, end))
 
 
-def join(session: Session, step: Step) -> State:
+def join(plan: Plan, step: Step) -> Plan:
     """Join two strokes where two of their ends lie nearest."""
-    state, number, stroke = _stroke_of(session, step)
+    number, stroke = _stroke_of(plan, step)
     other = _whole(step, "other", 1)
-    second = state.geometry.stroke(other)
+    second = plan.geometry.stroke(other)
     if other == number or stroke.closed or second.closed:
-        raise SettingError(
-            "Two different open strokes can be joined. Choose another one.",
-            code="cannot-join",
-            numbers={"stroke": number, "other": other},
-        )
-    joined = stroke.join(second, state.geometry.ink)
-    strokes = list(state.geometry.strokes)
-    strokes[min(number, other)] = joined
+        text = "Two different open strokes can be joined. Choose another one."
+        raise SettingError(text, code="cannot-join", numbers={"stroke": number, "other": other})
+    strokes = list(plan.geometry.strokes)
+    strokes[min(number, other)] = stroke.join(second, plan.geometry.ink)
     del strokes[max(number, other)]
-    return state.changed(geometry=state.geometry.with_strokes(tuple(strokes)))
+    return _with_strokes(plan, tuple(strokes))
 
 
-def delete_stroke(session: Session, step: Step) -> State:
+def delete_stroke(plan: Plan, step: Step) -> Plan:
     """Take a stroke out of the curve."""
-    state, number, _ = _stroke_of(session, step)
-    strokes = state.geometry.strokes
-    strokes = strokes[:number] + strokes[number + 1 :]
-    return state.changed(geometry=state.geometry.with_strokes(strokes))
+    number, _ = _stroke_of(plan, step)
+    strokes = plan.geometry.strokes
+    return _with_strokes(plan, strokes[:number] + strokes[number + 1 :])
 
 
-def reverse(session: Session, step: Step) -> State:
+def reverse(plan: Plan, step: Step) -> Plan:
     """Let a stroke run the other way round."""
-    state, number, stroke = _stroke_of(session, step)
-    return state.changed(geometry=state.geometry.with_stroke(number, stroke.reversed()))
+    number, stroke = _stroke_of(plan, step)
+    return _with_stroke(plan, number, stroke.reversed())
 
 
-def choose(session: Session, step: Step) -> State:
+def choose(plan: Plan, step: Step) -> Plan:
     """Take a candidate, by its number, as the curve."""
-    state = session.current
-    settings = session.source.extraction_with(_needs_ink(session), state.exclude)
+    settings = plan.source.extraction_with(_needs_ink(plan), plan.exclude)
     number = _whole(step, "candidate")
-    geometry = with_chosen(session.source.slice_path, settings, state.geometry, number)
-    return state.changed(geometry=geometry)
+    geometry = with_chosen(plan.source.slice_path, settings, plan.geometry, number)
+    return plan.changed(geometry=geometry)
 
 
-def choose_pen(session: Session, step: Step) -> State:
+def choose_pen(plan: Plan, step: Step) -> Plan:
     """Take another pen than the settings name; the slice is extracted anew."""
-    state = session.current
-    ink = _needs_ink(session).of_pen(_label(step, "colour"))
-    return state.changed(geometry=session.source.geometry_with(ink, state.exclude))
+    ink = _needs_ink(plan).of_pen(_label(step, "colour"))
+    return plan.changed(geometry=plan.source.geometry_with(ink, plan.exclude))
 
 
-def exclude(session: Session, step: Step) -> State:
+def exclude(plan: Plan, step: Step) -> Plan:
     """Let ink in a box not count.
 
     The slice is extracted anew. A curve that a hand has shaped stays, and only its part in the box
     is measured again.
     """
-    state = session.current
-    ink = _needs_ink(session)
+    ink = _needs_ink(plan)
     # The whole pixels of the box that lie on the slice.
     u, v, width, height = _numbers(step, "box", 4)
-    image = session.source.image
+    image = plan.source.image
     first_u, first_v = max(0, math.floor(u)), max(0, math.floor(v))
     last_u = min(image.width_px, math.ceil(u + width))
     last_v = min(image.height_px, math.ceil(v + height))
     if last_u <= first_u or last_v <= first_v:
-        raise SettingError(
+        text = (
             f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
-            "slice. Draw it over the slice.",
-            code="box-empty",
-            numbers={"width_px": width, "height_px": height},
+            "slice. Draw it over the slice."
         )
-    exclude = (*state.exclude, (first_u, first_v, last_u - first_u, last_v - first_v))
+        raise SettingError(text, code="box-empty", numbers={"width_px": width, "height_px": height})
+    exclude = (*plan.exclude, (first_u, first_v, last_u - first_u, last_v - first_v))
     if len(exclude) > MAX_EXCLUDED:
-        raise SettingError(
-            f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them.",
-            code="too-many-boxes",
-        )
-    geometry = state.geometry
-    is_shaped = any(stroke.edited.any() for stroke in geometry.strokes)
-    for earlier in session.steps:
-        if earlier["do"] in BY_HAND:
-            is_shaped = True
-    if not is_shaped:
-        extracted = session.source.geometry_with(ink, exclude)
+        text = f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them."
+        raise SettingError(text, code="too-many-boxes")
+    geometry = plan.geometry
+    if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):
+        extracted = plan.source.geometry_with(ink, exclude)
         # A line that was chosen among several stays, if extraction alone still finds no curve.
         if extracted.strokes or not geometry.strokes:
             geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
-            return state.changed(geometry=geometry, exclude=exclude)
+            return plan.changed(geometry=geometry, exclude=exclude)
     ink = ink.without(exclude)
-    strokes = [stroke.measured_in(exclude[-1], ink) for stroke in geometry.strokes]
-    geometry = replace(geometry, strokes=tuple(strokes), ink=ink)
-    return state.changed(geometry=geometry, exclude=exclude)
+    strokes = tuple(stroke.measured_in(exclude[-1], ink) for stroke in geometry.strokes)
+    geometry = replace(geometry, strokes=strokes, ink=ink)
+    return plan.changed(geometry=geometry, exclude=exclude)
 
 
-def take(session: Session, step: Step) -> State:
+def take(plan: Plan, step: Step) -> Plan:
     """Take ink of the account as the curve, or as a part of it."""
-    state = session.current
-    ink = _needs_ink(session)
-    route = route_over(state.geometry.entry(_whole(step, "ink")))
+    ink = _needs_ink(plan)
+    route = route_over(plan.geometry.entry(_whole(step, "ink")))
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
         raise _malformed(step, "as", '"curve" or "part"')
     stroke = MendedStroke.of(ink.trace(route.points, route.closed))
-    strokes = (*state.geometry.strokes, stroke) if meaning == "part" else (stroke,)
-    return state.changed(geometry=state.geometry.with_strokes(strokes))
+    return _with_strokes(plan, (*plan.geometry.strokes, stroke) if meaning == "part" else (stroke,))
 
 
-def leave(session: Session, step: Step) -> State:
+def leave(plan: Plan, step: Step) -> Plan:
     """Leave ink of the account out of the curve; it is shown as settled."""
-    state = session.current
-    entry = state.geometry.entry(_whole(step, "ink"))
-    return replace(state, geometry=state.geometry.with_excluded(entry.middle))
+    entry = plan.geometry.entry(_whole(step, "ink"))
+    return replace(plan, geometry=plan.geometry.with_excluded(entry.middle))
 
 
 # The markers.
 
 
-def move_marker(session: Session, step: Step) -> State:
+def _marker_of(plan: Plan, step: Step) -> tuple[Fit, int]:
+    return plan.fit, plan.fit.index(step.get("marker"))
+
+
+def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    fit = session.current.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     changes: dict[str, Any] = {}
     if "to" in step:
-        changes["place_px"] = tuple(_place(session, step, "to").tolist())
+        changes["place"] = tuple(_place(plan, step, "to").tolist())
     if "target_m" in step:
         changes["target_m"] = _numbers(step, "target_m", 3)
     if not changes:
         raise _malformed(step, "to", "a place, or target_m")
-    return session.current.changed(fit=fit.with_marker(number, **changes))
+    return plan.changed(fit=fit.with_marker(number, **changes))
 
 
-def add_marker(session: Session, step: Step) -> State:
+def add_marker(plan: Plan, step: Step) -> Plan:
     """A further marker; it counts once both of its positions are known."""
-    fit = session.current.fit
+    fit = plan.fit
     label = _label(step, "label")
     fit.refuse_label(label)
     if len(fit.markers) >= MAX_MARKERS:
-        raise SettingError(
-            f"There are {MAX_MARKERS} markers, and no more can be added. Delete one.",
-            code="too-many-markers",
-        )
-    place = tuple(_place(session, step, "at").tolist()) if step.get("at") is not None else None
+        text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
+        raise SettingError(text, code="too-many-markers")
+    place = tuple(_place(plan, step, "at").tolist()) if step.get("at") is not None else None
     target = _numbers(step, "target_m", 3) if step.get("target_m") is not None else None
     markers = (*fit.markers, Marker(label, place, target))
-    return session.current.changed(fit=replace(fit, markers=markers))
+    return plan.changed(fit=replace(fit, markers=markers))
 
 
-def delete_marker(session: Session, step: Step) -> State:
+def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
-    fit = session.current.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return session.current.changed(fit=replace(fit, markers=markers))
+    return plan.changed(fit=replace(fit, markers=markers))
 
 
-def rename_marker(session: Session, step: Step) -> State:
+def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    fit = session.current.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     label = _label(step, "label")
     fit.refuse_label(label, besides=number)
-    return session.current.changed(fit=fit.with_marker(number, label=label))
+    return plan.changed(fit=fit.with_marker(number, label=label))
 
 
-def leave_out_marker(session: Session, step: Step) -> State:
+def leave_out_marker(plan: Plan, step: Step) -> Plan:
     """Leave a marker out of the registration, or use it again."""
-    fit = session.current.fit
-    number = fit.index(step.get("marker"))
+    fit, number = _marker_of(plan, step)
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
         raise _malformed(step, "out", "true or false")
-    return session.current.changed(fit=fit.with_marker(number, is_used=not out))
+    return plan.changed(fit=fit.with_marker(number, is_used=not out))
 
 
-def set_markers(session: Session, step: Step) -> State:
+def set_markers(plan: Plan, step: Step) -> Plan:
     """Take a pasted table of markers, a CSV with both positions of each."""
     table = step.get("table")
     if not isinstance(table, str):
         raise _malformed(step, "table", "a table as text")
-    fit = session.current.fit
+    fit = plan.fit
     try:
         pairs = pairs_of_table(table)
     except MarkerError as error:
-        raise SettingError(
-            f"The table of markers cannot be read: {error.message}", code=error.code
-        ) from None
-    fit = fit_of(pairs, session.source.image, fit.settings)
+        text = f"The table of markers cannot be read: {error.message}"
+        raise SettingError(text, code=error.code) from None
+    fit = fit_of(pairs, plan.source.image, fit.settings)
     if len(fit.markers) > MAX_MARKERS:
-        raise SettingError(
-            f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed.",
-            code="too-many-markers",
-        )
-    return session.current.changed(fit=fit)
+        text = f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed."
+        raise SettingError(text, code="too-many-markers")
+    return plan.changed(fit=fit)
 
 
-def find_markers(session: Session, step: Step) -> State:
+def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
-    state = session.current
-    fit = state.fit
-    if session.source.slice_path is None:
-        raise SettingError(
-            "This step needs the slice. Open the bundle with it: --slice IMAGE.", code="no-slice"
-        )
-    if not state.geometry.strokes or fit.registration is None:
-        raise SettingError(
-            "There is no curve or no registration yet. Marks are looked for once there are both.",
-            code="no-registration",
-        )
+    fit = plan.fit
+    if plan.source.slice_path is None:
+        text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
+        raise SettingError(text, code="no-slice")
+    if not plan.geometry.strokes or fit.registration is None:
+        text = "There is no curve or no registration yet. Marks are looked for once there are both."
+        raise SettingError(text, code="no-registration")
     settings = replace(fit.settings, find_markers=True)
     with fit.as_files() as files:
         try:
-            planned = register(session.curve(), *files, settings, image=session.source.image)
+            planned = register(plan.curve(), *files, settings, image=plan.source.image)
         except VfplanError as error:
-            raise SettingError(
-                f"The marks were not found: {error.message}", code=error.code
-            ) from None
+            text = f"The marks were not found: {error.message}"
+            raise SettingError(text, code=error.code) from None
     labels = [marker.label for marker in fit.used]
     for label, place in zip(labels, planned.registration.source.tolist(), strict=True):
-        fit = fit.with_marker(fit.index(label), place_px=tuple(place))
-    return state.changed(fit=fit)
+        fit = fit.with_marker(fit.index(label), place=tuple(place))
+    return plan.changed(fit=fit)
 
 
 # Answers, and what was looked at.
 
 
-def answer(session: Session, step: Step) -> State:
+def answer(plan: Plan, step: Step) -> Plan:
     """Accept a finding by its number in the state's list, or all of one code."""
-    findings = session.outcome.findings
+    findings = plan.outcome.findings
     which = step.get("finding")
     if isinstance(which, str):
         accepted = [finding for finding in findings if finding.code == which]
@@ -490,62 +449,42 @@ def answer(session: Session, step: Step) -> State:
     else:
         accepted = []
     if not accepted:
-        raise SettingError(
-            f"There is no finding {which!r}. There are {len(findings)}, from 0.",
-            code="no-such-finding",
-            numbers={"findings": len(findings)},
-        )
-    by = step.get("by")
-    if by is not None:
-        by = _label(step, "by")
-    utc = step.get("utc")
-    if utc is None:
-        utc = now_utc()
+        text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
+        raise SettingError(text, code="no-such-finding", numbers={"findings": len(findings)})
+    by = _label(step, "by") if step.get("by") is not None else None
+    utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise _malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
-    answers = dict(session.current.answers)
+    answers = dict(plan.answers)
     for finding in accepted:
         # The latest answer stands last.
         answers.pop(key_of(finding), None)
         answers[key_of(finding)] = (by, utc)
-    return replace(session.current, answers=answers)
+    return replace(plan, answers=answers)
 
 
-def viewed(session: Session, step: Step) -> State:
+def viewed(plan: Plan, step: Step) -> Plan:
     """A part of a stroke was in view, from one share of its length to another."""
-    state = session.current
     number = _whole(step, "stroke", 0)
     start, stop = _share(step, "from", 0.0), _share(step, "to", 1.0)
-    return replace(state, geometry=state.geometry.with_viewed(number, start, stop))
+    return replace(plan, geometry=plan.geometry.with_viewed(number, start, stop))
 
 
-STEPS: dict[str, Callable[[Session, Step], State]] = {
-    function.__name__: function
-    for function in (
-        move_knot,
-        insert_knot,
-        delete_knot,
-        draw,
-        cut,
-        join,
-        delete_stroke,
-        reverse,
-        choose,
-        choose_pen,
-        exclude,
-        take,
-        leave,
-        move_marker,
-        add_marker,
-        delete_marker,
-        rename_marker,
-        leave_out_marker,
-        set_markers,
-        find_markers,
-        answer,
-        viewed,
+STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
+    step.__name__: step
+    for step in (
+        move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
+        choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
+        leave_out_marker, set_markers, find_markers, answer, viewed,
     )
-}
+}  # fmt: skip
 
 # Steps by which a hand shapes the curve; extraction anew would undo them.
 BY_HAND = ("move_knot", "delete_knot", "draw", "cut", "join", "delete_stroke", "reverse", "take")
+
+
+def apply(plan: Plan, step: Any) -> Plan:
+    """The plan after a step; raises `SettingError` for one that does not fit."""
+    name = named(step)
+    after = STEPS[name](plan, step)
+    return replace(after, is_shaped=True) if name in BY_HAND else after

@@ -2,8 +2,6 @@
 
 A measured curve has a point a pixel; nobody wants to drag those. About thirty knots lie on it. A
 knot that is moved takes the points between its neighbours along. Every edit returns a new stroke.
-
-A spline through clicks, and the point of a line that is nearest to a click.
 """
 
 from __future__ import annotations
@@ -15,34 +13,28 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import arc_lengths, evenly, ring_of
-from vfplan.review.ink import HAND_SIGMA_PX, REACH_PX, SliceInk, drawn_by_hand
+from vfplan.geometry.lines import arc_lengths, evenly, ring_of, runs
+from vfplan.review.ink import HAND_SIGMA_PX, SliceInk, measured
 
 Array = NDArray[np.float64]
 
 
-def spline_through(points: NDArray, closed: bool) -> Array:
-    """The cubic spline through points, at about one point a pixel.
+def path_through(clicks: NDArray, closed: bool) -> Array:
+    """The cubic spline through places, at about one point a pixel.
 
-    Its parameter is the length of the polygon through the points; two points give a straight line.
+    Its parameter is the length of the polygon through the places, as clicks lie unevenly; two
+    places give a straight line.
     """
     from scipy.interpolate import CubicSpline
 
-    points = np.asarray(points, float)
-    if len(points) == 2:
-        return evenly(points, False)
-    ring = ring_of(points, closed)
-    arc = arc_lengths(points, closed)
-    if closed:
-        spline = CubicSpline(arc, ring, bc_type="periodic")
-    elif len(points) == 3:
-        spline = CubicSpline(arc, ring, bc_type="natural")
-    else:
-        spline = CubicSpline(arc, ring, bc_type="not-a-knot")
+    clicks = np.asarray(clicks, float)
+    if len(clicks) == 2:
+        return evenly(clicks, False)
+    arc = arc_lengths(clicks, closed)
+    ends = "periodic" if closed else "natural" if len(clicks) == 3 else "not-a-knot"
+    spline = CubicSpline(arc, ring_of(clicks, closed), bc_type=ends)
     dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
-    if closed:
-        dense = dense[:-1]
-    return evenly(dense, closed)
+    return evenly(dense[:-1] if closed else dense, closed)
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
@@ -87,9 +79,7 @@ class MendedStroke(Stroke):
 
         One that was drawn as vectors has a deviation of 0.
         """
-        sigma = stroke.sigma
-        if sigma is None:
-            sigma = np.zeros(len(stroke.points))
+        sigma = np.zeros(len(stroke.points)) if stroke.sigma is None else stroke.sigma
         return cls(
             points=np.array(stroke.points, float),
             closed=stroke.closed,
@@ -119,9 +109,7 @@ class MendedStroke(Stroke):
         # One run of indices, which on a closed stroke may lead through its seam.
         run = self._run(before, after)
         points = self.points[run]
-        middle = moved - before
-        if self.closed:
-            middle %= len(self.points)
+        middle = (moved - before) % len(self.points)
         arc = arc_lengths(points, False)
         share = np.ones(len(points))
         if middle > 0:
@@ -147,26 +135,21 @@ class MendedStroke(Stroke):
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
-        needed = 3 if self.closed else 2
-        if count <= needed:
-            raise SettingError(
-                f"The stroke has {count} knots and needs them. Cut it, or draw it anew.",
-                code="too-few-knots",
-                numbers={"knots": count},
-            )
+        if count <= (3 if self.closed else 2):
+            text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
+            raise SettingError(text, code="too-few-knots", numbers={"knots": count})
         if not self.closed and knot == 0:
             return self.part(int(self.knots[1]), len(self.points))
         if not self.closed and knot == count - 1:
             return self.part(0, int(self.knots[-2]) + 1)
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
-        around = []
-        for k in (knot - 2, knot - 1, knot + 1, knot + 2):
-            if self.closed:
-                k %= count
-            if 0 <= k < count and k not in around:
-                around.append(k)
-        spline = spline_through(self.knots_px[around], False)
+        wanted = (knot - 2, knot - 1, knot + 1, knot + 2)
+        if self.closed:
+            around = list(dict.fromkeys(k % count for k in wanted))
+        else:
+            around = [k for k in wanted if 0 <= k < count]
+        spline = path_through(self.knots_px[around], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
         inner = spline[first + 1 : last]
@@ -178,10 +161,7 @@ class MendedStroke(Stroke):
         stroke = self
         if self.closed:
             # A ring is opened at the first cut, so that a single cut leaves all of it.
-            seam = start
-            if seam is None:
-                seam = end
-            first, _ = nearest_point(self.points, seam)
+            first, _ = nearest_point(self.points, end if start is None else start)
             # The point of the seam becomes the first and the last.
             order = np.r_[first : len(self.points), 0 : first + 1]
             place = (self.knots - first) % len(self.points)
@@ -203,9 +183,8 @@ class MendedStroke(Stroke):
 
     def reversed(self) -> MendedStroke:
         """The same line, drawn the other way round."""
-        order = np.arange(len(self.points))[::-1]
-        knots = len(self.points) - 1 - self.knots[::-1]
-        return self._selected(order, knots)
+        last = len(self.points) - 1
+        return self._selected(np.arange(last, -1, -1), last - self.knots[::-1])
 
     def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Put a drawn stretch in place of the part between its ends, or carry an end on.
@@ -225,12 +204,11 @@ class MendedStroke(Stroke):
             if is_turned:
                 first, last, drawn = last, first, drawn[::-1]
             if self.closed and first == last:
-                raise SettingError(
+                text = (
                     "The drawn stretch begins and ends at one point of the curve. Let it span a "
-                    "part.",
-                    code="stretch-too-short",
-                    numbers={"points": len(drawn)},
+                    "part."
                 )
+                raise SettingError(text, code="stretch-too-short", numbers={"points": len(drawn)})
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
@@ -251,33 +229,24 @@ class MendedStroke(Stroke):
 
     def join(self, other: MendedStroke, ink: SliceInk | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
-        pairs = []
-        for end in (0, -1):
-            for other_end in (0, -1):
-                gap = self.points[end] - other.points[other_end]
-                pairs.append((float(np.hypot(*gap)), end, other_end))
+        pairs = [
+            (float(np.hypot(*(self.points[end] - other.points[other_end]))), end, other_end)
+            for end in (0, -1)
+            for other_end in (0, -1)
+        ]
         _, end, other_end = min(pairs)
-        first, second = self, other
-        if end == 0:
-            first = self.reversed()
-        if other_end == -1:
-            second = other.reversed()
+        first = self.reversed() if end == 0 else self
+        second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         around = np.vstack([first.points[[-1 - reach, -1]], second.points[[0, reach]]])
-        spline = spline_through(around, False)
+        spline = path_through(around, False)
         start, _ = nearest_point(spline, first.points[-1])
         stop, _ = nearest_point(spline, second.points[0])
         gap = spline[start + 1 : stop]
         count = len(gap)
         none = np.zeros(count, bool)
-        between = MendedStroke(
-            points=gap,
-            closed=False,
-            sigma=np.full(count, HAND_SIGMA_PX),
-            edited=~none,
-            viewed=none,
-            knots=none[:0],
-        )
+        between = MendedStroke(points=gap, closed=False, sigma=np.full(count, HAND_SIGMA_PX),
+                               edited=~none, viewed=none, knots=none[:0])  # fmt: skip
         knots = np.r_[first.knots, len(first.points) + count + second.knots]
         whole = _concatenated([first, between, second], False, knots)
         if count < 2:
@@ -291,11 +260,10 @@ class MendedStroke(Stroke):
         low = np.array(box[:2]) - 0.5
         high = low + box[2:]
         inside = ((self.points >= low) & (self.points <= high)).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.r_[False, inside, False].astype(int))).reshape(-1, 2)
         stroke = self
         # From behind, so that the indices of the parts before stay right.
-        for start, stop in edges[::-1]:
-            first, last = max(start - 1, 0), min(stop, len(self.points) - 1)
+        for run in reversed(list(runs(inside, False))):
+            first, last = max(run[0] - 1, 0), min(run[-1] + 1, len(self.points) - 1)
             if last - first >= 2:
                 path = self.points[first : last + 1]
                 stroke = stroke._with_stretch(first, last, path, ink)
@@ -315,11 +283,9 @@ class MendedStroke(Stroke):
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
         count = len(self.knots)
-        before, after = knot - 1, knot + 1
+        before, after = max(knot - 1, 0), min(knot + 1, count - 1)
         if self.closed:
-            before, after = before % count, after % count
-        else:
-            before, after = max(before, 0), min(after, count - 1)
+            before, after = (knot - 1) % count, (knot + 1) % count
         return int(self.knots[before]), int(self.knots[knot]), int(self.knots[after])
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
@@ -329,16 +295,9 @@ class MendedStroke(Stroke):
         return np.r_[first : len(self.points), 0 : last + 1]
 
     def _with_stretch(
-        self,
-        first: int,
-        last: int,
-        drawn: NDArray,
-        ink: SliceInk | None,
-        *,
-        knot_at: NDArray | None = None,
-        free_start: bool = False,
-        free_end: bool = False,
-    ) -> MendedStroke:
+        self, first: int, last: int, drawn: NDArray, ink: SliceInk | None, *,
+        knot_at: NDArray | None = None, free_start: bool = False, free_end: bool = False,
+    ) -> MendedStroke:  # fmt: skip
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
         `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
@@ -352,10 +311,7 @@ class MendedStroke(Stroke):
                 numbers={"points": len(drawn)},
             )
         # Measured: moved onto the ink, and joined to the points on either side.
-        if ink is None:
-            line = drawn_by_hand(drawn, False)
-        else:
-            line = ink.draw(drawn, False, REACH_PX, (free_start, free_end))
+        line = measured(drawn, False, ink, (free_start, free_end))
         count = len(self.points)
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
@@ -374,14 +330,9 @@ class MendedStroke(Stroke):
             inner = np.array([nearest_point(points, knot_at)[0]])
             inner = inner[(inner > 0) & (inner < len(points) - 1)]
         stretch = MendedStroke(
-            points=points,
-            closed=False,
-            sigma=line.sigma,
-            edited=line.edited,
-            width=self.width,
-            viewed=np.zeros(len(points), bool),
-            knots=inner,
-        )
+            points=points, closed=False, sigma=line.sigma, edited=line.edited, width=self.width,
+            viewed=np.zeros(len(points), bool), knots=inner,
+        )  # fmt: skip
         if not keeps_start and not keeps_end:
             return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))
         if self.closed and last <= first:
@@ -401,9 +352,7 @@ class MendedStroke(Stroke):
         if last == count:
             inner = inner[inner < len(stretch.points) - 1]
             stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
-        border = [first]
-        if last < count:
-            border.append(first + len(stretch.points) - 1)
+        border = [first, first + len(stretch.points) - 1] if last < count else [first]
         shift = first + len(stretch.points) - (last + 1)
         before = self.knots[self.knots < first]
         behind = self.knots[self.knots > last] + shift
@@ -413,9 +362,7 @@ class MendedStroke(Stroke):
         return _concatenated([head, stretch, tail], self.closed, knots)
 
 
-def _concatenated(
-    parts: list[MendedStroke], closed: bool, knots: NDArray[np.int64]
-) -> MendedStroke:
+def _concatenated(parts: list[MendedStroke], closed: bool, knots: NDArray) -> MendedStroke:
     """Strokes as one, one behind the other, with these knots."""
     values = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_POINT}
     return replace(parts[0], **values, closed=closed, knots=knots)
@@ -426,12 +373,9 @@ def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None)
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
-    min_steps = 4 if closed else 1
-    steps = max(min_steps, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
+    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
-    if closed:
-        at = at[:-1]
-    index = np.searchsorted(arc, at - 1e-9)
+    index = np.searchsorted(arc, (at[:-1] if closed else at) - 1e-9)
     return np.unique(np.clip(index, 0, len(points) - 1)).astype(np.int64)
 
 
