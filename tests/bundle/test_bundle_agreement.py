@@ -39,21 +39,21 @@ def vertices(change):
     return make
 
 
-def detour(excursion):
-    """A spur of so many metres and back, in the middle of the first line."""
+def with_inserted(at, places):
+    """The drawn fixture with more vertices in its first stroke, joined by lines."""
+    fixture = bundles.drawn()
+    old, count = fixture.pieces, len(places)
+    return with_pieces(
+        fixture,
+        vertices=np.insert(old.vertices, at, places, axis=0),
+        bulges=np.insert(old.bulges, at, np.zeros(count)),
+        stroke=np.insert(old.stroke, at, np.zeros(count, np.int32)),
+    )
 
-    def make():
-        fixture = bundles.drawn()
-        old = fixture.pieces
-        there = np.array([[0.415, 0, 0.1], [0.415, excursion, 0.1], [0.415, 0, 0.1]])
-        return with_pieces(
-            fixture,
-            vertices=np.insert(old.vertices, 1, there, axis=0),
-            bulges=np.insert(old.bulges, 1, np.zeros(3)),
-            stroke=np.insert(old.stroke, 1, np.zeros(3, np.int32)),
-        )
 
-    return make
+def spur():
+    """5 mm and back, in the middle of the first line."""
+    return with_inserted(1, [[0.415, 0, 0.1], [0.415, 0.005, 0.1], [0.415, 0, 0.1]])
 
 
 def moved_points():
@@ -83,27 +83,12 @@ def shortened():
 
 def lengthened():
     """The pieces go on beyond the last point."""
-    fixture = bundles.drawn()
-    old = fixture.pieces
-    return with_pieces(
-        fixture,
-        vertices=np.insert(old.vertices, 3, [[0.44, 0.05, 0.1]], axis=0),
-        bulges=np.insert(old.bulges, 3, 0.0),
-        stroke=np.insert(old.stroke, 3, 0).astype(np.int32),
-    )
+    return with_inserted(3, [[0.44, 0.05, 0.1]])
 
 
 def short_cut():
     """A second way along the first stroke: every vertex and every point lies on the curve."""
-    fixture = bundles.drawn()
-    old = fixture.pieces
-    there = old.vertices[[2, 0, 1]]
-    return with_pieces(
-        fixture,
-        vertices=np.insert(old.vertices, 3, there, axis=0),
-        bulges=np.insert(old.bulges, 3, np.zeros(3)),
-        stroke=np.insert(old.stroke, 3, np.zeros(3, np.int32)),
-    )
+    return with_inserted(3, bundles.drawn().pieces.vertices[[2, 0, 1]])
 
 
 def reversed_pieces():
@@ -127,7 +112,7 @@ OTHER_CURVES = {
     "vertices 70 m away": vertices(lambda v: v + np.array([70.0, 0, 0])),
     "vertices moved by 1 mm": vertices(lambda v: v + np.array([0.001, 0, 0])),
     "points moved by 50 mm": moved_points,
-    "a spur of 5 mm": detour(0.005),
+    "a spur of 5 mm": spur,
     "an arc turned over": bulged(1, -np.tan(np.pi / 8)),
     "an arc made a line": bulged(1, 0.0),
     "a line made an arc": bulged(0, 0.5),
