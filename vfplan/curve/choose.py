@@ -26,12 +26,7 @@ Choice = int | Literal["all", "longest"] | None
 
 
 def choose_lines(
-    lines: list[Candidate],
-    choice: Choice,
-    ink: Ink,
-    pen: Pen,
-    region: Region,
-    max_gap_px: float,
+    lines: list[Candidate], choice: Choice, ink: Ink, pen: Pen, region: Region, max_gap_px: float
 ) -> list[Candidate]:
     """The lines that are meant; raises `CurveError` where that is left open.
 

@@ -659,10 +659,7 @@ def describe_checks(registration: Registration) -> dict[str, Any]:
         report["spacing_departure_sigma"] = [sigma for _, sigma in departures]
     perspective = perspective_test(registration)
     if perspective is not None:
-        report["perspective"] = {
-            "p_value": perspective.p_value,
-            "said": perspective.is_significant,
-        }
+        report["perspective"] = {"p_value": perspective.p_value, "said": perspective.is_significant}
     return report
 
 

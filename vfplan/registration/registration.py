@@ -511,8 +511,7 @@ class Registration:
             array = array[:, :2]
         if array.ndim != 2 or array.shape[1] != k or not len(array):
             raise SettingError(
-                f"points have shape {array.shape}. Give (M, {k}) in the source",
-                code="points-shape",
+                f"points have shape {array.shape}. Give (M, {k}) in the source", code="points-shape"
             )
         if not np.isfinite(array).all():
             raise SettingError(
@@ -655,10 +654,7 @@ def is_mirrored(fit: Fit) -> bool:
 
 
 def registration_report(
-    registration: Registration,
-    points: ArrayLike | None = None,
-    *,
-    error: TargetError | None = None,
+    registration: Registration, points: ArrayLike | None = None, *, error: TargetError | None = None
 ) -> dict[str, Any]:
     """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 

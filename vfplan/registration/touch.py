@@ -290,12 +290,7 @@ class _Patch:
             return _jacobian(normals, places - moved[:, 3])
 
         result = least_squares(
-            distances,
-            np.zeros(model.parameters),
-            jacobian,
-            loss=loss,
-            f_scale=scale,
-            x_scale="jac",
+            distances, np.zeros(model.parameters), jacobian, loss=loss, f_scale=scale, x_scale="jac"
         )
         return model.moved(m, result.x)
 
