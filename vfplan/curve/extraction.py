@@ -1,14 +1,11 @@
-"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why.
-
-The part of a measured curve between two places that the caller named.
-"""
+"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +16,7 @@ from vfplan.curve.account import (
     ahead_findings,
     end_findings,
     find_leftover,
+    finding_at,
     leftover_findings,
     list_account,
     ring_findings,
@@ -62,31 +60,20 @@ def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Cand
     Raises `CurveError` where there are lines and none passes by all of the places. The error names
     the place that the nearest line misses.
     """
-    passing = []
-    errors = []
-    for line in lines:
-        error = _missed_place(line, start, end)
-        if error is None:
-            passing.append(line)
-        else:
-            errors.append(error)
-    if errors and not passing:
+    errors = [_missed_place(line, start, end) for line in lines]
+    passing = [line for line, error in zip(lines, errors, strict=True) if error is None]
+    if lines and not passing:
         raise min(errors, key=lambda error: error.numbers["distance_px"])
     return passing
 
 
 def _missed_place(line: Candidate, start: Place, end: Place) -> CurveError | None:
     """The error for the named place that lies farthest off a line, or `None` if both lie on it."""
-    farthest = _reach(line.width)
-    error = None
-    for option, place in (("--start", start), ("--end", end)):
-        if place is None:
-            continue
-        distance = _distance(line.path, place)
-        if distance > farthest:
-            farthest = distance
-            error = _off_curve_error(option, place, distance, line.width)
-    return error
+    places = [pair for pair in (("--start", start), ("--end", end)) if pair[1] is not None]
+    option, place = max(places, key=lambda pair: _distance(line.path, pair[1]))
+    distance = _distance(line.path, place)
+    is_missed = distance > _reach(line.width)
+    return _off_curve_error(option, place, distance, line.width) if is_missed else None
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
@@ -105,20 +92,11 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
             raise CurveError(
                 "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
             )
-        by = -_index(curve, start, "--start")
-        return replace(
-            curve,
-            points=np.roll(curve.points, by, axis=0),
-            sigma=np.roll(curve.sigma, by),
-            bridged=np.roll(curve.bridged, by),
-            hidden=np.roll(curve.hidden, by),
-        )
+        ring = np.arange(len(curve.points))
+        return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
     last = len(curve.points) - 1
-    first = stop = None
-    if start is not None:
-        first = _index(curve, start, "--start")
-    if end is not None:
-        stop = _index(curve, end, "--end")
+    first = None if start is None else _index(curve, start, "--start")
+    stop = None if end is None else _index(curve, end, "--end")
     if first is None:
         first = last if stop <= last / 2 else 0
     if stop is None:
@@ -128,19 +106,34 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
             "--start and --end lie on the same point of the curve. Move one of them.",
             code="start-is-end",
         )
-    return _cut(curve, first, stop)
+    keep = np.arange(min(first, stop), max(first, stop) + 1)
+    if first < stop:
+        return _with_points(curve, keep)
+    return replace(_with_points(curve, keep[::-1]), ends=curve.ends[::-1])
+
+
+def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
+    """The curve through those of its points, in this order."""
+    return replace(
+        curve,
+        points=curve.points[keep],
+        sigma=curve.sigma[keep],
+        bridged=curve.bridged[keep],
+        hidden=curve.hidden[keep],
+    )
 
 
 def without_cut_off(
     findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
 ) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
-    kept = []
-    for finding in findings:
-        place = finding.place_px
-        if place is None or _distance(cut.points, place) <= _distance(curve.points, place) + 1.0:
-            kept.append(finding)
-    return kept
+
+    def is_left(place: Place) -> bool:
+        if place is None:
+            return True
+        return _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+
+    return [finding for finding in findings if is_left(finding.place_px)]
 
 
 def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
@@ -187,7 +180,7 @@ def _reach(width: float) -> float:
 
 
 Method = Literal["ridge", "skeleton", "mask"]
-METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,15 +286,15 @@ def extract_curve(
     for line in chosen:
         if method != "mask":
             refuse_junctions(line)
-        if method == "ridge":
-            curve = measure(ink, line)
-            if not accept_width:
-                refuse_wide_run(curve)
-            refuse_double_line(curve)
-            refuse_long_bridge(curve, max_gap_px)
-            refuse_fit_off_ink(curve, line)
-        else:
-            curve = skeleton_line(line)
+        if method != "ridge":
+            curves.append(skeleton_line(line))
+            continue
+        curve = measure(ink, line)
+        if not accept_width:
+            refuse_wide_run(curve)
+        refuse_double_line(curve)
+        refuse_long_bridge(curve, max_gap_px)
+        refuse_fit_off_ink(curve, line)
         curves.append(curve)
 
     # All other ink is listed, and what a person should look at is said.
@@ -323,8 +316,7 @@ def extract_curve(
         findings += _region_findings(cut, region, ink.size)
         strokes.append(_stroke(ink, cut, line, method))
     account = list_account(leftover, curves, ink)
-    mask = pen_mask(ink, groups)
-    return Extraction(mask, tuple(strokes), method, account, tuple(findings))
+    return Extraction(pen_mask(ink, groups), tuple(strokes), method, account, tuple(findings))
 
 
 def load_libraries() -> None:
@@ -348,8 +340,7 @@ def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction
             code="vector-outside-image",
             numbers={"u_px": u, "v_px": v},
         )
-    nothing = np.zeros(image.rgb.shape[:2], bool)
-    return Extraction(nothing, (stroke,), "vector")
+    return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
 
 
 def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, places: list) -> None:
@@ -383,28 +374,18 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
         return []
     ends = curve.points[[0, -1]]
     findings = []
-    for (u, v), distance in zip(ends, region.border_distance(ends, size), strict=True):
+    for place, distance in zip(ends, region.border_distance(ends, size), strict=True):
         if distance <= curve.width + tuned.FLANK_PX:
-            text = (
-                f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region. "
-                "Widen the region if it goes on."
-            )
-            place = (round(float(u), 1), round(float(v), 1))
-            findings.append(note("end-at-region", "extract", text, place_px=place))
+            text = "the curve ends on the border of the region. Widen the region if it goes on."
+            findings.append(finding_at(place, "end-at-region", text, note))
     return findings
 
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
     length = drawn_length(curve.points, curve.closed) if method != "ridge" else None
-    measured = Stroke(
-        curve.points,
-        curve.closed,
-        curve.sigma,
-        curve.bridged,
-        width=line.width,
-        known_length=length,
-    )
+    drawn = curve.points, curve.closed, curve.sigma, curve.bridged
+    measured = Stroke(*drawn, width=line.width, known_length=length)
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def ring_of(points: NDArray, closed: bool) -> Array:
@@ -186,7 +187,7 @@ def solve_banded(band: Array, right: Array) -> Array:
     return solution.reshape(blocks * BLOCK, -1)[:count]
 
 
-def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+def runs(flags: Flags, closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring a run may lead through the seam."""
     if not flags.any():
         return
