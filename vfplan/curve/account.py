@@ -11,16 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.curve import tuned
+from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
-from vfplan.curve.choose import (
-    change_nearby,
-    lasting_change,
-    one_sided,
-    relative_width,
-    sudden_changes,
-)
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
@@ -275,11 +268,11 @@ def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
 def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
-    change = np.where(expected, 0.0, sudden_changes(curve))
+    change = np.where(expected, 0.0, choose.sudden_changes(curve))
     change[_is_dot(curve, change)] = 0.0
     largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
-    lasting, where = lasting_change(relative_width(curve)[unexpected], curve.width)
+    lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
     if lasting > largest:
         largest, at = lasting, unexpected[where]
     if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
@@ -296,7 +289,7 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch
     beside all the rest of the line is a stroke of a letter at the line's end.
     """
-    ratio = relative_width(curve)
+    ratio = choose.relative_width(curve)
     near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (near.min() + near.max()) / 2
     on_line = np.ones(len(ratio), bool)
@@ -338,15 +331,15 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
 def _is_dot(curve: MeasuredStroke, change: NDArray) -> Flags:
     """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
     dot = np.zeros(len(change), bool)
-    for run in runs(relative_width(curve) > tuned.WIDE, curve.closed):
+    for run in runs(choose.relative_width(curve) > tuned.WIDE, curve.closed):
         if len(run) <= tuned.DOT_WIDTHS * curve.width:
             dot[run] = True
     dot = filters.windows(dot, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
-    return dot & (one_sided(curve) < tuned.ONE_SIDED * change)
+    return dot & (choose.one_sided(curve) < tuned.ONE_SIDED * change)
 
 
 def _turn_deg(curve: MeasuredStroke) -> Array:
     """(M,) degrees by which the line turns over a short stretch around each point."""
     ahead = np.gradient(curve.path, axis=0)
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
-    return np.degrees(change_nearby(heading))
+    return np.degrees(choose.change_nearby(heading))

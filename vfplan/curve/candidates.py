@@ -228,16 +228,9 @@ class Candidate:
     def of(cls, piece: Piece) -> Candidate:
         """The line of a single piece."""
         closed = piece.closed and len(piece.junctions) == 0
-        return cls(
-            path=piece.path.astype(float),
-            closed=closed,
-            bridged=np.zeros(len(piece.path), bool),
-            junctions=piece.junctions,
-            length=piece.length,
-            width=piece.width,
-            strength=piece.strength,
-            pieces=(piece,),
-        )
+        bridged = np.zeros(len(piece.path), bool)
+        drawn = piece.junctions, piece.length, piece.width, piece.strength
+        return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
 
     @property
     def may_go_on(self) -> bool:

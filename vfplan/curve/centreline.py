@@ -19,18 +19,8 @@ from vfplan.curve.coverage import Ink
 from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
-from vfplan.geometry import filters
-from vfplan.geometry.lines import (
-    Array,
-    Flags,
-    Spline,
-    arc_lengths,
-    evenly,
-    length_of,
-    normals,
-    runs,
-    smoothing_spline,
-)
+from vfplan.geometry import filters, lines
+from vfplan.geometry.lines import Array, Flags, Spline, evenly, normals, runs
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
@@ -143,7 +133,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
     mode = "wrap" if closed else "edge"
-    return length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
+    return lines.length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
@@ -156,13 +146,12 @@ def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
 
 
 def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
-    return error_at(
-        line.path[len(line.path) // 2],
+    text = (
         f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
-        "its skeleton: --method skeleton.",
-        code="too-little-ink",
-        measured_px=measured_px,
+        "its skeleton: --method skeleton."
     )
+    middle = line.path[len(line.path) // 2]
+    return error_at(middle, text, code="too-little-ink", measured_px=measured_px)
 
 
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:
@@ -223,12 +212,12 @@ def fit_spline(
     at = at[valid[at % len(points)]]
     y = points[at % len(points)]
     weight = np.clip(mass[at % len(points)], 0.1, 1.0) ** 2
-    first = smoothing_spline(at, y, weight, smooth_px**4)
+    first = lines.smoothing_spline(at, y, weight, smooth_px**4)
     scale = _smoothing_scale(first, at, smooth_px)
     if not closed:  # A smoothing spline runs out straight, which a bent line does not.
         inward = np.minimum(at - at[0], at[-1] - at)
         scale *= 1 - (1 - tuned.END_SMOOTH) * np.exp(-inward / smooth_px)
-    return smoothing_spline(at, y, weight * (smooth_px / scale) ** 4, smooth_px**4)
+    return lines.smoothing_spline(at, y, weight * (smooth_px / scale) ** 4, smooth_px**4)
 
 
 def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> Array:
@@ -312,6 +301,6 @@ def _places(ink: Ink, line: Candidate, spline: Spline, first: float, last: float
     if len(inside) < tuned.MIN_PROFILES:
         raise _too_little_error(line, len(inside) // 4)
     kept = kept[inside[0] : inside[-1] + 1]
-    arc = arc_lengths(curve[kept], False)
+    arc = lines.arc_lengths(curve[kept], False)
     even = np.linspace(0, arc[-1], max(4, round(arc[-1])) + 1)
     return np.interp(even[:-1] if line.closed else even, arc, dense[kept])

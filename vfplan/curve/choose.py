@@ -169,12 +169,11 @@ def refuse_junctions(line: Candidate) -> None:
     """Raise `CurveError` for a line that forks or crosses itself."""
     if len(line.junctions) == 0:
         return
-    raise error_at(
-        line.junctions[len(line.junctions) // 2],
+    text = (
         "The line forks or crosses itself here, so it has several ways to go on. "
-        "Choose one: vfplan review IMAGE.",
-        code="line-forks",
+        "Choose one: vfplan review IMAGE."
     )
+    raise error_at(line.junctions[len(line.junctions) // 2], text, code="line-forks")
 
 
 def relative_width(curve: MeasuredStroke) -> Array:
@@ -259,13 +258,12 @@ def refuse_wide_run(curve: MeasuredStroke) -> None:
     widest = float(lasting.max())
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return
-    raise error_at(
-        curve.path[lasting.argmax()],
+    text = (
         f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
-        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width.",
-        code="runs-side-by-side",
-        width_ratio=widest,
+        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."
     )
+    place = curve.path[lasting.argmax()]
+    raise error_at(place, text, code="runs-side-by-side", width_ratio=widest)
 
 
 def refuse_double_line(curve: MeasuredStroke) -> None:
@@ -277,13 +275,11 @@ def refuse_double_line(curve: MeasuredStroke) -> None:
     dip = float((np.minimum(left, right) - mean).max() / mean.max())
     if dip <= tuned.VALLEY:
         return
-    raise error_at(
-        curve.path[len(curve.path) // 2],
+    text = (
         "Two lines run side by side, or only the outline of the pen's line is drawn. "
-        "Look at it: vfplan review IMAGE.",
-        code="double-line",
-        dip=dip,
+        "Look at it: vfplan review IMAGE."
     )
+    raise error_at(curve.path[len(curve.path) // 2], text, code="double-line", dip=dip)
 
 
 def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
@@ -309,10 +305,9 @@ def refuse_fit_off_ink(curve: MeasuredStroke, line: Candidate) -> None:
         distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0
     if distance.max() <= line.width + tuned.FLANK_PX:
         return
-    raise error_at(
-        visible[distance.argmax()],
-        f"The fitted line lies {distance.max():.1f} px off its ink here. Look at it: "
-        "vfplan review IMAGE, or take the ink's skeleton: --method skeleton.",
-        code="fit-left-ink",
-        distance_px=float(distance.max()),
+    farthest = float(distance.max())
+    text = (
+        f"The fitted line lies {farthest:.1f} px off its ink here. Look at it: "
+        "vfplan review IMAGE, or take the ink's skeleton: --method skeleton."
     )
+    raise error_at(visible[distance.argmax()], text, code="fit-left-ink", distance_px=farthest)

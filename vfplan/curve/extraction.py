@@ -10,36 +10,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve import tuned
-from vfplan.curve.account import (
-    AccountEntry,
-    ahead_findings,
-    end_findings,
-    find_leftover,
-    finding_at,
-    leftover_findings,
-    list_account,
-    ring_findings,
-    stretch_findings,
-    width_findings,
-)
-from vfplan.curve.candidates import (
-    Candidate,
-    find_candidates,
-    find_groups,
-    find_pieces,
-    half_covered,
-    pen_mask,
-)
+from vfplan.curve import account, candidates, choose, tuned
+from vfplan.curve.account import AccountEntry
+from vfplan.curve.candidates import Candidate
 from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
-from vfplan.curve.choose import (
-    choose_lines,
-    refuse_double_line,
-    refuse_fit_off_ink,
-    refuse_junctions,
-    refuse_long_bridge,
-    refuse_wide_run,
-)
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
@@ -63,17 +37,15 @@ def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Cand
     errors = [_missed_place(line, start, end) for line in lines]
     passing = [line for line, error in zip(lines, errors, strict=True) if error is None]
     if lines and not passing:
-        raise min(errors, key=lambda error: error.numbers["distance_px"])
+        raise min(errors, key=_distance_missed)
     return passing
 
 
 def _missed_place(line: Candidate, start: Place, end: Place) -> CurveError | None:
     """The error for the named place that lies farthest off a line, or `None` if both lie on it."""
-    places = [pair for pair in (("--start", start), ("--end", end)) if pair[1] is not None]
-    option, place = max(places, key=lambda pair: _distance(line.path, pair[1]))
-    distance = _distance(line.path, place)
-    is_missed = distance > _reach(line.width)
-    return _off_curve_error(option, place, distance, line.width) if is_missed else None
+    named = (("--start", start), ("--end", end))
+    errors = [_off_curve_error(line.path, line.width, *pair) for pair in named]
+    return max(filter(None, errors), key=_distance_missed, default=None)
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
@@ -153,16 +125,19 @@ def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
 
 
 def _index(curve: MeasuredStroke, place: tuple[float, float], option: str) -> int:
-    distance = _distance(curve.points, place)
-    if distance > _reach(curve.width):
-        raise _off_curve_error(option, place, distance, curve.width)
+    error = _off_curve_error(curve.points, curve.width, option, place)
+    if error is not None:
+        raise error
     return int(np.hypot(*(curve.points - place).T).argmin())
 
 
-def _off_curve_error(
-    option: str, place: tuple[float, float], distance: float, width: float
-) -> CurveError:
-    reach = _reach(width)
+def _off_curve_error(points: NDArray, width: float, option: str, place: Place) -> CurveError | None:
+    """The error for a place too far off a line; `None` for one on it, or for no place."""
+    if place is None:
+        return None
+    distance, reach = _distance(points, place), max(REACH_WIDTHS * width, REACH_PX)
+    if distance <= reach:
+        return None
     return CurveError(
         f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a "
         f"place within {reach:.0f} px of it.",
@@ -171,12 +146,12 @@ def _off_curve_error(
     )
 
 
+def _distance_missed(error: CurveError) -> float:
+    return error.numbers["distance_px"]
+
+
 def _distance(points: NDArray, place: tuple[float, float]) -> float:
     return float(np.hypot(*(points - place).T).min())
-
-
-def _reach(width: float) -> float:
-    return max(REACH_WIDTHS * width, REACH_PX)
 
 
 Method = Literal["ridge", "skeleton", "mask"]
@@ -271,13 +246,13 @@ def extract_curve(
     # Ink: how much of each pixel the pen covers, and the pixels that hang together.
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
-    groups = find_groups(ink)
-    pieces = find_pieces(ink, groups)
+    groups = candidates.find_groups(ink)
+    pieces = candidates.find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
-    lines = find_candidates(pieces, max_gap_px)
+    lines = candidates.find_candidates(pieces, max_gap_px)
     passing = lines_through(lines, start, end) if places and stroke is None else lines
-    chosen = choose_lines(passing, stroke, ink, pen, region, max_gap_px)
+    chosen = choose.choose_lines(passing, stroke, ink, pen, region, max_gap_px)
     unchosen = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
 
@@ -285,38 +260,38 @@ def extract_curve(
     curves = []
     for line in chosen:
         if method != "mask":
-            refuse_junctions(line)
+            choose.refuse_junctions(line)
         if method != "ridge":
             curves.append(skeleton_line(line))
             continue
         curve = measure(ink, line)
         if not accept_width:
-            refuse_wide_run(curve)
-        refuse_double_line(curve)
-        refuse_long_bridge(curve, max_gap_px)
-        refuse_fit_off_ink(curve, line)
+            choose.refuse_wide_run(curve)
+        choose.refuse_double_line(curve)
+        choose.refuse_long_bridge(curve, max_gap_px)
+        choose.refuse_fit_off_ink(curve, line)
         curves.append(curve)
 
     # All other ink is listed, and what a person should look at is said.
-    leftover = find_leftover(ink, curves)
-    findings = leftover_findings(leftover, max_gap_px)
+    leftover = account.find_leftover(ink, curves)
+    findings = account.leftover_findings(leftover, max_gap_px)
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
-        findings += end_findings(ink, curve)
-        findings += ahead_findings(line, others, max_gap_px)
-        findings += ring_findings(line, max_gap_px)
-        findings += stretch_findings(curve)
+        findings += account.end_findings(ink, curve)
+        findings += account.ahead_findings(line, others, max_gap_px)
+        findings += account.ring_findings(line, max_gap_px)
+        findings += account.stretch_findings(curve)
         if curve.profiles is not None:
-            findings += width_findings(curve)
+            findings += account.width_findings(curve)
     strokes = []
     for curve, line in zip(curves, chosen, strict=True):
         cut = cut_to(curve, start, end)
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
         strokes.append(_stroke(ink, cut, line, method))
-    account = list_account(leftover, curves, ink)
-    return Extraction(pen_mask(ink, groups), tuple(strokes), method, account, tuple(findings))
+    mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)
+    return Extraction(mask, tuple(strokes), method, entries, tuple(findings))
 
 
 def load_libraries() -> None:
@@ -377,7 +352,7 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
     for place, distance in zip(ends, region.border_distance(ends, size), strict=True):
         if distance <= curve.width + tuned.FLANK_PX:
             text = "the curve ends on the border of the region. Widen the region if it goes on."
-            findings.append(finding_at(place, "end-at-region", text, note))
+            findings.append(account.finding_at(place, "end-at-region", text, note))
     return findings
 
 
@@ -389,7 +364,9 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack([half_covered(ink, piece.pixels) for piece in line.pieces]).astype(float)
+    points = np.vstack(
+        [candidates.half_covered(ink, piece.pixels) for piece in line.pieces]
+    ).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(

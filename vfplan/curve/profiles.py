@@ -314,11 +314,11 @@ def _blurred_pens() -> tuple[Array, Array]:
     # shares are right to 0.003, of the thinnest pens to 0.012.
     pens = np.linspace(20, 0, 60, endpoint=False)
     edges, shares = np.zeros(len(pens)), np.zeros(len(pens))
+    erf_of = np.vectorize(erf)
     for k, pen in enumerate(pens):
         x = np.linspace(0, pen / 2 + 5, 100)  # A Gaussian has ended 5 deviations away.
-        left = np.array([erf(place) for place in (x + pen / 2) / sqrt(2)])
-        right = np.array([erf(place) for place in (x - pen / 2) / sqrt(2)])
-        profile = (left - right) / (left - right)[0]
+        profile = erf_of((x + pen / 2) / sqrt(2)) - erf_of((x - pen / 2) / sqrt(2))
+        profile = profile / profile[0]
         high, half, low = np.interp([-HIGH, -tuned.HALF, -LOW], -profile, x)
         edges[k] = (low - high) / (2 * half)
         shares[k] = pen / (2 * half)

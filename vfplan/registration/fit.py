@@ -1,8 +1,7 @@
 """A fitted transform, and what each marker says about it: residual, leverage, leave-one-out, F.
 
-Fisher's F distribution, for arrays of arguments as for numbers.
-
-It stands here because importing scipy.special takes a quarter of the time of planning a fixture.
+Fisher's F distribution stands here, because importing scipy.special takes a quarter of the time of
+planning a fixture.
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vfplan.geometry.lines import Array, Flags
 from vfplan.registration.models import (
     MAX_CONDITION,
     Affine,
-    Array,
     Orthogonal,
     Problem,
     marker_rows,
@@ -105,7 +104,7 @@ class Fit:
     # (3, k+1) the transform in normalised coordinates.
     m: Array
     # (N,) the markers that the fit rests on.
-    used: NDArray[np.bool_]
+    used: Flags
     # (N, 3) target minus transformed source [m].
     vectors: Array
     # (N, 3, 3) the hat matrix's diagonal blocks H_i; of a marker not used, what it would be.
@@ -128,7 +127,7 @@ class Fit:
         return np.trace(self.hat, axis1=1, axis2=2) / 3
 
 
-def fit_model(problem: Problem, used: NDArray[np.bool_] | None = None) -> Fit:
+def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
     """Fit the markers that are `used` (N,), by default all of them."""
     if used is None:
         used = np.ones(len(problem.s), dtype=bool)
@@ -148,7 +147,7 @@ def fit_model(problem: Problem, used: NDArray[np.bool_] | None = None) -> Fit:
     return Fit(problem, m, used, vectors, hat, squares / dof, dof, tangent @ inverse_root)
 
 
-def fit_similarity(problem: Problem, used: NDArray[np.bool_]) -> Fit:
+def fit_similarity(problem: Problem, used: Flags) -> Fit:
     """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
     similarity = Orthogonal(problem.model.dimension, None, "similarity")
     return fit_model(replace(problem, model=similarity), used)
@@ -195,8 +194,7 @@ def studentised_f(fit: Fit) -> Array:
     others = np.maximum(total - lost * used, floor)
     others_dof = fit.dof - 3 * used
     f = (lost / 3) / (others / np.maximum(others_dof, 1))
-    # The fit is exact, but for rounding.
-    f[lost <= floor] = 0.0
+    f[lost <= floor] = 0.0  # The fit is exact, but for rounding.
     f[~(others_dof > 0) | ~np.isfinite(lost)] = np.nan
     return f
 

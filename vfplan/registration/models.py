@@ -1,8 +1,7 @@
-"""The transforms that markers can determine: how each is fitted, and how its parameters move it.
+"""The transforms that markers can determine, and the markers, checked and normalised.
 
-Everything here is in normalised coordinates (see `vfplan.registration.models`). A source point s
-is centred and scaled to unit RMS radius, a target y is centred [m], x~ = [s, 1], and y = M x~ with
-M of shape (3, k + 1).
+A source point s is centred and scaled to unit RMS radius, so that no unit and no origin spoils the
+numbers; a target y is centred [m], x~ = [s, 1], and y = M x~ with M of shape (3, k + 1).
 
 - affine: M is free. Ordinary or weighted least squares.
 - similarity: M = [a R | t]. S. Umeyama, "Least-squares estimation of transformation parameters
@@ -11,24 +10,22 @@ M of shape (3, k + 1).
   fitting of two 3-D point sets", IEEE PAMI 9 (1987), with Umeyama's sign.
 
 A planar source stands at z = 0, so that its rotation is a proper rotation in space.
-
-The markers, checked and brought into coordinates that no unit and no origin can spoil.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.geometry.lines import Array, plane_normal
 
-Array = NDArray[np.float64]
 ModelName = Literal["affine", "similarity", "rigid"]
-MODELS: tuple[ModelName, ...] = ("affine", "similarity", "rigid")
+MODELS: tuple[ModelName, ...] = get_args(ModelName)
 
 
 @dataclass(frozen=True)
@@ -90,14 +87,10 @@ class Orthogonal:
         if not np.ptp(w, axis=-1).any():
             return m
         batch = m.shape[:-2]
+        s, y, w = (np.broadcast_to(values, (*batch, *values.shape[-2:])) for values in (s, y, w))
         refined = np.empty_like(m)
         for index in np.ndindex(batch):
-            refined[index] = self._gauss_newton(
-                np.broadcast_to(s, (*batch, *s.shape[-2:]))[index],
-                np.broadcast_to(y, (*batch, *y.shape[-2:]))[index],
-                np.broadcast_to(w, (*batch, *w.shape[-2:]))[index],
-                m[index],
-            )
+            refined[index] = self._gauss_newton(s[index], y[index], w[index], m[index])
         return refined
 
     def tangent(self, m: Array) -> Array:
@@ -154,9 +147,7 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
     """The model of a name; `metric_scale` is how many metres a unit of the normalised source is."""
     if name == "affine":
         return Affine(dimension)
-    if name == "similarity":
-        return Orthogonal(dimension, None, name)
-    return Orthogonal(dimension, metric_scale, name)
+    return Orthogonal(dimension, metric_scale if name == "rigid" else None, name)
 
 
 def rms_length(vectors: Array) -> float:
@@ -210,8 +201,7 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     total = w.sum(axis=-1)[..., None]
     s_mean = np.einsum("...n,...nk->...k", w, s) / total
     y_mean = np.einsum("...n,...nk->...k", w, y) / total
-    s0 = s - s_mean[..., None, :]
-    y0 = y - y_mean[..., None, :]
+    s0, y0 = s - s_mean[..., None, :], y - y_mean[..., None, :]
     # Umeyama, eq. (40) to (42).
     u, d, vt = np.linalg.svd(np.einsum("...n,...na,...nb->...ab", w, y0, s0))
     sign = np.ones_like(d)
@@ -219,9 +209,8 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     linear = (u * sign[..., None, :]) @ vt
     if scale is None:
         size = np.einsum("...n,...na,...na->...", w, s0, s0)
-        linear = linear * ((d * sign).sum(axis=-1) / size)[..., None, None]
-    else:
-        linear = linear * scale
+        scale = ((d * sign).sum(axis=-1) / size)[..., None, None]
+    linear = linear * scale
     t = y_mean - np.einsum("...ab,...b->...a", linear, s_mean)
     return np.concatenate([linear[..., :k], t[..., None]], axis=-1)
 
@@ -255,17 +244,9 @@ def geometry(transform: Array) -> Geometry:
     values = np.linalg.svd(a, compute_uv=False)
     lengths = np.linalg.norm(a, axis=0)
     cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
-    normal = None
-    if k == 2:
-        normal = np.cross(a[:, 0], a[:, 1])
-        normal /= np.linalg.norm(normal)
-    return Geometry(
-        singular_values=values,
-        axis_scales=lengths,
-        anisotropy=float(values[0] / values[-1] - 1),
-        shear=float(cosines[np.abs(cosines).argmax()]),
-        normal=normal,
-    )
+    shear = float(cosines[np.abs(cosines).argmax()])
+    normal = plane_normal(a) / np.linalg.norm(plane_normal(a)) if k == 2 else None
+    return Geometry(values, lengths, float(values[0] / values[-1] - 1), shear, normal)
 
 
 # Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
@@ -346,9 +327,7 @@ def make_problem(
         raise SettingError(f"model is {model!r}. Give {', '.join(MODELS)}", code="model-unknown")
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
-    if labels is None:
-        labels = range(len(raw))
-    names = tuple(labels)
+    names = tuple(range(len(raw)) if labels is None else labels)
     _check_both_sides(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
     # Where the minimum leaves no residual, one marker more is needed to know an error at all.
@@ -376,7 +355,7 @@ def make_problem(
     _condition(y, target_m, "target", rank)
 
     normaliser = Normaliser(spacing, centre, radius, target_centre)
-    weights, sigma_unit_m = _weights(sigma, len(raw), names)
+    weights, sigma_unit_m = _weights(sigma, names)
     # A residual is a difference of numbers as large as these [m].
     scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
     largest = float(np.abs(target_m).max() + np.abs(metric).max() * scale)
@@ -505,10 +484,9 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     return float(extent[0] / extent[rank - 1])
 
 
-def _weights(
-    sigma: ArrayLike | None, n: int, names: Sequence[str | int]
-) -> tuple[NDArray[np.float64], float | None]:
+def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array, float | None]:
     """Relative weights (N, 3) with mean 1, and the standard deviation that a weight of 1 has."""
+    n = len(names)
     if sigma is None:
         return np.ones((n, 3)), None
     array = _numbers(sigma, "sigma is")

@@ -4,8 +4,6 @@ The transform is the one that brings the touched points onto the surface, by the
 nearest place on it (Y. Chen and G. Medioni, "Object modelling by registration of multiple range
 images", Image and Vision Computing 10, 1992: point to plane). A loss that grows slowly first finds
 which points touched the surface and which something else. The markers give the start.
-
-The nearest place on a mesh, for points that lie close to it.
 """
 
 from __future__ import annotations
@@ -18,8 +16,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M, ROWS_AT_ONCE
+from vfplan.geometry.lines import Array, Flags
 from vfplan.registration.fit import RARE_PROBABILITY
-from vfplan.registration.models import Array, Orthogonal, homogeneous, rms_length, root_of_inverse
+from vfplan.registration.models import Orthogonal, homogeneous, rms_length, root_of_inverse
 from vfplan.registration.registration import Registration
 
 # Number of nearest corners whose triangles are compared.
@@ -84,7 +83,7 @@ def on_triangles(places: Array, corners: Array) -> Array:
     best = np.empty_like(places)
     smallest = np.full(len(places), np.inf)
 
-    def take_nearer(candidate: Array, is_allowed: NDArray[np.bool_]) -> None:
+    def take_nearer(candidate: Array, is_allowed: Flags) -> None:
         square = ((places - candidate) ** 2).sum(axis=1)
         is_nearer = is_allowed & (square < smallest)
         best[is_nearer], smallest[is_nearer] = candidate[is_nearer], square[is_nearer]
@@ -135,7 +134,7 @@ class TouchRefinement:
     # (T,) the same under the markers' registration [m].
     before_m: Array
     # (T,) the points that lie on the surface; the others touched something else.
-    used: NDArray[np.bool_]
+    used: Flags
     # How well the patch constrains the motion that it constrains least; see `MIN_CONSTRAINT`.
     constraint: float
 
@@ -319,10 +318,8 @@ def refuse_free_motion(normals: Array, places: Array) -> float:
     constraint = float(sizes[-1])
     if constraint < MIN_CONSTRAINT:
         turn, shift = motions[-1, :3], motions[-1, 3:]
-        if np.linalg.norm(turn) > np.linalg.norm(shift):
-            motion, axis = "turning about", turn
-        else:
-            motion, axis = "sliding along", shift
+        is_turn = np.linalg.norm(turn) > np.linalg.norm(shift)
+        motion, axis = ("turning about", turn) if is_turn else ("sliding along", shift)
         x, y, z = axis / np.linalg.norm(axis)
         raise MarkerError(
             f"the touched patch does not hold the bone: {motion} ({x:+.2f}, {y:+.2f}, {z:+.2f}) "
