@@ -254,10 +254,9 @@ class Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
             return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
-        line = self
-        u, v = line.path.T
-        if (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() < 0:
-            line = line.backwards()
+        u, v = self.path.T
+        is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
+        line = self if is_clockwise else self.backwards()
         start = -int(np.argmin(line.path.sum(1)))
         path = np.roll(line.path, start, axis=0)
         return replace(line, path=path, bridged=np.roll(line.bridged, start))

@@ -287,13 +287,13 @@ def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
     for run in runs(curve.bridged, curve.closed):
         gap = len(run) - curve.width
         if gap > max_gap_px + tuned.FLANK_PX:
-            raise error_at(
-                curve.points[run[len(run) // 2]],
+            text = (
                 f"{gap:.0f} px of the line do not show here; at most {max_gap_px:g} px are bridged."
-                f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}.",
-                code="bridge-too-long",
-                gap_px=float(gap),
-                max_gap_px=max_gap_px,
+                f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}."
+            )
+            numbers = {"gap_px": float(gap), "max_gap_px": max_gap_px}
+            raise error_at(
+                curve.points[run[len(run) // 2]], text, code="bridge-too-long", **numbers
             )
 
 

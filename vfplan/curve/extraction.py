@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -124,7 +123,7 @@ def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
     )
 
 
-def _index(curve: MeasuredStroke, place: tuple[float, float], option: str) -> int:
+def _index(curve: MeasuredStroke, place: Place, option: str) -> int:
     error = _off_curve_error(curve.points, curve.width, option, place)
     if error is not None:
         raise error
@@ -150,7 +149,7 @@ def _distance_missed(error: CurveError) -> float:
     return error.numbers["distance_px"]
 
 
-def _distance(points: NDArray, place: tuple[float, float]) -> float:
+def _distance(points: NDArray, place: Place) -> float:
     return float(np.hypot(*(points - place).T).min())
 
 
@@ -296,7 +295,7 @@ def extract_curve(
 
 def load_libraries() -> None:
     """Import what extraction needs, so that a measured time holds none of it."""
-    importlib.import_module("cv2")
+    import cv2  # noqa: F401
 
 
 def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction:
@@ -330,11 +329,8 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
             code="stroke-unknown",
         )
     if not 0 <= max_gap_px < float("inf"):
-        raise SettingError(
-            f"A gap of {max_gap_px} px cannot be bridged. Give a finite number from 0.",
-            code="max-gap",
-            numbers={"max_gap_px": max_gap_px},
-        )
+        text = f"A gap of {max_gap_px} px cannot be bridged. Give a finite number from 0."
+        raise SettingError(text, code="max-gap", numbers={"max_gap_px": max_gap_px})
     if places and (method == "mask" or stroke == "all"):
         raise SettingError(
             "Method 'mask' and stroke 'all' have no order, and so no start or end. Leave "

@@ -91,12 +91,12 @@ class Profiles:
         clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
         usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
-        if noisy or self._scatter(shift) < self._scatter(centroid):
+        if noisy or self.scatter(shift) < self.scatter(centroid):
             return shift
         # The centroid of a line that the picture's border cuts lies too far inside.
         return np.where(usable & ~self.inside[:, self.core].all(1), shift, centroid)
 
-    def _scatter(self, offset: NDArray) -> float:
+    def scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
         trend = filters.gaussian(offset, tuned.TREND_PX)
         return float(np.median((offset - trend)[self.valid] ** 2))
@@ -197,7 +197,7 @@ def add_brightness(
     if clear.sum() < tuned.MIN_PROFILES:
         return offset
     trend = filters.gaussian(offset, tuned.TREND_PX)
-    colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
+    colour_variance = profiles.scatter(offset)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])
     # JPEG stores colour at half the resolution, so its noise hangs together over twice the length,

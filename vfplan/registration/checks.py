@@ -24,21 +24,19 @@ from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry.lines import Array, plane_normal
 from vfplan.markers.correspondences import MAX_RADIUS_M
-from vfplan.registration.fit import (
+from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
-    f_exceeds,
-    fit_model,
-    fit_similarity,
-    studentised_f,
-)
-from vfplan.registration.models import (
     Affine,
     Orthogonal,
     Problem,
+    f_exceeds,
+    fit_model,
+    fit_similarity,
     homogeneous,
     marker_rows,
     rms_length,
+    studentised_f,
 )
 from vfplan.registration.registration import (
     Registration,
@@ -91,13 +89,12 @@ def refuse_wrong_scale(registration: Registration) -> None:
         ratio = 1 + departure
         is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
         if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            raise MarkerError(
+            text = (
                 f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
                 f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing",
-                code="scale-wrong",
-                numbers={"ratio": ratio},
+                "the right --pixel-spacing"
             )
+            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
 def scale_findings(registration: Registration) -> list[Finding]:

@@ -50,26 +50,24 @@ from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord
 from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.geometry.lines import Array, Flags, plane_normal
-from vfplan.registration.fit import (
-    Fit,
-    f_exceeds,
-    f_limit,
-    f_quantile,
-    fit_model,
-    leave_one_out,
-    studentised_f,
-)
 from vfplan.registration.models import (
     MAX_CONDITION,
+    Fit,
     Geometry,
     ModelName,
     Orthogonal,
     Problem,
+    f_exceeds,
+    f_limit,
+    f_quantile,
+    fit_model,
     geometry,
     homogeneous,
+    leave_one_out,
     make_problem,
     marker_rows,
     rms_length,
+    studentised_f,
 )
 
 # Probability that an error stays within its bound, and that an interval holds the true value.
@@ -245,12 +243,11 @@ def consistent_markers(problem: Problem) -> Flags:
     n, minimal = len(problem.s), problem.model.minimal
     subset_count = comb(n, minimal)
     if subset_count > MAX_SUBSETS:
-        raise SettingError(
+        text = (
             f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
-            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out",
-            code="robust-too-many",
-            numbers={"subsets": subset_count},
+            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out"
         )
+        raise SettingError(text, code="robust-too-many", numbers={"subsets": subset_count})
     # As few markers as still leave a residual, and at least half of them.
     half = min(n, max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1))
 
@@ -493,9 +490,9 @@ class Registration:
                 code="points-shape",
             ) from None
         k = self.source.shape[1]
-        if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
+        if k == 2 and array.shape[1:] == (3,) and not array[:, 2].any():
             array = array[:, :2]
-        if array.ndim != 2 or array.shape[1] != k or not len(array):
+        if array.shape[1:] != (k,) or not len(array):
             raise SettingError(
                 f"points have shape {array.shape}. Give (M, {k}) in the source", code="points-shape"
             )
