@@ -39,8 +39,8 @@ def fit(source, target, model="affine", **settings):
     from vfplan.registration.registration import fit_registration
 
     spacing = {"pixel_spacing": PX} if np.shape(source)[1] == 2 else {}
-    labels = NAMES[: len(source)]
-    return fit_registration(source, target, model=model, labels=labels, **(spacing | settings))
+    known = {"labels": NAMES[: len(source)]} | spacing
+    return fit_registration(source, target, model=model, **known | settings)
 
 
 def photograph(shared_data, view):
