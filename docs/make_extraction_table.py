@@ -161,17 +161,8 @@ def draw_quiet_slices(names, seed, count, folder):
         for k in range(seed, seed + count):
             path = Path(folder) / f"quiet_{kind.replace(' ', '_')}_{k}.pickle"
             if not path.exists():
-                drawn = slices.draw(kind, k)
-                drawing = extraction_kinds.Drawing(
-                    f"quiet: {kind}",
-                    k,
-                    drawn.rasteriser,
-                    drawn.quality,
-                    drawn.image,
-                    drawn.truth,
-                    drawn.closed,
-                    True,
-                )
+                drawing = slices.draw(kind, k)
+                drawing.kind = f"quiet: {kind}"
                 path.write_bytes(pickle.dumps(drawing))
             drawings.append(pickle.loads(path.read_bytes()))
     return drawings

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
-from boxes import HIDDEN
-from slices import KINDS, TRAPS, draw
+from slices import HIDDEN, KINDS, TRAPS, draw
 from verdicts import judge
 
 OUTCOMES = ("right", "silent", "warned", "refused", "falsely refused", "falsely warned")
@@ -27,7 +26,7 @@ def row(kind, count, verbose):
     errors = []
     z = []
     for seed in range(count):
-        drawn = draw(kind, seed, {**KINDS, **TRAPS, **HIDDEN})
+        drawn = draw(kind, seed)
         verdict = judge(drawn)
         outcomes[verdict.outcome] += 1
         if verdict.z is not None:

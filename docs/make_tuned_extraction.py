@@ -16,8 +16,7 @@ import tempfile
 import make_extraction_table as table
 import numpy as np
 
-import vfplan.curve as curve
-from vfplan.curve import tuned
+from vfplan.curve import extraction, tuned
 
 FIRST_SEED = 700
 
@@ -62,7 +61,7 @@ def judgements(drawings) -> list:
     """The judgement on each slice."""
     results = []
     for drawing in drawings:
-        results.append(table.judge(drawing, table.answer_of(curve, drawing.image)))
+        results.append(table.judge(drawing, table.answer_of(extraction, drawing.image)))
     return results
 
 

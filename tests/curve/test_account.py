@@ -15,11 +15,14 @@ T = np.linspace(0, 1, 600)
 CURVE = np.column_stack([60 + 220 * T, 150 + 30 * np.sin(np.pi * T)])
 
 
+def painted(*lines):
+    """A flat picture with red lines: (curve, width) each."""
+    shares = [coverage(SHAPE, np.asarray(curve, float), width) for curve, width in lines]
+    return to_uint8(blend(flat(SHAPE), np.max(shares, axis=0), RED))
+
+
 def picture(*more, width=3.0):
-    share = coverage(SHAPE, CURVE, width)
-    for curve, size in more:
-        share = np.maximum(share, coverage(SHAPE, np.asarray(curve, float), size))
-    return to_uint8(blend(flat(SHAPE), share, RED))
+    return painted((CURVE, width), *more)
 
 
 def codes(extraction):
@@ -74,9 +77,8 @@ def test_ink_that_touches_the_line_is_asked_about():
 @pytest.mark.parametrize(("opacity", "asked"), [(0.0, False), (0.08, True)])
 def test_ink_under_a_veil_is_asked_about_while_it_shows(opacity, asked):
     image = picture().astype(float)
-    left = (
-        230  # The veil lies over the last 50 px of the curve, and its ink is no part of the mask.
-    )
+    # The veil lies over the last 50 px of the curve, and its ink is no part of the mask.
+    left = 230
     image[120:190, left:] = opacity * image[120:190, left:] + (1 - opacity) * 150.0
     extraction = extract_curve(to_uint8(image))
     assert (codes(extraction) == ["ink-at-end"]) == asked
@@ -113,10 +115,8 @@ def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_listed(width, c
 @pytest.mark.parametrize(("gap", "code"), [(10, []), (32, ["bridge-long"])])
 def test_a_long_bridge_is_asked_about_and_a_short_one_is_listed(gap, code):
     half = round(300 * gap / 110 / 2)
-    share = np.maximum(
-        coverage(SHAPE, CURVE[: 300 - half], 3.0), coverage(SHAPE, CURVE[300 + half :], 3.0)
-    )
-    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), max_gap_px=40)
+    image = painted((CURVE[: 300 - half], 3.0), (CURVE[300 + half :], 3.0))
+    extraction = extract_curve(image, max_gap_px=40)
     assert codes(extraction) == code
     (entry,) = extraction.account
     assert entry.what == "bridge"
@@ -144,16 +144,14 @@ def test_ends_that_face_each_other_over_a_gap_are_asked_about(gap_px, found):
     half = (gap_px + 3.0) / 2 / radius
     angle = np.linspace(half, 2 * np.pi - half, 800)
     ring = np.column_stack([170 + radius * np.cos(angle), 150 + radius * np.sin(angle)])
-    share = coverage(SHAPE, ring, 3.0)
-    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)))
+    extraction = extract_curve(painted((ring, 3.0)))
     assert codes(extraction) == found
     if found:
         assert extraction.findings[0].place_px == pytest.approx((250, 150), abs=3)
 
 
 def test_a_gap_between_two_chosen_strokes_is_asked_about():
-    share = np.maximum(coverage(SHAPE, CURVE[:180], 3.0), coverage(SHAPE, CURVE[380:], 3.0))
-    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), stroke="all")
+    extraction = extract_curve(painted((CURVE[:180], 3.0), (CURVE[380:], 3.0)), stroke="all")
     assert len(extraction.strokes) == 2
     assert codes(extraction) == ["ink-at-end"]
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import slices
+from canvas import Canvas
 from drawing import blend, coverage, flat, to_uint8, wavy
 
 from vfplan.curve.extraction import extract_curve
@@ -22,11 +23,12 @@ def line(u0, v0, u1, v1, bow=0.0):
     return np.column_stack([u, v + bow * np.sin(np.pi * T)])
 
 
-def paint(*curves, width=3.0, colour=RED, picture=None):
-    share = np.zeros(SHAPE)
-    for curve in curves:
-        share = np.maximum(share, coverage(SHAPE, curve, width))
-    return to_uint8(blend(flat(SHAPE) if picture is None else picture, share, colour))
+def paint(*curves, width=3.0, colour=RED, closed=False):
+    share = np.max([coverage(SHAPE, curve, width, closed) for curve in curves], axis=0)
+    return to_uint8(blend(flat(SHAPE), share, colour))
+
+
+TWO_LINES = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
 
 
 def refusal(image, **options):
@@ -62,14 +64,13 @@ def test_another_pen_is_named_by_its_nearest_hue(name, colour):
 @pytest.mark.parametrize("seed", [6, 15, 18, 19])
 def test_an_orange_bar_in_jpeg_is_no_red_line(seed):
     """JPEG spreads some of the bar's pixels into the hues of red."""
-    image = slices.draw("orange bar", seed, slices.TRAPS).image
+    image = slices.draw("orange bar", seed).image
     assert refusal(image).code == "no-line"
     assert len(extract_curve(image, colour="#ff7f0e").strokes) == 1
 
 
 def test_no_line_among_dots():
-    image = paint(line(40, 100, 44, 100), width=8.0)
-    error = refusal(image)
+    error = refusal(paint(line(40, 100, 44, 100), width=8.0))
     assert error.code == "no-line"
     assert "other_colour" not in error.numbers
 
@@ -131,13 +132,10 @@ def test_runs_side_by_side():
 
 
 def test_a_pressed_pen_is_no_second_run():
-    from canvas import Canvas
-
     canvas = Canvas(flat(SHAPE), "exact")
     curve = line(40, 150, 300, 150, 30)
     canvas.pressed(curve, 4.0 * (1 + 0.4 * np.sin(6 * np.pi * T)), RED)
-    extraction = extract_curve(canvas.image())
-    assert extraction.findings == ()
+    assert extract_curve(canvas.image()).findings == ()
 
 
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])
@@ -183,12 +181,11 @@ def test_a_cover_that_is_longer_than_the_longest_bridged():
 
 
 def test_a_frame_along_the_border_is_no_curve():
-    image = paint(line(60, 150, 280, 150, 30))
-    cv2.rectangle(image, (6, 6), (333, 293), RED, 2)
+    image, only = paint(line(60, 150, 280, 150, 30)), to_uint8(flat(SHAPE))
+    for framed in (image, only):
+        cv2.rectangle(framed, (6, 6), (333, 293), RED, 2)
     (stroke,) = extract_curve(image).strokes
     assert not stroke.closed
-    only = to_uint8(flat(SHAPE))
-    cv2.rectangle(only, (6, 6), (333, 293), RED, 2)
     assert refusal(only).code == "only-a-frame"
     assert extract_curve(only, stroke=1).strokes[0].closed
 
@@ -243,35 +240,31 @@ def test_start_and_end_cut_and_turn_the_curve():
 
 
 def test_places_that_no_line_passes_by_are_refused():
-    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
-    error = refusal(image, start=(170, 120))
-    assert error.code == "place-off-curve"
-    assert error.numbers["distance_px"] == pytest.approx(40, abs=1)
-    error = refusal(image, start=(40, 80), end=(300, 220))
-    assert error.code == "place-off-curve"
-    assert error.numbers["distance_px"] == pytest.approx(140, abs=1)
-    assert refusal(image * 0, start=(40, 80)).code == "image-grey"
+    for places, distance_px in (
+        ({"start": (170, 120)}, 40),
+        ({"start": (40, 80), "end": (300, 220)}, 140),
+    ):
+        error = refusal(TWO_LINES, **places)
+        assert error.code == "place-off-curve"
+        assert error.numbers["distance_px"] == pytest.approx(distance_px, abs=1)
+    assert refusal(TWO_LINES * 0, start=(40, 80)).code == "image-grey"
 
 
 def test_a_start_chooses_among_candidates_and_where_a_ring_begins():
-    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
-    stroke = extract_curve(image, start=(298, 221)).strokes[0]
+    stroke = extract_curve(TWO_LINES, start=(298, 221)).strokes[0]
     assert stroke.points_px[:, 1] == pytest.approx(220, abs=1)
     turn = np.linspace(0, 2 * np.pi, 900, endpoint=False)
     ring = np.column_stack([170 + 80 * np.cos(turn), 150 + 80 * np.sin(turn)])
-    share = coverage(SHAPE, ring, 3.0, True)
-    image = to_uint8(blend(flat(SHAPE), share, RED))
+    image = paint(ring, closed=True)
     stroke = extract_curve(image, start=(250, 150)).strokes[0]
     assert stroke.points_px[0] == pytest.approx([250, 150], abs=1)
     assert refusal(image, end=(250, 150)).code == "end-of-a-ring"
 
 
 def test_a_region_and_what_is_excluded():
-    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
-    stroke = extract_curve(image, roi=(0, 150, 340, 150)).strokes[0]
+    stroke = extract_curve(TWO_LINES, roi=(0, 150, 340, 150)).strokes[0]
     assert stroke.points_px[:, 1].min() > 200
-    stroke = extract_curve(image, exclude=[(0, 150, 340, 150)]).strokes[0]
+    stroke = extract_curve(TWO_LINES, exclude=[(0, 150, 340, 150)]).strokes[0]
     assert stroke.points_px[:, 1].max() < 100
-    extraction = extract_curve(image, roi=(100, 150, 240, 150))
-    assert [finding.code for finding in extraction.findings] == ["end-at-region"]
-    assert extraction.findings[0].severity == "note"
+    (finding,) = extract_curve(TWO_LINES, roi=(100, 150, 240, 150)).findings
+    assert (finding.code, finding.severity) == ("end-at-region", "note")

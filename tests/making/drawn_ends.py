@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from canvas import Canvas
 from drawing import anatomy
-from slices import RED, SHAPE, arc_of, hand, part, pen
+from slices import SHAPE, drawn, part, tail
 
 from vfplan.curve.account import AccountEntry
 from vfplan.fixture import Stroke
@@ -32,15 +32,12 @@ def draw(seed, *, covered="end", tone=None, shape=SHAPE):
     """A hand-drawn line; a box hides 35 to 60 px of it at its "start", its "end" or nowhere."""
     rng = np.random.default_rng([seed, 36])
     canvas = Canvas(anatomy(shape, int(rng.integers(1000))), "exact")
-    line, width = hand(rng), pen(rng)
-    canvas.line(line, width, RED)
-    length = arc_of(line)[-1]
+    line, width = drawn(canvas, rng)
     hidden_length = rng.uniform(35, 60)
     box = None
     if covered:
-        hidden = part(line, length - hidden_length, length)
-        if covered == "start":
-            hidden = part(line, 0, hidden_length)
+        at_end = covered == "end"
+        hidden = tail(line, hidden_length) if at_end else part(line, 0, hidden_length)
         low = np.floor(hidden.min(0) - rng.uniform(3, 8)).astype(int)
         high = np.ceil(hidden.max(0) + rng.uniform(3, 8)).astype(int)
         grey = rng.choice([0.0, 255.0, 60.0, 110.0, 160.0]) if tone is None else tone
@@ -48,7 +45,7 @@ def draw(seed, *, covered="end", tone=None, shape=SHAPE):
         box = (*low, *(high - low + 1))
         inside = ((line >= low - 0.5) & (line <= high + 0.5)).all(axis=1)
         outside = np.flatnonzero(~inside)
-        line = line[: outside[-1] + 1] if covered == "end" else line[outside[0] :]
+        line = line[: outside[-1] + 1] if at_end else line[outside[0] :]
     return Drawn(canvas.image(None), line, width, tuple(map(int, box)) if box else None)
 
 

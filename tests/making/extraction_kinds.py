@@ -8,15 +8,26 @@ JPEG of quality 60 to 90. Nothing here uses vfplan.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 
 import cv2
 import numpy as np
-from canvas import Canvas, rectangle
+from canvas import Canvas
 from drawing import anatomy, polyline
-from slices import arc_of, normal_of, part
+from slices import (
+    Family,
+    arc_of,
+    away,
+    by_name,
+    cross,
+    direction,
+    normal_of,
+    part,
+    parts_inside,
+    pressed_by,
+    tail,
+    turned,
+)  # fmt: skip
 
 RASTERISERS = ("exact", "agg", "pil", "opencv", *(["skia"] if find_spec("skia") else []))
 ROUND_CAPS_ONLY = ("pil", "opencv")
@@ -26,30 +37,8 @@ SHAPE = (340, 420)
 LARGE_SHAPE = (786, 871)
 RED = (255, 0, 0)
 REDS = (RED, RED, RED, (220, 20, 60), (200, 30, 40), (255, 40, 20))
-OTHERS = ((255, 255, 0), (255, 165, 0), (255, 0, 255), (0, 255, 255), (0, 200, 60), (40, 60, 220))
-
-
-@dataclass
-class Drawing:
-    """A drawn slice and the curve that is meant.
-
-    Parameters
-    ----------
-    truth
-        (M, 2) the centre line [px]; `None` where no curve is right.
-    places
-        (u, v) [px] where an answer other than a refusal needs a word.
-    """
-
-    kind: str
-    seed: int
-    rasteriser: str
-    quality: int | None
-    image: np.ndarray
-    truth: np.ndarray | None
-    closed: bool
-    clear: bool
-    places: list = field(default_factory=list)
+YELLOW, CYAN = (255, 255, 0), (0, 255, 255)
+OTHERS = (YELLOW, (255, 165, 0), (255, 0, 255), CYAN, (0, 200, 60), (40, 60, 220))
 
 
 class Sheet(Canvas):
@@ -62,12 +51,9 @@ class Sheet(Canvas):
         if rasteriser == "opencv":
             self.width = float(max(1, round(self.width)))
         self.red = REDS[int(rng.integers(len(REDS)))]
-        self.opacity = 1.0
-        if rng.random() < 0.25:
-            self.opacity = float(rng.uniform(0.5, 0.9))
-        self.cap = "round"
-        if rng.random() < 0.25 and rasteriser not in ROUND_CAPS_ONLY:
-            self.cap = "butt"
+        self.opacity = float(rng.uniform(0.5, 0.9)) if rng.random() < 0.25 else 1.0
+        is_flat = rng.random() < 0.25 and rasteriser not in ROUND_CAPS_ONLY
+        self.cap = "butt" if is_flat else "round"
 
     def line_share(self, points, width, closed=False, cap="round"):
         points = np.asarray(points, float)
@@ -82,9 +68,8 @@ class Sheet(Canvas):
             super().fill(points, colour)
             return
         share = np.zeros(self.shape, np.uint8)
-        cv2.fillPoly(
-            share, [np.rint(np.asarray(points) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4
-        )
+        outline = np.rint(np.asarray(points) * 16).astype(np.int32)
+        cv2.fillPoly(share, [outline], 255, cv2.LINE_AA, 4)
         self.paint(share / 255.0, colour)
 
     def pressed(self, points, widths, colour):
@@ -99,26 +84,15 @@ class Sheet(Canvas):
 
     def draw(self, curves, closed=False):
         """Draw the pen's own lines in one go, as a translucent layer is."""
-        share = np.zeros(self.shape)
-        for curve in curves:
-            share = np.maximum(share, self.line_share(curve, self.width, closed, self.cap))
-        self.paint(share * self.opacity, self.red)
+        shares = [self.line_share(curve, self.width, closed, self.cap) for curve in curves]
+        self.paint(np.max(shares, axis=0) * self.opacity, self.red)
 
 
-def draw(kind: str, seed: int) -> Drawing:
-    """The slice of a kind with this seed."""
-    rng = np.random.default_rng([seed, *kind.encode()])
+def _begin(kind, _seed, rng):
     rasteriser = RASTERISERS[int(rng.integers(len(RASTERISERS)))]
     quality = QUALITIES[int(rng.integers(len(QUALITIES)))]
-    shape = SHAPE
-    if kind in LARGE:
-        shape = LARGE_SHAPE
-    sheet = Sheet(_ground(shape, rng), rasteriser, rng)
-    truth, closed, places = {**CLEAR, **AMBIGUOUS}[kind](sheet, rng)
-    image = sheet.image(quality)
-    return Drawing(
-        kind, seed, rasteriser, quality, image, truth, closed, kind in CLEAR, list(places)
-    )
+    ground = _ground(LARGE_SHAPE if kind in LARGE else SHAPE, rng)
+    return Sheet(ground, rasteriser, rng), quality
 
 
 def _ground(shape, rng):
@@ -143,7 +117,7 @@ def _ground(shape, rng):
     return np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2)
 
 
-def hand(sheet, rng, closed=False, length=None):
+def hand(sheet, rng, closed=False):
     """A smooth curve of a hand, well inside the picture; (M, 2) every half pixel."""
     height, width = sheet.shape
     clear = 30 + 2 * sheet.width
@@ -151,10 +125,7 @@ def hand(sheet, rng, closed=False, length=None):
         curve = _closed_hand(height, width, rng) if closed else _open_hand(height, width, rng)
         inside = (curve > clear).all() and (curve < np.array([width, height]) - clear).all()
         if inside and not _near_itself(curve, 4 * sheet.width + 16, closed):
-            break
-    if length is None:
-        return curve
-    return part(curve, 0, min(length, arc_of(curve)[-1]))
+            return curve
 
 
 def _open_hand(height, width, rng):
@@ -190,49 +161,39 @@ def _near_itself(curve, distance, closed):
     return bool((apart[along > 2.5 * distance] < distance).any())
 
 
-def direction(curve):
-    """Unit vector in which a curve leaves its last point."""
-    step = curve[-1] - curve[-12]
-    return step / np.hypot(*step)
-
-
-def turned(vector, angle):
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
-
-
 def away_from(curve, sheet, rng, size, clear):
     """The centre of a box that lies `clear` px off a curve, or as far as there is room."""
-    half = np.array(size) / 2
-    places = rng.uniform(half + 6, np.array(sheet.shape[::-1]) - half - 6, (300, 2))
-    off = np.maximum(np.abs(curve[::8] - places[:, None]) - half, 0.0)
-    distance = np.hypot(*np.moveaxis(off, 2, 0)).min(1)
-    return places[int(np.argmax(np.minimum(distance, clear)))]
+    return away(curve, rng, size, clear, sheet.shape, 6, 300)
 
 
-def cross(sheet, at, arm, width, colour):
-    """A marker's cross."""
-    for step in (np.array([arm, 0.0]), np.array([0.0, arm])):
-        sheet.line(np.array([at - step, at + step]), width, colour, cap="butt")
+def drawn(sheet, rng, closed=False):
+    """A curve, drawn with the sheet's pen."""
+    curve = hand(sheet, rng, closed)
+    sheet.draw([curve], closed)
+    return curve
+
+
+def set_markers(sheet, rng, curve, count, farthest):
+    """Crosses with labels, 20 px off the curve or more."""
+    for k in range(1, count + 1):
+        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, farthest))
+        cross(sheet, at, 7, 2.0, CYAN)
+        sheet.text(f"x{k}", np.add(at, [8, -6]), YELLOW, 0.5)
 
 
 def any_other(rng):
     return OTHERS[int(rng.integers(len(OTHERS)))]
 
 
-# Clear kinds: (sheet, rng) -> the curve that is meant, whether it is closed, no places.
+# Clear kinds: (sheet, rng) -> the curve that is meant, and whether it is closed.
 
 
 def plain(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    return curve, False, ()
+    return drawn(sheet, rng), False
 
 
 def closed(sheet, rng):
-    curve = hand(sheet, rng, True)
-    sheet.draw([curve], True)
-    return curve, True, ()
+    return drawn(sheet, rng, True), True
 
 
 def taper(sheet, rng):
@@ -243,36 +204,32 @@ def taper(sheet, rng):
     if rng.integers(2):
         widths *= np.clip(arc / rng.uniform(8, 40), 0.04, 1)
     sheet.pressed(curve, max(sheet.width, 2.0) * widths, sheet.red)
-    return curve, False, ()
+    return curve, False
 
 
 def lifts(sheet, rng):
     """One to three pen lifts that leave 3 to 14 px of paper."""
     curve = hand(sheet, rng)
     length = arc_of(curve)[-1]
-    count = int(rng.integers(1, 4))
-    start = 0.0
-    runs = []
+    count, start, runs = int(rng.integers(1, 4)), 0.0, []
     for k in range(count):
         stop = length * (k + rng.uniform(0.7, 1.0)) / (count + 1)
         runs.append(part(curve, start, stop))
         start = stop + rng.uniform(3, 14) + sheet.width
     runs.append(part(curve, start, length))
     sheet.draw(runs)
-    return curve, False, ()
+    return curve, False
 
 
 def crossed_by_colours(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     for share in (0.25, 0.5, 0.75)[: int(rng.integers(1, 4))]:
         k = int(share * len(curve))
         lean = turned(normal_of(curve)[k], rng.uniform(-0.5, 0.5))
         reach = rng.uniform(20, 60) * lean
-        sheet.line(
-            np.array([curve[k] - reach, curve[k] + reach]), rng.uniform(1.5, 4), any_other(rng)
-        )
-    return curve, False, ()
+        across = np.array([curve[k] - reach, curve[k] + reach])
+        sheet.line(across, rng.uniform(1.5, 4), any_other(rng))
+    return curve, False
 
 
 def touched_along(sheet, rng):
@@ -286,56 +243,49 @@ def touched_along(sheet, rng):
     start = length * rng.uniform(0.25, 0.4)
     run = part(beside, start, start + rng.uniform(40, 100))
     colour = any_other(rng)
-    if rng.integers(2):
-        sheet.line(run, size, colour)
-        sheet.draw([curve])
-    else:
-        sheet.draw([curve])
-        sheet.line(run, size, colour)
-    return curve, False, ()
+    layers = [lambda: sheet.line(run, size, colour), lambda: sheet.draw([curve])]
+    for layer in layers if rng.integers(2) else layers[::-1]:
+        layer()
+    return curve, False
 
 
 def letters_near(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     for word in ("L", "hip 3", "cut A")[: int(rng.integers(1, 4))]:
         at = away_from(curve, sheet, rng, (50, 16), rng.uniform(8, 30))
         sheet.text(word, np.subtract(at, [22, -6]), sheet.red, rng.uniform(0.4, 0.6))
-    return curve, False, ()
+    return curve, False
 
 
 def dots_and_crosses_near(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     for _ in range(int(rng.integers(2, 6))):
         at = away_from(curve, sheet, rng, (20, 20), rng.uniform(6, 40))
         if rng.integers(2):
             sheet.disc(at, rng.uniform(1.5, 5), sheet.red)
         else:
             cross(sheet, at, 6, 1.5, sheet.red)
-    return curve, False, ()
+    return curve, False
 
 
 def boxes_and_swatch_near(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     size = rng.uniform(16, 40, 2)
     sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, any_other(rng))
     size = rng.uniform(10, 24, 2)
     sheet.box(away_from(curve, sheet, rng, size, rng.uniform(10, 40)), *size, sheet.red)
     size = rng.uniform(20, 50, 2)
     sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, (120, 120, 120))
-    return curve, False, ()
+    return curve, False
 
 
 def marker_crosses(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     for k in range(int(rng.integers(4, 9))):
         at = away_from(curve, sheet, rng, (26, 26), rng.uniform(10, 50))
-        cross(sheet, at, 6, 1.5, (0, 255, 255))
-        sheet.text(f"x{k}", np.add(at, [6, -5]), (255, 255, 0), 0.4)
-    return curve, False, ()
+        cross(sheet, at, 6, 1.5, CYAN)
+        sheet.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
+    return curve, False
 
 
 def leaves_the_picture(sheet, rng):
@@ -347,46 +297,35 @@ def leaves_the_picture(sheet, rng):
     shift = (edge[axis] - rng.uniform(0, 12)) * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[axis]
     curve = curve + shift
     sheet.draw([curve])
-    inside = np.flatnonzero(((curve > -0.5) & (curve < size - 0.5)).all(1))
-    runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
-    longest = max(runs, key=len)
-    if len(longest) < 160 or sum(len(run) for run in runs) > len(longest) + 10:
-        return _drawn_anew(leaves_the_picture, sheet, rng)
-    return curve[longest], False, ()
-
-
-def _drawn_anew(kind, sheet, rng):
-    """Draw a kind again on a fresh ground, where the first curve did not come out as wanted."""
-    sheet.picture = _ground(sheet.shape, rng)
-    return kind(sheet, rng)
+    longest, *others = parts_inside(curve, sheet.shape)
+    if len(longest) < 160 or sum(len(run) for run in others) > 10:
+        # Draw it again on a fresh ground.
+        sheet.picture = _ground(sheet.shape, rng)
+        return leaves_the_picture(sheet, rng)
+    return longest, False
 
 
 def pressure(sheet, rng):
     """The width follows the hand's pressure by 20 to 50 %."""
     curve = hand(sheet, rng)
-    t = np.linspace(0, 1, len(curve))
-    swing = rng.uniform(0.2, 0.5) * np.sin(2 * np.pi * (rng.uniform(1, 3) * t + rng.uniform()))
+    swing = pressed_by(curve, rng.uniform(0.2, 0.5), rng)
     sheet.pressed(curve, max(sheet.width, 2.5) * (1 + swing), sheet.red)
-    return curve, False, ()
+    return curve, False
 
 
 def polygon(sheet, rng):
     curve = hand(sheet, rng, True)[:: 1600 // int(rng.integers(6, 14))]
     sheet.draw([curve], True)
-    return curve, True, ()
+    return curve, True
 
 
 def planned(sheet, rng):
     """A whole screen: an open curve, nine markers with labels, a grey scale bar."""
     sheet.width = float(rng.choice([2.0, 2.2, 3.0, 4.5]))
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    for k in range(9):
-        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 120))
-        cross(sheet, at, 7, 2.0, (0, 255, 255))
-        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
+    curve = drawn(sheet, rng)
+    set_markers(sheet, rng, curve, 9, 120)
     sheet.box((60, sheet.shape[0] - 20), 80, 4, (230, 230, 230))
-    return curve, False, ()
+    return curve, False
 
 
 def neighbour(sheet, rng):
@@ -395,22 +334,17 @@ def neighbour(sheet, rng):
     other = float(rng.choice([1.5, 2.0, 3.0]))
     aside = (sheet.width + other) / 2 + rng.uniform(-0.3, 3)
     outside = curve - aside * normal_of(np.vstack([curve, curve[:1]]))[:-1]
-    order = bool(rng.integers(2))
-    if order:
-        sheet.line(outside, other, any_other(rng), True)
-    sheet.draw([curve], True)
-    if not order:
-        sheet.line(outside, other, any_other(rng), True)
-    return curve, True, ()
+    layers = [lambda: sheet.line(outside, other, any_other(rng), True),
+              lambda: sheet.draw([curve], True)]  # fmt: skip
+    for layer in layers if rng.integers(2) else layers[::-1]:
+        layer()
+    return curve, True
 
 
 def taper_on_a_planned_slice(sheet, rng):
-    curve, is_closed, places = taper(sheet, rng)
-    for k in range(5):
-        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 80))
-        cross(sheet, at, 7, 2.0, (0, 255, 255))
-        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
-    return curve, is_closed, places
+    curve, is_closed = taper(sheet, rng)
+    set_markers(sheet, rng, curve, 5, 80)
+    return curve, is_closed
 
 
 # Ambiguous kinds: what a person has to look at lies at the places.
@@ -422,8 +356,7 @@ def long_gap(sheet, rng):
     length = arc_of(curve)[-1]
     stop = length * rng.uniform(0.35, 0.6)
     gap = rng.uniform(26, 45)
-    first = part(curve, 0, stop)
-    second = part(curve, stop + gap + sheet.width, length)
+    first, second = part(curve, 0, stop), part(curve, stop + gap + sheet.width, length)
     sheet.draw([first, second])
     return curve, False, [first[-1], second[0]]
 
@@ -447,18 +380,17 @@ def short_pieces(sheet, rng):
 
 def level_tail(sheet, rng):
     """Beyond a long lift the curve goes on straight along a row or a column."""
-    if sheet.width > 5:
-        sheet.width = 5.0
+    sheet.width = min(sheet.width, 5.0)
     t = np.linspace(0, 1, 700)
     start = np.array([rng.uniform(45, 60), rng.uniform(130, 200)])
     bow = rng.uniform(25, 45) * np.sin(np.pi * t) ** 2 * np.cos(3 * t)
     curve = start + np.column_stack([180 * t, bow])
     gap = rng.uniform(26, 42) + sheet.width
-    tail = start + np.array([[180 + gap, 0.0], [180 + gap + rng.uniform(22, 40), 0.0]])
+    more = start + np.array([[180 + gap, 0.0], [180 + gap + rng.uniform(22, 40), 0.0]])
     if rng.integers(2):
-        curve, tail = curve[:, ::-1], tail[:, ::-1]
-    sheet.draw([curve, tail])
-    return np.vstack([curve, tail]), False, [curve[-1]]
+        curve, more = curve[:, ::-1], more[:, ::-1]
+    sheet.draw([curve, more])
+    return np.vstack([curve, more]), False, [curve[-1]]
 
 
 def fork(sheet, rng):
@@ -495,12 +427,10 @@ def double_run(sheet, rng):
     return None, False, [run[len(run) // 2], run[len(run) // 4], run[3 * len(run) // 4]]
 
 
-def _over_an_end(sheet, rng, colour, size=None):
+def _over_an_end(sheet, rng, colour):
     """A box over the last 12 to 40 px of a curve."""
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    length = arc_of(curve)[-1]
-    hidden = part(curve, length - rng.uniform(12, 40), length)
+    curve = drawn(sheet, rng)
+    hidden = tail(curve, rng.uniform(12, 40))
     low, high = hidden.min(0) - 6, hidden.max(0) + 6
     sheet.box((low + high) / 2, *(high - low), colour)
     return curve, False, [hidden[0], hidden[-1]]
@@ -516,10 +446,8 @@ def coloured_box_over_an_end(sheet, rng):
 
 def veil_over_an_end(sheet, rng):
     """A translucent grey box, through which the end shows faintly."""
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    length = arc_of(curve)[-1]
-    hidden = part(curve, length - rng.uniform(15, 45), length)
+    curve = drawn(sheet, rng)
+    hidden = tail(curve, rng.uniform(15, 45))
     low, high = hidden.min(0) - 6, hidden.max(0) + 6
     share = np.zeros(sheet.shape)
     (left, top), (right, bottom) = np.rint(low).astype(int), np.rint(high).astype(int)
@@ -530,9 +458,8 @@ def veil_over_an_end(sheet, rng):
 
 def letter_at_an_end(sheet, rng):
     """A letter in the pen's colour begins where the curve ends."""
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    way = direction(curve)
+    curve = drawn(sheet, rng)
+    way = direction(curve, 12)
     at = curve[-1] + (sheet.width / 2 + rng.uniform(-1, 3)) * way
     letter = "AFLTX"[int(rng.integers(5))]
     size = rng.uniform(0.35, 0.6)
@@ -543,8 +470,7 @@ def letter_at_an_end(sheet, rng):
 
 
 def dot_beside(sheet, rng):
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
+    curve = drawn(sheet, rng)
     k = int(rng.uniform(0.2, 0.8) * len(curve))
     radius = rng.uniform(1.5, 3.5)
     at = curve[k] + (sheet.width / 2 + radius + rng.uniform(-1.5, 2)) * normal_of(curve)[k]
@@ -554,10 +480,9 @@ def dot_beside(sheet, rng):
 
 def other_colour_over_the_end(sheet, rng):
     """A line of another colour crosses the very end."""
-    curve = hand(sheet, rng)
-    sheet.draw([curve])
-    across = turned(direction(curve), np.pi / 2 + rng.uniform(-0.4, 0.4))
-    at = curve[-1] - rng.uniform(0, 3) * direction(curve)
+    curve = drawn(sheet, rng)
+    across = turned(direction(curve, 12), np.pi / 2 + rng.uniform(-0.4, 0.4))
+    at = curve[-1] - rng.uniform(0, 3) * direction(curve, 12)
     sheet.line(np.array([at - 25 * across, at + 25 * across]), rng.uniform(3, 8), any_other(rng))
     return curve, False, [curve[-1]]
 
@@ -571,28 +496,23 @@ def ring_with_an_opening(sheet, rng):
 
 def planned_level_tail(sheet, rng):
     curve, is_closed, places = level_tail(sheet, rng)
-    for k in range(4):
-        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 80))
-        cross(sheet, at, 7, 2.0, (0, 255, 255))
-        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
+    set_markers(sheet, rng, curve, 4, 80)
     return curve, is_closed, places
 
 
-def _by_name(*kinds: Callable) -> dict[str, Callable]:
-    return {kind.__name__.replace("_", " "): kind for kind in kinds}
-
-
-CLEAR = _by_name(
+CLEAR = by_name(
     plain, closed, taper, lifts, crossed_by_colours, touched_along, letters_near,
     dots_and_crosses_near, boxes_and_swatch_near, marker_crosses, leaves_the_picture, pressure,
     polygon, planned, neighbour, taper_on_a_planned_slice,
 )  # fmt: skip
-AMBIGUOUS = _by_name(
+AMBIGUOUS = by_name(
     long_gap, short_pieces, level_tail, planned_level_tail, fork, two_curves, double_run,
     grey_box_over_an_end, coloured_box_over_an_end, veil_over_an_end, letter_at_an_end, dot_beside,
     other_colour_over_the_end, ring_with_an_opening,
 )  # fmt: skip
 LARGE = ("planned", "taper on a planned slice")
+FAMILY = Family(CLEAR, AMBIGUOUS, _begin)
+draw = FAMILY.draw
 
 
 def _pil(shape, dense, widths):
@@ -623,6 +543,3 @@ def _opencv(shape, points, width, closed):
     at = np.rint(points * 16).astype(np.int32)
     cv2.polylines(share, [at], closed, 255, max(1, round(width)), cv2.LINE_AA, 4)
     return share / 255.0
-
-
-__all__ = ["AMBIGUOUS", "CLEAR", "RASTERISERS", "Drawing", "draw", "rectangle"]

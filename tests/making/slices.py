@@ -2,11 +2,14 @@
 
 A kind is a function of a random generator that draws on a `Canvas` and returns the truth. `KINDS`
 holds those with one right answer, for which neither a refusal nor a warning is wanted, and `TRAPS`
-those of which an answer other than the truth must not come without a warning.
+those of which an answer other than the truth must not come without a warning. `HIDDEN` holds
+curves with a cover without colour over an end, a letter at it, or a dot beside: such a cover is
+told by its edge and its evenness, not by its colour, so that some go unseen.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -23,7 +26,10 @@ OTHERS = (YELLOW, ORANGE, MAGENTA)
 
 @dataclass
 class Slice:
-    """A drawn slice: (H, W, 3) uint8, and (M, 2) the true curve, `None` where there is none."""
+    """A drawn slice: (H, W, 3) uint8, and (M, 2) the true curve, `None` where there is none.
+
+    `places` are (u, v) [px] where an answer other than a refusal needs a word.
+    """
 
     kind: str
     seed: int
@@ -33,17 +39,38 @@ class Slice:
     truth: np.ndarray | None
     closed: bool
     clear: bool
+    places: list
 
 
-def draw(kind, seed, kinds=None):
-    """The slice of a kind's name with this seed; `kinds` are others than those of this module."""
-    rng = np.random.default_rng([seed, *kind.encode()])
-    rasteriser = RASTERISERS[seed % len(RASTERISERS)]
-    canvas = Canvas(anatomy(SHAPE, int(rng.integers(1000))), rasteriser)
-    quality = (None, None, 90, 80)[seed % 4]
-    truth, closed = (kinds or {**KINDS, **TRAPS})[kind](canvas, rng)
-    image = canvas.image(quality)
-    return Slice(kind, seed, rasteriser, quality, image, truth, closed, kind in KINDS)
+@dataclass
+class Family:
+    """Kinds of slices, by name, that are begun in one way.
+
+    `begin(kind, seed, rng)` gives the canvas and the quality of JPEG, `None` for PNG. A kind draws
+    on the canvas and returns the true curve, whether it is closed, and places if it has any.
+    """
+
+    clear: dict
+    unclear: dict
+    begin: Callable
+
+    def draw(self, kind, seed):
+        """The slice of a kind's name with this seed."""
+        rng = np.random.default_rng([seed, *kind.encode()])
+        canvas, quality = self.begin(kind, seed, rng)
+        truth, closed, *places = {**self.clear, **self.unclear}[kind](canvas, rng)
+        image, clear = canvas.image(quality), kind in self.clear
+        places = [*places[0]] if places else []
+        return Slice(kind, seed, canvas.rasteriser, quality, image, truth, closed, clear, places)
+
+
+def by_name(*kinds):
+    return {kind.__name__.replace("_", " "): kind for kind in kinds}
+
+
+def _begin(_kind, seed, rng):
+    canvas = Canvas(anatomy(SHAPE, int(rng.integers(1000))), RASTERISERS[seed % len(RASTERISERS)])
+    return canvas, (None, None, 90, 80)[seed % 4]
 
 
 def hand(rng, closed=False, margin=0.2):
@@ -56,6 +83,13 @@ def hand(rng, closed=False, margin=0.2):
 
 def pen(rng):
     return float(rng.choice([2.0, 2.5, 3.0, 4.0, 5.0]))
+
+
+def drawn(canvas, rng):
+    """A drawn curve, and the pen's width."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    return curve, width
 
 
 def arc_of(curve, closed=False):
@@ -71,19 +105,54 @@ def part(curve, start, stop):
     return np.column_stack([np.interp([*at, stop], arc, curve[:, k]) for k in (0, 1)])
 
 
+def tail(curve, length):
+    """The last part of an open curve."""
+    return part(curve, -length, arc_of(curve)[-1])
+
+
+def parts_inside(curve, shape=SHAPE):
+    """The parts of a curve that lie in a picture, the longest first."""
+    inside = np.flatnonzero(((curve > -0.5) & (curve < np.array(shape[::-1]) - 0.5)).all(1))
+    runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
+    return [curve[run] for run in sorted(runs, key=len, reverse=True)]
+
+
+def pressed_by(curve, share, rng):
+    """By which share of itself a pen's width changes with the hand's pressure, at each point."""
+    t = np.linspace(0, 1, len(curve))
+    return share * np.sin(2 * np.pi * (rng.uniform(1, 3) * t + rng.uniform()))
+
+
 def normal_of(curve):
     tangent = np.gradient(curve, axis=0)
     tangent /= np.hypot(*tangent.T)[:, None]
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
-def away(curve, rng, size=(40, 40), clear=25):
+def away(curve, rng, size=(40, 40), clear=25, shape=SHAPE, edge=8, tries=200):
     """The centre of a box of a size that lies `clear` px off a curve, or farther than others."""
     half = np.array(size) / 2
-    places = rng.uniform(half + 8, np.array(SHAPE[::-1]) - half - 8, (200, 2))
+    places = rng.uniform(half + edge, np.array(shape[::-1]) - half - edge, (tries, 2))
     off = np.maximum(np.abs(curve[::8] - places[:, None]) - half, 0.0)
     distance = np.hypot(*np.moveaxis(off, 2, 0)).min(1)
     return places[np.argmax(np.minimum(distance, clear))]
+
+
+def cross(canvas, at, arm, width, colour):
+    """A marker's cross."""
+    for step in (np.array([arm, 0.0]), np.array([0.0, arm])):
+        canvas.line(np.array([at - step, at + step]), width, colour, cap="butt")
+
+
+def direction(curve, points=10):
+    """Unit vector in which a curve leaves its last point."""
+    step = curve[-1] - curve[-points]
+    return step / np.hypot(*step)
+
+
+def turned(vector, angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
 
 
 # One right answer.
@@ -114,9 +183,8 @@ def upscaled(canvas, rng):
     curve, by = hand(rng), rng.uniform(1.4, 2.6)
     canvas.line(curve, pen(rng), RED)
     way = (cv2.INTER_CUBIC, cv2.INTER_LINEAR, cv2.INTER_LANCZOS4)[int(rng.integers(3))]
-    canvas.picture = np.clip(
-        cv2.resize(canvas.picture, None, fx=by, fy=by, interpolation=way), 0, 255
-    )
+    larger = cv2.resize(canvas.picture, None, fx=by, fy=by, interpolation=way)
+    canvas.picture = np.clip(larger, 0, 255)
     return (curve + 0.5) * by - 0.5, False
 
 
@@ -140,9 +208,7 @@ def leaves_the_picture(canvas, rng):
     way = (rng.choice([-1, 1]) * rng.uniform(110, 150), rng.uniform(-60, 60))
     curve = hand(rng) + way
     canvas.line(curve, pen(rng), RED)
-    inside = np.flatnonzero(((curve > -0.5) & (curve < np.array(SHAPE[::-1]) - 0.5)).all(1))
-    runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
-    return curve[max(runs, key=len)], False
+    return parts_inside(curve)[0], False
 
 
 def mouse(canvas, rng):
@@ -167,8 +233,7 @@ def polygon(canvas, rng):
 def pressure(canvas, rng):
     """A pen whose width varies by 30 to 60 % with the hand's pressure."""
     curve = hand(rng)
-    t = np.linspace(0, 1, len(curve))
-    swing = rng.uniform(0.3, 0.6) * np.sin(2 * np.pi * (rng.uniform(1, 3) * t + rng.uniform()))
+    swing = pressed_by(curve, rng.uniform(0.3, 0.6), rng)
     canvas.pressed(curve, rng.uniform(3, 5) * (1 + swing), RED)
     return curve, False
 
@@ -184,8 +249,7 @@ def taper(canvas, rng):
 
 def glyphs(canvas, rng):
     """Slicer's control points: discs of the line's colour on it."""
-    curve, width = hand(rng), pen(rng)
-    canvas.line(curve, width, RED)
+    curve, width = drawn(canvas, rng)
     for at in curve[:: len(curve) // int(rng.integers(5, 9))]:
         canvas.disc(at, width * rng.uniform(1.0, 1.6), RED)
     canvas.disc(curve[-1], width * 1.3, RED)
@@ -204,8 +268,7 @@ def handles(canvas, rng):
 
 
 def scale_bar(canvas, rng):
-    curve, width = hand(rng), pen(rng)
-    canvas.line(curve, width, RED)
+    curve, _ = drawn(canvas, rng)
     length = rng.uniform(50, 100)
     at = away(curve, rng, (length, 40))
     bar = at + np.array([[-length / 2, 0], [length / 2, 0]])
@@ -218,22 +281,19 @@ def scale_bar(canvas, rng):
 
 def calliper(canvas, rng):
     """A measured distance: a slanting line with a cross at either end and its length in words."""
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     length, angle = rng.uniform(40, 80), rng.uniform(0.2, 1.3)
     way = np.array([np.cos(angle), np.sin(angle)])
     at = away(curve, rng, length * way + 12)
     canvas.line(at + length / 2 * np.array([-way, way]), 1.5, RED, cap="butt")
-    for end in (at - length / 2 * way, at + length / 2 * way):
-        canvas.line(end + np.array([[-6, 0], [6, 0]]), 1.5, RED, cap="butt")
-        canvas.line(end + np.array([[0, -6], [0, 6]]), 1.5, RED, cap="butt")
+    cross(canvas, at - length / 2 * way, 6, 1.5, RED)
+    cross(canvas, at + length / 2 * way, 6, 1.5, RED)
     return curve, False
 
 
 def window_frame(canvas, rng):
     """A rectangle beside or round the curve, as a viewport's border."""
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     inset = rng.uniform(6, 14)
     centre = (np.array(SHAPE[::-1]) - 1) / 2
     corners = rectangle(centre, SHAPE[1] - 2 * inset, SHAPE[0] - 2 * inset)
@@ -246,8 +306,7 @@ def window_frame(canvas, rng):
 
 def region(canvas, rng):
     """A filled patch of the pen's colour beside the curve."""
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     radius = rng.uniform(12, 22) * (1 + 0.2 * np.sin(3 * turn))
     at = away(curve, rng, (50, 50))
@@ -257,8 +316,7 @@ def region(canvas, rng):
 
 def dot_end(canvas, rng):
     """A blob where the pen rested at one end."""
-    curve, width = hand(rng), pen(rng)
-    canvas.line(curve, width, RED)
+    curve, width = drawn(canvas, rng)
     canvas.disc(curve[-1], width * rng.uniform(1.2, 2.2), RED)
     return curve, False
 
@@ -271,10 +329,8 @@ def arrow_head(canvas, rng):
     back = part(curve, -14.0, -10.0)[0]
     along = (tip - back) / np.hypot(*(tip - back))
     across = np.array([-along[1], along[0]])
-    size = 3 * width
-    canvas.fill(
-        [tip, tip - size * along + size / 2 * across, tip - size * along - size / 2 * across], RED
-    )
+    back, aside = tip - 3 * width * along, 3 * width / 2 * across
+    canvas.fill([tip, back + aside, back - aside], RED)
     return curve, False
 
 
@@ -292,19 +348,16 @@ def leader(canvas, rng):
 
 def crosses(canvas, rng):
     """Marker crosses of the pen's colour with their labels."""
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     for k in range(int(rng.integers(3, 7))):
         at = away(curve, rng, (28, 28), rng.uniform(12, 60))
-        for end in ((6, 0), (0, 6)):
-            canvas.line(np.array([at - end, at + end]), 1.5, RED, cap="butt")
+        cross(canvas, at, 6, 1.5, RED)
         canvas.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
     return curve, False
 
 
 def words(canvas, rng):
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     canvas.text("L hip 3", away(curve, rng, (70, 14)) - [34, -6], RED)
     return curve, False
 
@@ -351,8 +404,7 @@ def touched_red_on_top(canvas, rng):
 
 def crossed(canvas, rng):
     """Lines of other colours across the curve."""
-    curve, width = hand(rng), pen(rng)
-    canvas.line(curve, width, RED)
+    curve, _ = drawn(canvas, rng)
     for where in (0.3, 0.65):
         at = curve[int(where * len(curve))]
         normal = normal_of(curve)[int(where * len(curve))]
@@ -364,8 +416,7 @@ def crossed(canvas, rng):
 
 def bars(canvas, rng):
     """A red curve beside a chart's orange bars."""
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
+    curve, _ = drawn(canvas, rng)
     at = np.add(away(curve, rng, (34, 60)), [0, 25])
     for k in range(3):
         height = rng.uniform(20, 50)
@@ -382,13 +433,11 @@ def goes_on_along_an_axis(canvas, rng):
     u, v = rng.uniform(40, 60), rng.uniform(120, 200)
     t = np.linspace(0, 1, 800)
     curve = np.column_stack([u + 170 * t, v + 35 * np.sin(np.pi * t) ** 2 * np.cos(3 * t)])
-    straight = np.array(
-        [[u + 170 + gap, v], [u + 170 + gap + rng.uniform(24, 42), v + rng.uniform(-1, 1)]]
-    )
+    start = u + 170 + gap
+    straight = np.array([[start, v], [start + rng.uniform(24, 42), v + rng.uniform(-1, 1)]])
     whole = np.vstack([curve, straight])
     if rng.integers(2):
-        whole, curve, straight = (x[:, ::-1] * [1, 1] for x in (whole, curve, straight))
-        whole, curve, straight = (x * [1, 0.92] for x in (whole, curve, straight))
+        whole, curve, straight = (x[:, ::-1] * [1, 0.92] for x in (whole, curve, straight))
     canvas.line(curve, width, RED)
     canvas.line(straight, width, RED)
     return whole, False
@@ -432,10 +481,8 @@ def rectangle_with_a_line(canvas, rng):
 
 
 def end_under_a_box(canvas, rng):
-    curve = hand(rng)
-    canvas.line(curve, pen(rng), RED)
-    length = arc_of(curve)[-1]
-    hidden = part(curve, length - rng.uniform(35, 90), length)
+    curve, _ = drawn(canvas, rng)
+    hidden = tail(curve, rng.uniform(35, 90))
     low, high = hidden.min(0) - 6, hidden.max(0) + 6
     colour = (*OTHERS, CYAN, GREEN, BLUE)[int(rng.integers(6))]
     canvas.box((low + high) / 2, *(high - low), colour)
@@ -469,10 +516,8 @@ def beyond_a_long_lift(canvas, rng):
 
 def opening(canvas, rng):
     """A C: nearly closed, with an opening of 6 to 26 px."""
-    curve = hand(rng, True)
-    width = pen(rng)
-    arc = arc_of(curve)
-    curve = part(curve, 0, arc[-1] - rng.uniform(6, 26) - width)
+    curve, width = hand(rng, True), pen(rng)
+    curve = part(curve, 0, arc_of(curve)[-1] - rng.uniform(6, 26) - width)
     canvas.line(curve, width, RED)
     return curve, False
 
@@ -495,8 +540,7 @@ def lone_bar(canvas, rng):
 
 def hidden_stretch(canvas, rng):
     """Something broader than the longest bridged lies over the line."""
-    curve, width = hand(rng), pen(rng)
-    canvas.line(curve, width, RED)
+    curve, _ = drawn(canvas, rng)
     at = curve[int(rng.uniform(0.4, 0.6) * len(curve))]
     canvas.disc(at, rng.uniform(14, 22), (*OTHERS, CYAN, GREEN)[int(rng.integers(5))])
     return curve, False
@@ -505,7 +549,7 @@ def hidden_stretch(canvas, rng):
 def letter_turns_off(canvas, rng):
     """A thinner stroke of a letter that goes off to one side from the curve's end."""
     curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
-    along = (curve[-1] - curve[-10]) / np.hypot(*(curve[-1] - curve[-10]))
+    along = direction(curve)
     turn = rng.choice([-1, 1]) * rng.uniform(1.1, 1.7)
     aside = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ along
     canvas.line(curve, width, RED)
@@ -514,20 +558,131 @@ def letter_turns_off(canvas, rng):
     return curve, False
 
 
-KINDS = {
-    f.__name__.replace("_", " "): f
-    for f in (
-        plain, thin, downscaled, upscaled, linear_light, scanned, leaves_the_picture, mouse,
-        polygon, pressure, taper, glyphs, handles, scale_bar,
-        calliper, window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
-        touched_red_on_top, crossed, bars,
-    )
-}  # fmt: skip
-TRAPS = {
-    f.__name__.replace("_", " "): f
-    for f in (
-        goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
-        end_among_specks, beyond_a_long_lift, opening, orange_bar, lone_bar, hidden_stretch,
-        letter_turns_off,
-    )
-}  # fmt: skip
+# A cover over an end that has no colour, a letter, a dot.
+
+
+def _over_the_end(canvas, rng):
+    """A drawn curve, and the box that hides its last 35 to 90 px, half of them on whole pixels."""
+    curve, _ = drawn(canvas, rng)
+    hidden = tail(curve, rng.uniform(35, 90))
+    low, high = hidden.min(0) - rng.uniform(4, 14), hidden.max(0) + rng.uniform(4, 14)
+    if rng.integers(2):
+        low, high = np.rint(low) - 0.5, np.rint(high) + 0.5
+    return curve, ((low + high) / 2, *(high - low))
+
+
+def _tone(rng):
+    return float(rng.choice([0.0, 255.0, rng.uniform(40, 215)]))
+
+
+def box_over_the_end(canvas, rng, opacity=1.0, words=False):
+    """White, black or grey."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    tone, before = _tone(rng), canvas.picture
+    canvas.box(at, width, height, (tone,) * 3)
+    if words:
+        for v in np.arange(at[1] - height / 2 + 12, at[1] + height / 2, 16):
+            text = "Lt 12 mm cut"[: max(1, int((width - 6) / 9))]
+            ink = (0.0 if tone > 127 else 255.0,) * 3
+            canvas.text(text, (at[0] - width / 2 + 3, v), ink, 0.4)
+    canvas.picture = (1 - opacity) * before + opacity * canvas.picture
+    return curve, False
+
+
+def framed_box_over_the_end(canvas, rng):
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    tone = _tone(rng)
+    canvas.box(at, width, height, (tone,) * 3)
+    canvas.line(rectangle(at, width, height), 1.0, (255 - tone,) * 3, True)
+    return curve, False
+
+
+def panel_over_the_end(canvas, rng):
+    """Words on white, black or grey."""
+    return box_over_the_end(canvas, rng, words=True)
+
+
+def veil_over_the_end(canvas, rng):
+    """Half to four fifths opaque: the ink shows through."""
+    return box_over_the_end(canvas, rng, opacity=rng.uniform(0.5, 0.8))
+
+
+def disc_over_the_end(canvas, rng):
+    """White, black or grey, as large as what it hides."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    canvas.disc(at, np.hypot(width, height) / 2, (_tone(rng),) * 3)
+    return curve, False
+
+
+def turned_box_over_the_end(canvas, rng):
+    """At any angle."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    turn, size = rng.uniform(0, np.pi / 2), np.hypot(width, height)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    canvas.fill(at + rectangle((0, 0), size, size) @ axes, (_tone(rng),) * 3)
+    return curve, False
+
+
+def _patch_over_the_end(canvas, rng, look):
+    """A box with the grey levels that `look` gives for (rows, columns)."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    before = canvas.picture
+    canvas.box(at, width, height, (255.0,) * 3)
+    white = canvas.picture
+    canvas.picture = before
+    canvas.box(at, width, height, (0.0,) * 3)
+    share = (white - canvas.picture) / 255
+    grey = look(*np.mgrid[: before.shape[0], : before.shape[1]])
+    canvas.picture = before * (1 - share) + share * grey[..., None]
+    return curve, False
+
+
+def hatched_box_over_the_end(canvas, rng):
+    """In stripes of two greys."""
+    pitch, tones = int(rng.integers(3, 7)), (_tone(rng), _tone(rng))
+    return _patch_over_the_end(canvas, rng, lambda v, u: np.where((u + v) // pitch % 2, *tones))
+
+
+def shaded_box_over_the_end(canvas, rng):
+    """From dark to bright, as a grey scale."""
+    low, high = rng.uniform(0, 100), rng.uniform(150, 255)
+    return _patch_over_the_end(canvas, rng, lambda v, u: low + (high - low) * v / v.max())
+
+
+def letter_at_the_end(canvas, rng):
+    """A letter in the pen's colour that the curve runs into."""
+    curve, width = drawn(canvas, rng)
+    way = direction(curve)
+    at = curve[-1] + (width / 2 + rng.uniform(3, 7)) * way
+    canvas.text("LATxK"[int(rng.integers(5))], np.add(at, (-5, 6)), RED, rng.uniform(0.4, 0.6))
+    return curve, False
+
+
+def dot_beside(canvas, rng):
+    """A dot of the same pen that touches the line from one side."""
+    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    at = int(rng.uniform(0.3, 0.7) * len(curve))
+    radius = width * rng.uniform(1.2, 1.8)
+    canvas.line(curve, width, RED)
+    canvas.disc(curve[at] + rng.uniform(0.7, 0.9) * radius * normal_of(curve)[at], radius, RED)
+    return curve, False
+
+
+KINDS = by_name(
+    plain, thin, downscaled, upscaled, linear_light, scanned, leaves_the_picture, mouse,
+    polygon, pressure, taper, glyphs, handles, scale_bar,
+    calliper, window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
+    touched_red_on_top, crossed, bars,
+)  # fmt: skip
+TRAPS = by_name(
+    goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
+    end_among_specks, beyond_a_long_lift, opening, orange_bar, lone_bar, hidden_stretch,
+    letter_turns_off,
+)  # fmt: skip
+HIDDEN = by_name(
+    box_over_the_end, framed_box_over_the_end, panel_over_the_end, disc_over_the_end,
+    turned_box_over_the_end, veil_over_the_end, hatched_box_over_the_end,
+    shaded_box_over_the_end, letter_at_the_end, dot_beside,
+)  # fmt: skip
+FAMILY = Family(KINDS, {**TRAPS, **HIDDEN}, _begin)
+draw = FAMILY.draw

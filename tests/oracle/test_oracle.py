@@ -56,39 +56,30 @@ def test_the_sample_controller_gives_the_same_bits():
     same(frozen(replays, "controller.json"), replays.lines(replays.controller_logs(ROOT)))
 
 
-def test_no_slice_is_judged_worse():
-    new = {key: slices.measured(*key) for key in slices.quick()}
+def quick_and_full(quick, full):
+    """The part that `make test` compares, and what `make test-full` does."""
+    params = [
+        pytest.param(quick, id="quick"),
+        pytest.param(full, id="full", marks=pytest.mark.full),
+    ]
+    return pytest.mark.parametrize("part", params)
+
+
+@quick_and_full(slices.quick(), slices.every())
+def test_no_slice_is_judged_worse(part):
+    new = {key: slices.measured(*key) for key in part}
     none(slices.worse(frozen(slices, "slices.csv"), new))
 
 
-@pytest.mark.full
-def test_no_slice_of_the_whole_table_is_judged_worse():
-    new = {key: slices.measured(*key) for key in slices.every()}
-    none(slices.worse(frozen(slices, "slices.csv"), new))
-
-
-def test_no_set_of_markers_is_judged_worse():
-    new = {number: labels.measured(number) for number in labels.QUICK}
+@quick_and_full(labels.QUICK, labels.EVERY)
+def test_no_set_of_markers_is_judged_worse(part):
+    new = {number: labels.measured(number) for number in part}
     none(labels.worse(frozen(labels, "labels.csv"), new))
 
 
-@pytest.mark.full
-def test_no_set_of_all_is_judged_worse():
-    new = {number: labels.measured(number) for number in labels.EVERY}
-    none(labels.worse(frozen(labels, "labels.csv"), new))
-
-
-def test_json_keeps_its_keys_and_values():
-    none(
-        documents.different(
-            frozen(documents, "documents.txt"), documents.documents(documents.QUICK)
-        )
-    )
-
-
-@pytest.mark.full
-def test_json_of_the_long_commands_keeps_its_keys_and_values():
-    now = documents.documents(("plan", *documents.LONG))
+@quick_and_full(documents.QUICK, ("plan", *documents.LONG))
+def test_json_keeps_its_keys_and_values(part):
+    now = documents.documents(part)
     none(documents.different(frozen(documents, "documents.txt"), now))
 
 

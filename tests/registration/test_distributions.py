@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import fdtrc, fdtri
 
-from vfplan.registration.fit import f_exceeds, f_quantile
+from vfplan.registration.models import f_exceeds, f_quantile
 
 
 def degrees_of_freedom(count):

@@ -7,8 +7,7 @@ import pytest
 
 from vfplan import fit_registration
 from vfplan.errors import MarkerError
-from vfplan.registration.fit import fit_model
-from vfplan.registration.models import make_problem, marker_rows
+from vfplan.registration.models import fit_model, make_problem, marker_rows
 
 T = np.array([[5.9e-4, 2e-5, 0.25], [-1e-5, -5.8e-4, 0.31], [3e-5, 4e-5, 0.12]])
 GRID = np.array([(u, v) for v in (-1.0, 0.1, 1.0) for u in (-1.0, -0.1, 1.0)])

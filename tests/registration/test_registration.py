@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from layouts import MODELS, PX, R, grid, planar, solid
+from layouts import MODELS, NAMES, PX, R, fit, grid, markers, photograph, planar, solid
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
@@ -44,8 +44,7 @@ def test_solid_rigid_and_similarity_agree_with_scipy_and_skimage():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("kind", ["planar", "solid"])
 def test_leave_one_out_is_what_refitting_gives(model, kind):
-    source, target = (grid(), planar(grid())) if kind == "planar" else solid(7)
-    spacing = PX if kind == "planar" else None
+    source, target, spacing = markers(kind, 7)
     r = fit_registration(source, target, model=model, pixel_spacing=spacing)
     for i in range(len(source)):
         keep = np.arange(len(source)) != i
@@ -66,47 +65,35 @@ def test_published_rigid_registration(shared_data):
 
 
 @pytest.mark.parametrize(
-    ("view", "model", "rms_mm"),
-    [
-        (0, "similarity", 0.344),
-        (0, "affine", 0.330),
-        (3, "similarity", 1.941),
-        (3, "affine", 1.520),
-    ],
+    ("view", "similarity_mm", "affine_mm"), [(0, 0.344, 0.330), (3, 1.941, 1.520)]
 )
-def test_photographs_of_a_board(shared_data, view, model, rms_mm):
-    folder = shared_data / "photo_px_to_mm"
-    pixels = np.loadtxt(folder / f"calib.image_points.{view}.txt")
-    board = np.loadtxt(folder / f"calib.object_points.{view}.txt") / 1e3
-    assert abs(fit_registration(pixels, board, model=model).fre_rms_m * 1e3 - rms_mm) < 6e-4
+def test_photographs_of_a_board(shared_data, view, similarity_mm, affine_mm):
+    pixels, board_mm = photograph(shared_data, view)
+    for model, rms_mm in (("similarity", similarity_mm), ("affine", affine_mm)):
+        r = fit_registration(pixels, board_mm / 1e3, model=model)
+        assert abs(r.fre_rms_m * 1e3 - rms_mm) < 6e-4
 
 
 @pytest.mark.parametrize("name", ["a", "b", "c"])
 @pytest.mark.parametrize("model", MODELS)
 def test_planned_slices_stay_within_the_predicted_bound(shared_data, name, model):
     folder = shared_data / "planned"
-    markers = vfplan.read_markers(
-        folder / f"pelvis_{name}_markers_image.csv", folder / f"pelvis_{name}_markers_robot.csv"
-    )
+    files = [folder / f"pelvis_{name}_markers_{side}.csv" for side in ("image", "robot")]
+    read = vfplan.read_markers(*files)
     truth = json.loads((folder / f"pelvis_{name}_truth.json").read_text())
     curve = np.loadtxt(folder / f"pelvis_{name}_truth_px.csv", delimiter=",", skiprows=1)[:, -2:]
-    r = fit_registration(
-        markers.source,
-        markers.target,
-        model=model,
-        labels=markers.labels,
-        pixel_spacing=truth["pixel_spacing_mm"] / 1e3,
-    )
+    spacing = truth["pixel_spacing_mm"] / 1e3
+    r = fit(read.source, read.target, model, labels=read.labels, pixel_spacing=spacing)
     exact = np.column_stack([curve, np.ones(len(curve))]) @ np.array(truth["T_robot_image_3x3"]).T
     error = np.linalg.norm(r.apply(curve) - exact, axis=1)
     assert (error < r.tre95_curve_m(curve)).all()
     assert 0.5 < r.sigma_m / truth["marker_noise_sigma_m"] < 1.5
     assert r.outliers == ()
-    assert r.labels == tuple(f"x{i}" for i in range(1, 10))
+    assert r.labels == tuple(NAMES)
 
 
 def test_record_is_what_a_fixture_keeps():
-    r = fit_registration(grid(), planar(grid()), labels=[f"x{i}" for i in range(9)])
+    r = fit_registration(grid(), planar(grid()), labels=NAMES)
     points = np.column_stack([grid(), np.zeros(9)])
     record = r.record(points)
     assert (record.model, record.source_frame) == ("affine", "image")
@@ -124,11 +111,7 @@ REFUSED = [
     ("markers-coincide", grid(5), np.full((5, 3), 0.3)),
     ("too-few-markers", grid(2), planar(grid(2))),
     ("too-few-markers", np.empty((0, 2)), np.empty((0, 3))),
-    (
-        "markers-not-finite",
-        np.where(np.arange(10).reshape(5, 2) == 4, np.nan, grid(5)),
-        planar(grid(5)),
-    ),
+    ("markers-not-finite", np.where(np.indices((5, 2))[0] == 2, np.nan, grid(5)), planar(grid(5))),
     ("markers-too-large", grid(5), planar(grid(5)) * 1e200),
     ("markers-shape", grid(5), planar(grid(4))),
     ("markers-shape", np.zeros((5, 4)), planar(grid(5))),
@@ -158,9 +141,9 @@ def test_affine_needs_a_residual_and_a_solid_one_depth():
     fit_registration(flat, flat @ R.T, model="rigid")
 
 
-def test_settings_are_checked():
-    source, target = grid(), planar(grid())
-    for settings, code in (
+@pytest.mark.parametrize(
+    ("settings", "code"),
+    [
         ({"model": "homography"}, "model-unknown"),
         ({"model": "rigid"}, "pixel-spacing-missing"),
         ({"pixel_spacing": 0.0}, "pixel-spacing-range"),
@@ -169,19 +152,28 @@ def test_settings_are_checked():
         ({"seen_from": [1, 2]}, "seen-from-range"),
         ({"seen_from": "left"}, "seen-from-range"),
         ({"seen_from": [np.nan, 0, 1]}, "seen-from-range"),
-    ):
-        assert code_of(SettingError, source, target, **settings) == code
+        ({"source": [[1, 2], [3]]}, "markers-not-numbers"),
+        ({"sigma": "x"}, "markers-not-numbers"),
+        ({"sigma": np.ones(4)}, "sigma-shape"),
+        ({"sigma": np.zeros(9)}, "sigma-range"),
+        ({"labels": ["a"] * 9}, "label-doubled"),
+    ],
+)
+def test_settings_are_checked(settings, code):
+    names_markers = code.startswith(("markers", "sigma", "label"))
+    error = MarkerError if names_markers else SettingError
+    assert code_of(error, **{"source": grid(), "target": planar(grid())} | settings) == code
+
+
+def test_a_source_in_space_has_no_pixels():
     assert code_of(SettingError, *solid(), pixel_spacing=1e-3) == "pixel-spacing-useless"
-    r = fit_registration(source, target)
-    for points in ([[np.nan, 1]], "x", [[1, 2, 3]], [], np.zeros((2, 2, 2))):
-        with pytest.raises(SettingError) as caught:
-            r.tre95_m(points)
-        assert caught.value.code in ("points-shape", "points-not-finite")
-    assert code_of(MarkerError, [[1, 2], [3]], target) == "markers-not-numbers"
-    assert code_of(MarkerError, source, target, sigma="x") == "markers-not-numbers"
-    assert code_of(MarkerError, source, target, sigma=np.ones(4)) == "sigma-shape"
-    assert code_of(MarkerError, source, target, sigma=np.zeros(9)) == "sigma-range"
-    assert code_of(MarkerError, source, target, labels=["a"] * 9) == "label-doubled"
+
+
+@pytest.mark.parametrize("points", [[[np.nan, 1]], "x", [[1, 2, 3]], [], np.zeros((2, 2, 2))])
+def test_points_are_checked(points):
+    with pytest.raises(SettingError) as caught:
+        fit_registration(grid(), planar(grid())).tre95_m(points)
+    assert caught.value.code in ("points-shape", "points-not-finite")
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e3, 1e6])
@@ -201,14 +193,11 @@ def test_robust_names_what_it_leaves_out(model):
     target = planar(source)
     target[2] += [0.004, -0.003, 0.0]
     target[7] += [-0.005, 0.0, 0.004]
-    labels = [f"x{i}" for i in range(1, 10)]
-    kwargs = {"model": model, "labels": labels, "pixel_spacing": PX}
-    r = fit_registration(source, target, robust=True, **kwargs)
+    r = fit(source, target, model, robust=True)
     assert r.outliers == ("x3", "x8")
     assert r.used.sum() == 7
     good = np.array([i for i in range(9) if i not in (2, 7)])
-    kwargs["labels"] = [labels[i] for i in good]
-    alone = fit_registration(source[good], target[good], **kwargs)
+    alone = fit(source[good], target[good], model)
     np.testing.assert_allclose(r.T_target_source, alone.T_target_source, rtol=1e-9)
     assert r.residuals_m[2] > 0.003
     np.testing.assert_allclose(r.fre_rms_m, alone.fre_rms_m, rtol=1e-9)
@@ -295,22 +284,13 @@ def test_a_rotation_is_that_of_scipy():
 def test_the_report_is_json(model, robust):
     from vfplan.io.files import to_json_types
 
-    names = [f"x{i}" for i in range(9)]
+    def reported(*given):
+        report = to_json_types(registration_report(*given))
+        return json.loads(json.dumps(report, allow_nan=False))
+
     for source, target in ((grid(), planar(grid())), solid(6)):
-        spacing = PX if source.shape[1] == 2 else None
-        r = fit_registration(
-            source,
-            target,
-            model=model,
-            robust=robust,
-            pixel_spacing=spacing,
-            labels=names[: len(source)],
-        )
-        report = json.loads(
-            json.dumps(to_json_types(registration_report(r, source)), allow_nan=False)
-        )
+        report = reported(fit(source, target, model, robust=robust), source)
         assert report["tre"]["curve95_max_m"] >= report["tre"]["bound95_max_m"]
-        assert [m["label"] for m in report["residuals"]] == names[: len(source)]
-    small = fit_registration(grid(4), planar(grid(4)))
-    report = json.loads(json.dumps(to_json_types(registration_report(small)), allow_nan=False))
+        assert [m["label"] for m in report["residuals"]] == NAMES[: len(source)]
+    report = reported(fit_registration(grid(4), planar(grid(4))))
     assert report["residuals"][0]["f"] is None  # no degree of freedom is left to test with

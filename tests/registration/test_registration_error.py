@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from layouts import MODELS, PX, R, grid, planar, solid
+from layouts import MODELS, PX, R, fit, grid, markers, planar, solid
 from scipy.spatial.transform import Rotation
 from scipy.special import fdtr
 
@@ -38,27 +38,29 @@ def truth(points):
     return flat @ R.T + [0.4, -0.1, 0.02]
 
 
+def judged(source, targets, noises, **how):
+    """Predicted over true error, and how often the bound held, over fits with every noise."""
+    predicted, true, covered = [], [], []
+    exact, goal = truth(source), truth(targets)
+    for noise in noises:
+        r = fit_registration(source, exact + noise, **how)
+        error = np.linalg.norm(r.apply(targets) - goal, axis=1)
+        predicted.append(r.tre_m(targets) ** 2)
+        true.append(error**2)
+        covered.append(error <= r.tre95_m(targets))
+    return np.sqrt(np.mean(predicted) / np.mean(true)), np.mean(covered)
+
+
 @pytest.mark.parametrize(("model", "layout", "noise"), CASES)
 def test_predicted_tre_is_the_true_one(model, layout, noise):
     source = SOLID if layout == "solid" else LAYOUTS[layout]
     targets = SOLID_TARGETS if layout == "solid" else TARGETS
     spacing = None if layout == "solid" else PX
     rng = np.random.default_rng(11)
-    exact, goal = truth(source), truth(targets)
-    predicted, true, covered = [], [], []
-    for _ in range(2000):
-        r = fit_registration(
-            source,
-            exact + rng.normal(0, noise, exact.shape),
-            model=model,
-            pixel_spacing=spacing,
-        )
-        error = np.linalg.norm(r.apply(targets) - goal, axis=1)
-        predicted.append(r.tre_m(targets) ** 2)
-        true.append(error**2)
-        covered.append(error <= r.tre95_m(targets))
-    assert 0.97 < np.sqrt(np.mean(predicted) / np.mean(true)) < 1.03
-    assert 0.94 < np.mean(covered) < 0.96
+    noises = rng.normal(0, noise, (2000, *source.shape[:1], 3))
+    ratio, covered = judged(source, targets, noises, model=model, pixel_spacing=spacing)
+    assert 0.97 < ratio < 1.03
+    assert 0.94 < covered < 0.96
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -68,17 +70,12 @@ def test_predicted_tre_with_unequal_markers(model, per_axis):
     rng = np.random.default_rng(12)
     sigma = np.exp(rng.normal(np.log(3e-4), 0.6, (9, 3) if per_axis else 9))
     spread = np.broadcast_to(sigma.reshape(9, -1), (9, 3))
-    predicted, true, covered = [], [], []
-    for _ in range(1200):
-        noisy = truth(source) + rng.normal(0, 1, (9, 3)) * spread
-        # Only the ratios count: state all of them five times too small.
-        r = fit_registration(source, noisy, model=model, pixel_spacing=PX, sigma=sigma / 5)
-        error = np.linalg.norm(r.apply(targets) - truth(targets), axis=1)
-        predicted.append(r.tre_m(targets) ** 2)
-        true.append(error**2)
-        covered.append(error <= r.tre95_m(targets))
-    assert 0.97 < np.sqrt(np.mean(predicted) / np.mean(true)) < 1.03
-    assert 0.935 < np.mean(covered) < 0.965
+    noises = rng.normal(0, 1, (1200, 9, 3)) * spread
+    # Only the ratios count: state all of them five times too small.
+    known = {"pixel_spacing": PX, "sigma": sigma / 5}
+    ratio, covered = judged(source, targets, noises, model=model, **known)
+    assert 0.97 < ratio < 1.03
+    assert 0.935 < covered < 0.965
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -87,15 +84,8 @@ def test_the_band_covers_the_whole_curve(model, layout):
     source, rng = LAYOUTS[layout], np.random.default_rng(13)
     t = np.linspace(0, 1, 120)
     curve = np.column_stack([150 + 500 * t, 350 + 150 * np.sin(6 * t)])
-    fits = [
-        fit_registration(
-            source,
-            truth(source) + rng.normal(0, 3e-4, (len(source), 3)),
-            model=model,
-            pixel_spacing=PX,
-        )
-        for _ in range(2500)
-    ]
+    noise = rng.normal(0, 3e-4, (2500, len(source), 3))
+    fits = [fit(source, truth(source) + error, model) for error in noise]
     widths = [(r.tre95_curve_m(curve) / r.tre95_m(curve))[0] for r in fits[:3]]
     np.testing.assert_allclose(widths, widths[0], rtol=1e-2)  # the draw does not matter
     goal = truth(curve)
@@ -144,8 +134,7 @@ def test_rigid_tre_is_the_formula_of_fitzpatrick_west_and_maurer():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("kind", ["planar", "solid"])
 def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
-    source, target = (grid(), planar(grid())) if kind == "planar" else solid(8)
-    spacing = PX if kind == "planar" else None
+    source, target, spacing = markers(kind)
     r = fit_registration(source, target, model=model, pixel_spacing=spacing)
     x = homogeneous(source[:3])
     k = x.shape[1]
@@ -156,15 +145,9 @@ def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_fle_is_recovered(model):
-    rng = np.random.default_rng(4)
-    found = [
-        fit_registration(
-            grid(), truth(grid()) + rng.normal(0, 3e-4, (9, 3)), model=model, pixel_spacing=PX
-        ).fle_rms_m
-        ** 2
-        for _ in range(1500)
-    ]
-    assert abs(np.sqrt(np.mean(found)) / (3e-4 * np.sqrt(3)) - 1) < 0.02
+    noise = np.random.default_rng(4).normal(0, 3e-4, (1500, 9, 3))
+    found = np.array([fit(grid(), truth(grid()) + error, model).fle_rms_m for error in noise])
+    assert abs(np.sqrt(np.mean(found**2)) / (3e-4 * np.sqrt(3)) - 1) < 0.02
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -172,8 +155,7 @@ def test_fle_is_recovered(model):
 @pytest.mark.parametrize("origin", [0.0, 1e3])
 def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     """Target in another unit, far from its origin, turned: errors scale, nothing else moves."""
-    source, target = (grid(), planar(grid())) if kind == "planar" else solid(8)
-    spacing = PX if kind == "planar" else None
+    source, target, spacing = markers(kind)
     base = fit_registration(source, target, model=model, pixel_spacing=spacing)
     turn = R @ R
     shift = np.array([origin, -origin, origin / 3])
@@ -182,22 +164,18 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     for name in ("residuals_m", "loo_m", "leverage", "studentised_f"):
         np.testing.assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
     np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
-    np.testing.assert_allclose(moved.tre_m(curve), base.tre_m(curve), rtol=1e-9)
-    np.testing.assert_allclose(moved.tre95_m(curve), base.tre95_m(curve), rtol=1e-9)
+    for name in ("tre_m", "tre95_m"):
+        moved_m, base_m = (getattr(r, name)(curve) for r in (moved, base))
+        np.testing.assert_allclose(moved_m, base_m, rtol=1e-9)
     expected = base.apply(curve) @ turn.T + shift
     np.testing.assert_allclose(moved.apply(curve), expected, atol=1e-12 * max(1, origin))
     if (kind == "solid" and model != "rigid") or kind == "planar":
         self_scale = 1e3 if spacing is None else 1.0
-        mm = fit_registration(
-            source * self_scale,
-            target * 1e3,
-            model=model,
-            pixel_spacing=spacing and spacing * 1e3,
-        )
+        in_mm = {"model": model, "pixel_spacing": spacing and spacing * 1e3}
+        mm = fit_registration(source * self_scale, target * 1e3, **in_mm)
         np.testing.assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
-        np.testing.assert_allclose(
-            mm.tre95_m(curve * self_scale) / 1e3, base.tre95_m(curve), rtol=1e-9
-        )
+        bound_m = mm.tre95_m(curve * self_scale) / 1e3
+        np.testing.assert_allclose(bound_m, base.tre95_m(curve), rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)

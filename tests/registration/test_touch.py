@@ -6,7 +6,7 @@ import pytest
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.registration import fit_registration
-from vfplan.registration.touch import NearestOnMesh, refine_by_touch
+from vfplan.registration.touch import NearestOnMesh
 from vfplan.surface.build import SurfaceSettings, surface
 
 MARKS = 1e-3 * np.array(
@@ -44,6 +44,10 @@ def flank(points):
     return (np.abs(points[:, 2]) < 30) & (points[:, 0] > -5)
 
 
+def refined(bone, start, touched, **settings):
+    return refined(bone, start, touched, **settings)
+
+
 def off(registration, bone):
     return np.linalg.norm(registration.apply(bone.points) - robot(bone.points), axis=1)
 
@@ -51,7 +55,7 @@ def off(registration, bone):
 def test_touching_brings_the_surface_where_it_is(bone):
     rng = np.random.default_rng(7)
     start = marked(rng)
-    found = refine_by_touch(start, touches(bone, rng, 60, flank), bone.points, bone.mesh)
+    found = refined(bone, start, touches(bone, rng, 60, flank))
     assert np.sqrt((off(start, bone) ** 2).mean()) > 5e-4
     assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1.5e-4
     assert found.used.all()
@@ -67,7 +71,7 @@ def test_the_predicted_error_is_the_error(bone, count):
     for _ in range(count):
         start = marked(rng, 5e-4)
         touched = touches(bone, rng, 40, flank)
-        found = refine_by_touch(start, touched, bone.points, bone.mesh).registration
+        found = refined(bone, start, touched).registration
         away, at = off(found, bone), bone.points[::97]
         whole = (away[::97] <= found.tre95_curve_m(at)).all()
         rows.append([(off(start, bone) ** 2).mean(), (away**2).mean(),
@@ -89,7 +93,7 @@ def test_what_touched_something_else_is_left_out(bone):
     rng = np.random.default_rng(6)
     points = touches(bone, rng, 60, flank)
     points[[5, 17, 40]] += [[4e-3, 0, 0], [0, -3e-3, 2e-3], [0, 0, 5e-3]] @ R_TRUE.T
-    found = refine_by_touch(marked(rng), points, bone.points, bone.mesh)
+    found = refined(bone, marked(rng), points)
     assert not found.used[[5, 17, 40]].any()
     assert found.used.sum() > 50
     bound = found.registration.tre95_curve_m(bone.points)
@@ -108,7 +112,7 @@ def test_a_ball_tip_touches_with_its_radius(bone):
     )
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     centres = robot(bone.points[rows] + 1.5e-3 * normal)
-    found = refine_by_touch(marked(rng), centres, bone.points, bone.mesh, tip_radius=1.5e-3)
+    found = refined(bone, marked(rng), centres, tip_radius=1.5e-3)
     assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1e-4
 
 
@@ -119,23 +123,23 @@ def test_a_patch_that_leaves_a_motion_free_is_refused(bone):
         return points[:, 2] > 39.49
 
     with pytest.raises(MarkerError) as caught:
-        refine_by_touch(marked(rng), touches(bone, rng, 50, cap), bone.points, bone.mesh)
+        refined(bone, marked(rng), touches(bone, rng, 50, cap))
     assert caught.value.code == "touch-free-motion"
 
 
 def test_points_nowhere_near_the_bone_are_refused(bone):
     rng = np.random.default_rng(1)
     points = touches(bone, rng, 30, flank)
-    with pytest.raises(MarkerError) as caught:
-        refine_by_touch(marked(rng), 1e3 * points, bone.points, bone.mesh)
-    assert caught.value.code == "touch-far"
-    with pytest.raises(MarkerError) as caught:
-        refine_by_touch(marked(rng), points[:11], bone.points, bone.mesh)
-    assert (caught.value.code, caught.value.numbers["points"]) == ("touch-count", 11)
     affine = fit_registration(MARKS, robot(MARKS) + rng.normal(0, 1e-4, MARKS.shape))
-    with pytest.raises(SettingError) as refused:
-        refine_by_touch(affine, points, bone.points, bone.mesh)
-    assert refused.value.code == "touch-not-rigid"
+    for start, touched, code in (
+        (marked(rng), 1e3 * points, "touch-far"),
+        (marked(rng), points[:11], "touch-count"),
+        (affine, points, "touch-not-rigid"),
+    ):
+        with pytest.raises((MarkerError, SettingError)) as caught:
+            refined(bone, start, touched)
+        assert caught.value.code == code
+        assert caught.value.numbers.get("points", 11) == 11
 
 
 def test_the_nearest_place_on_a_mesh_is_the_nearest(bone):

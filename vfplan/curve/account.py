@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.curve import tuned
+from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
-from vfplan.curve.choose import lasting_change, one_sided, relative_width, sudden_changes
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
-from vfplan.geometry.lines import normals, runs
+from vfplan.geometry.lines import Array, Flags, normals, runs
 
 NAMED = 3
 """Pieces of ink of one sort that have a finding of their own; the account lists all."""
@@ -73,7 +73,7 @@ class Leftover:
         dot on the line, a control point or the head of an arrow.
     """
 
-    middle: NDArray[np.float64]
+    middle: Array
     pixels: int
     size: float
     edge_distance: float
@@ -102,15 +102,14 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
     mirrored = mirrored[left]
     if len(pixels) == 0:
         return []
-    corner = pixels.min(0)
-    box = np.zeros(tuple(pixels.max(0)[::-1] - corner[::-1] + 1), np.uint8)
-    box[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = 1
+    u, v = (pixels - pixels.min(0)).T
+    box = np.zeros((v.max() + 1, u.max() + 1), np.uint8)
+    box[v, u] = 1
     _, labels = cv2.connectedComponents(box, connectivity=8)
-    label = labels[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]]
+    label = labels[v, u]
+    order = np.argsort(label, kind="stable")
     pieces = []
-    for members in np.split(
-        np.argsort(label, kind="stable"), np.cumsum(np.bincount(label)[1:])[:-1]
-    ):
+    for members in np.split(order, np.cumsum(np.bincount(label)[1:])[:-1]):
         if len(members) >= tuned.SPECK_PX:
             low, high = pixels[members].min(0), pixels[members].max(0)
             piece = Leftover(
@@ -125,18 +124,15 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
     return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
 
 
-def _is_mirrored(
-    ink: Ink, curve: MeasuredStroke, pixels: NDArray, nearest: NDArray
-) -> NDArray[np.bool_]:
+def _is_mirrored(ink: Ink, curve: MeasuredStroke, pixels: NDArray, nearest: NDArray) -> Flags:
     """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
     normal = normals(curve.points, curve.closed)[nearest]
     across = ((pixels - curve.points[nearest]) * normal).sum(1)
     opposite = np.rint(pixels - 2 * across[:, None] * normal).astype(int)
     has_ink = np.zeros(len(pixels), bool)
-    for du in (-1, 0, 1):
-        for dv in (-1, 0, 1):
-            u, v = np.clip(opposite + np.array([du, dv]), 0, ink.size - 1).T
-            has_ink |= ink.mask[v, u]
+    for step in product((-1, 0, 1), repeat=2):
+        u, v = np.clip(opposite + step, 0, ink.size - 1).T
+        has_ink |= ink.mask[v, u]
     return has_ink
 
 
@@ -147,27 +143,29 @@ def list_account(
     rows: list[tuple] = [(piece.pixels, piece.middle, piece.size, "ink") for piece in leftover]
     for curve in curves:
         for what, run in _stretches(curve):
-            rows.append((len(run), curve.points[run[len(run) // 2]], float(len(run)), what))
+            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what))
     rows.sort(key=lambda row: (-row[0], *row[1]))
     total = max(int(np.count_nonzero(ink.mask)), 1)
-    entries = []
-    for number, (pixels, (u, v), size, what) in enumerate(rows, 1):
-        entries.append(AccountEntry(number, float(u), float(v), pixels, pixels / total, size, what))
-    return tuple(entries)
+    return tuple(
+        AccountEntry(number, float(u), float(v), pixels, pixels / total, size, what)
+        for number, (pixels, (u, v), size, what) in enumerate(rows, 1)
+    )
 
 
-def _stretches(curve: MeasuredStroke) -> Iterator[tuple[str, NDArray[np.int64]]]:
+def _stretches(curve: MeasuredStroke) -> Iterator[tuple[str, NDArray]]:
     """Each stretch of a curve that does not show, with the reason."""
     for run in runs(curve.bridged | curve.hidden, curve.closed):
-        if curve.hidden[run].any():
-            yield "hidden", run
-        else:
-            yield "bridge", run
+        yield "hidden" if curve.hidden[run].any() else "bridge", run
 
 
-def _finding(code: str, text: str, place: NDArray) -> Finding:
+def _middle(run: NDArray) -> int:
+    return int(run[len(run) // 2])
+
+
+def finding_at(place: NDArray, code: str, text: str, severity: Callable = doubt) -> Finding:
+    """A finding on what the picture shows at a place (u, v) [px]."""
     u, v = (round(float(x), 1) for x in place)
-    return doubt(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
+    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
 def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
@@ -180,43 +178,42 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         other = ink.other[top:bottom, left:right] > OTHER_UNIT * tuned.FOREIGN
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
-            findings.append(_finding("end-other-colour", text, point))
+            findings.append(finding_at(point, "end-other-colour", text))
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
         if end.continues:
             text = "faint ink goes on beyond the end. Does the curve go on?"
-            findings.append(_finding("ink-at-end", text, point))
+            findings.append(finding_at(point, "ink-at-end", text))
         if end.sigma > tuned.UNSURE_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
-            findings.append(_finding("end-unsure", text, point))
+            findings.append(finding_at(point, "end-unsure", text))
     return findings
 
 
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
     """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
-    at_end = []
-    touching = []
-    for piece in leftover:
-        if piece.mirrored:
-            continue
-        if piece.end_distance <= tuned.END_REACH_GAPS * max_gap_px:
-            at_end.append(piece)
-        elif piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
-            touching.append(piece)
+    beside = [piece for piece in leftover if not piece.mirrored]
+    reach = tuned.END_REACH_GAPS * max_gap_px
+    at_end = [piece for piece in beside if piece.end_distance <= reach]
+    touching = [
+        piece
+        for piece in beside
+        if piece.end_distance > reach and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX
+    ]
     findings = []
     for piece in at_end[:NAMED]:
         text = (
             f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the curve"
             f"{_and_more(at_end)}. Does the curve go on there?"
         )
-        findings.append(_finding("ink-at-end", text, piece.middle))
+        findings.append(finding_at(piece.middle, "ink-at-end", text))
     for piece in touching[:NAMED]:
         text = (
             f"ink of {piece.size:.0f} px touches the curve{_and_more(touching)}. "
             "Is it a part of the curve?"
         )
-        findings.append(_finding("ink-touches", text, piece.middle))
+        findings.append(finding_at(piece.middle, "ink-touches", text))
     return findings
 
 
@@ -231,7 +228,7 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
                 f"a line of {other.length:.0f} px lies in the direction of the end of the curve, "
                 f"beyond a gap of {gap:.0f} px. Does the curve go on there?"
             )
-            findings.append(_finding("ink-at-end", text, other.path[len(other.path) // 2]))
+            findings.append(finding_at(other.path[len(other.path) // 2], "ink-at-end", text))
     return findings
 
 
@@ -245,7 +242,7 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
         f"both ends of the curve face each other over a gap of {gap:.0f} px. Is the curve a ring? "
         f"Then close it: --max-gap {np.ceil(gap):.0f}."
     )
-    return [_finding("ink-at-end", text, (line.path[0] + line.path[-1]) / 2)]
+    return [finding_at((line.path[0] + line.path[-1]) / 2, "ink-at-end", text)]
 
 
 def _and_more(pieces: list[Leftover]) -> str:
@@ -258,34 +255,32 @@ def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
     for what, run in _stretches(curve):
         if len(run) <= tuned.LONG_STRETCH_PX:
             continue
-        middle = curve.points[run[len(run) // 2]]
+        middle = curve.points[_middle(run)]
         if what == "hidden":
             text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
-            findings.append(_finding("stretch-hidden", text, middle))
+            findings.append(finding_at(middle, "stretch-hidden", text))
         else:
             text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
-            findings.append(_finding("bridge-long", text, middle))
+            findings.append(finding_at(middle, "bridge-long", text))
     return findings
 
 
 def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
-    change = np.where(expected, 0.0, sudden_changes(curve))
+    change = np.where(expected, 0.0, choose.sudden_changes(curve))
     change[_is_dot(curve, change)] = 0.0
-    largest = float(change.max())
-    at = int(change.argmax())
+    largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
-    lasting, where = lasting_change(relative_width(curve)[unexpected], curve.width)
+    lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
     if lasting > largest:
-        largest = lasting
-        at = unexpected[where]
+        largest, at = lasting, unexpected[where]
     if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
         return []
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    return [_finding("width-changes", text, curve.path[_middle_of_odd_stretch(curve, at)])]
+    return [finding_at(curve.path[_middle_of_odd_stretch(curve, at)], "width-changes", text)]
 
 
 def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
@@ -294,35 +289,30 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch
     beside all the rest of the line is a stroke of a letter at the line's end.
     """
-    ratio = relative_width(curve)
+    ratio = choose.relative_width(curve)
     near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (near.min() + near.max()) / 2
     on_line = np.ones(len(ratio), bool)
     if not curve.closed:
+        first_end, last_end = curve.ends
         places = np.arange(len(ratio))
-        on_line = (places >= curve.ends[0].place) & (places <= curve.ends[1].place)
+        on_line = (places >= first_end.place) & (places <= last_end.place)
     wide = _nearest_run(is_wide & on_line, at, curve.closed)
     thin = _nearest_run(~is_wide & on_line, at, curve.closed)
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
     odd = thin if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width else wide
-    return int(odd[len(odd) // 2])
+    return _middle(odd)
 
 
-def _nearest_run(flags: NDArray[np.bool_], at: int, closed: bool) -> NDArray[np.int64]:
+def _nearest_run(flags: Flags, at: int, closed: bool) -> NDArray:
     """Indices of the run of flags that is nearest to a point; the point itself if there is none."""
-    nearest = np.array([at])
-    distance = np.inf
-    for run in runs(flags, closed):
-        to_run = np.abs(run - at).min()
-        if to_run < distance:
-            nearest = run
-            distance = to_run
-    return nearest
+    found = runs(flags, closed)
+    return min(found, key=lambda run: np.abs(run - at).min(), default=np.array([at]))
 
 
-def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
+def _is_expected(curve: MeasuredStroke) -> Flags:
     """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
@@ -338,21 +328,18 @@ def _is_expected(curve: MeasuredStroke) -> NDArray[np.bool_]:
     return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
 
 
-def _is_dot(curve: MeasuredStroke, change: NDArray) -> NDArray[np.bool_]:
+def _is_dot(curve: MeasuredStroke, change: NDArray) -> Flags:
     """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
     dot = np.zeros(len(change), bool)
-    for run in runs(relative_width(curve) > tuned.WIDE, curve.closed):
+    for run in runs(choose.relative_width(curve) > tuned.WIDE, curve.closed):
         if len(run) <= tuned.DOT_WIDTHS * curve.width:
             dot[run] = True
     dot = filters.windows(dot, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
-    return dot & (one_sided(curve) < tuned.ONE_SIDED * change)
+    return dot & (choose.one_sided(curve) < tuned.ONE_SIDED * change)
 
 
-def _turn_deg(curve: MeasuredStroke) -> NDArray[np.float64]:
+def _turn_deg(curve: MeasuredStroke) -> Array:
     """(M,) degrees by which the line turns over a short stretch around each point."""
     ahead = np.gradient(curve.path, axis=0)
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
-    half = tuned.SUDDEN_PX // 2
-    turn = np.zeros(len(heading))
-    turn[half:-half] = np.abs(heading[2 * half :] - heading[: -2 * half])
-    return np.degrees(turn)
+    return np.degrees(choose.change_nearby(heading))

@@ -1,12 +1,10 @@
-"""Pieces of ink joined over pen lifts into lines.
-
-The mask's skeleton as a graph: pieces of ink with their branches, junctions and ends.
-"""
+"""Pieces of ink with their skeletons' branches and junctions, joined over pen lifts into lines."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,9 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.coverage import Ink
 from vfplan.errors import CurveError
+from vfplan.geometry.lines import Array, Flags
+
+Pixels = NDArray[np.int64]
 
 STAIR = 1.05
 """Times by which a staircase of pixels is longer than its line."""
@@ -40,10 +41,10 @@ class Piece:
         Mean coverage along the path.
     """
 
-    pixels: NDArray[np.int64]
-    path: NDArray[np.int64]
+    pixels: Pixels
+    path: Pixels
     closed: bool
-    junctions: NDArray[np.int64]
+    junctions: Pixels
     length: float
     width: float
     strength: float
@@ -54,65 +55,52 @@ class Piece:
         return self.length >= tuned.MIN_ASPECT / 2 * self.width
 
 
-@dataclass(frozen=True, eq=False)
-class Graph:
-    """A skeleton's pixels and how they hang together.
+def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
+    """The pixels (u, v) of each branch of a skeleton in order, and whether it is a ring.
 
-    Parameters
-    ----------
-    pixels
-        (N, 2) (u, v), sorted by row, then by column.
-    edges
-        (E, 2) neighbours within branches, as indices of pixels.
-    junction
-        (N,) bool, three or more branches meet there.
+    Also returns the (J, 2) pixels at which three or more branches meet. The (H, W) skeleton has a
+    border of one free pixel. The branches come in the order of their first pixels, by row.
     """
-
-    pixels: NDArray[np.int64]
-    edges: NDArray[np.int64]
-    junction: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, bone: NDArray[np.bool_]) -> Graph:
-        """The graph of a (H, W) skeleton with a border of one free pixel.
-
-        Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no
-        fork.
-        """
-        v, u = np.nonzero(bone)
-        place = v * bone.shape[1] + u
-        pairs = []
-        for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            target = _index(place, place + dv * bone.shape[1] + du)
-            keep = target >= 0
-            if dv and du:
-                keep &= ~bone[v + dv, u] & ~bone[v, u + du]
-            pairs.append(np.column_stack([np.flatnonzero(keep), target[keep]]))
-        edges = np.concatenate(pairs)
-        junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
-        inner = edges[~junction[edges].any(1)]
-        return cls(np.column_stack([u, v]), inner, junction)
-
-    def branches(self) -> list[tuple[NDArray[np.int64], bool]]:
-        """The pixels of each branch in order, and whether it is a ring; by their first pixels."""
-        neighbours: list[list[int]] = [[] for _ in self.pixels]
-        for a, b in self.edges.tolist():
-            neighbours[a].append(b)
-            neighbours[b].append(a)
-        waiting = ~self.junction
-        found = []
-        for start in np.flatnonzero(waiting).tolist():
-            if waiting[start] and len(neighbours[start]) < 2:
-                found.append((_walk(start, neighbours, waiting), False))
-        # What is left are rings. Each is cut between two neighbours, and walked the other way.
-        for start in self.edges[:, 0].tolist():
-            if waiting[start]:
-                found.append((_walk(start, neighbours, waiting), True))
-        found.sort(key=lambda branch: min(branch[0]))
-        return [(self.pixels[branch], closed) for branch, closed in found]
+    v, u = np.nonzero(bone)
+    pixels = np.column_stack([u, v])
+    edges = _edges(bone, v, u)
+    junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
+    inner = edges[~junction[edges].any(1)].tolist()
+    neighbours: list[list[int]] = [[] for _ in pixels]
+    for a, b in inner:
+        neighbours[a].append(b)
+        neighbours[b].append(a)
+    waiting = ~junction
+    found = []
+    for start in np.flatnonzero(waiting).tolist():
+        if waiting[start] and len(neighbours[start]) < 2:
+            found.append((_walk(start, neighbours, waiting), False))
+    # What is left are rings. Each is cut between two neighbours, and walked the other way.
+    for start, _ in inner:
+        if waiting[start]:
+            found.append((_walk(start, neighbours, waiting), True))
+    found.sort(key=lambda branch: min(branch[0]))
+    return [(pixels[branch], closed) for branch, closed in found], pixels[junction]
 
 
-def _walk(start: int, neighbours: list[list[int]], waiting: NDArray[np.bool_]) -> list[int]:
+def _edges(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
+    """(E, 2) neighbours among a skeleton's pixels, as their indices in the order by rows.
+
+    Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no fork.
+    """
+    place = v * bone.shape[1] + u
+    pairs = []
+    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        wanted = place + dv * bone.shape[1] + du
+        target = np.minimum(np.searchsorted(place, wanted), len(place) - 1)
+        keep = place[target] == wanted
+        if dv and du:
+            keep &= ~bone[v + dv, u] & ~bone[v, u + du]
+        pairs.append(np.column_stack([np.flatnonzero(keep), target[keep]]))
+    return np.concatenate(pairs)
+
+
+def _walk(start: int, neighbours: list[list[int]], waiting: Flags) -> list[int]:
     """A branch from one of its pixels on; its pixels wait no longer."""
     path = []
     ahead = [start]
@@ -123,22 +111,22 @@ def _walk(start: int, neighbours: list[list[int]], waiting: NDArray[np.bool_]) -
     return path
 
 
-def find_groups(ink: Ink) -> list[NDArray[np.int64]]:
+def find_groups(ink: Ink) -> list[Pixels]:
     """The pixels (N, 2) of each connected piece of ink that is no speck.
 
     Raises `CurveError` where there are more than anybody draws.
     """
     import cv2
 
-    pixels = cv2.findNonZero(ink.mask.view(np.uint8))
+    mask = ink.mask.view(np.uint8)
+    pixels = cv2.findNonZero(mask)
     if pixels is None:
         return []
     pixels = pixels.reshape(-1, 2).astype(np.int64)
-    kind = cv2.CV_16U
-    if len(pixels) >= 2**16:  # There may be as many pieces.
-        kind = cv2.CV_32S
-    _, labels = cv2.connectedComponents(ink.mask.view(np.uint8), connectivity=8, ltype=kind)
-    label = labels[pixels[:, 1], pixels[:, 0]].astype(np.int64)
+    kind = cv2.CV_32S if len(pixels) >= 2**16 else cv2.CV_16U  # There may be as many pieces.
+    _, labels = cv2.connectedComponents(mask, connectivity=8, ltype=kind)
+    u, v = pixels.T
+    label = labels[v, u].astype(np.int64)
     order = np.argsort(label, kind="stable")
     groups = np.split(pixels[order], np.flatnonzero(np.diff(label[order])) + 1)
     groups = [group for group in groups if len(group) >= tuned.SPECK_PX]
@@ -152,51 +140,48 @@ def find_groups(ink: Ink) -> list[NDArray[np.int64]]:
     return groups
 
 
-def pen_mask(ink: Ink, groups: list[NDArray[np.int64]]) -> NDArray[np.bool_]:
+def pen_mask(ink: Ink, groups: list[Pixels]) -> Flags:
     """(H, W) bool, the pixels that the pen covers by half of its own strength.
 
     Unlike `Ink.mask` it is not smoothed, so a crisp line is as wide in it as it was drawn.
     """
     mask = np.zeros(ink.mask.shape, bool)
     for group in groups:
-        members = half_covered(ink, group)
-        mask[members[:, 1], members[:, 0]] = True
+        u, v = half_covered(ink, group).T
+        mask[v, u] = True
     return mask
 
 
-def half_covered(ink: Ink, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     """Those of a piece's pixels that have half of its own strength."""
-    coverage = ink.coverage[pixels[:, 1], pixels[:, 0]]
+    u, v = pixels.T
+    coverage = ink.coverage[v, u]
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
-def find_pieces(ink: Ink, groups: list[NDArray[np.int64]]) -> list[Piece]:
+def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Piece]:
     """Every piece of ink that may be a line or a part of one, the longest first."""
-    pieces = []
-    for group in groups:
-        if np.ptp(group, axis=0).max() > tuned.SPECK_PX:
-            piece = _piece(group, ink)
-            if piece is not None:
-                pieces.append(piece)
+    lines = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
+    pieces = [piece for group in lines if (piece := _piece(group, ink)) is not None]
     return sorted(pieces, key=lambda piece: (-piece.length, *piece.path[0]))
 
 
-def _piece(pixels: NDArray[np.int64], ink: Ink) -> Piece | None:
+def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
     """One connected piece; `None` where its skeleton is a single pixel or junctions only."""
     corner = pixels.min(0) - 2
     columns, rows = pixels.max(0) - corner + 3
     box = np.zeros((rows, columns), bool)
-    box[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = True
-    graph = Graph.of(_core.thinned(box).astype(bool))
-    branches = graph.branches()
+    u, v = (pixels - corner).T
+    box[v, u] = True
+    branches, junctions = _branches(_core.thinned(box).astype(bool))
     if not branches:
         return None
     path, closed = max(branches, key=lambda branch: len(branch[0]))
     path = path + corner
     length = sum(_length(*branch) for branch in branches)
-    strength = float(ink.coverage[path[:, 1], path[:, 0]].mean(dtype=np.float32))
-    junctions = graph.pixels[graph.junction] + corner
-    return Piece(pixels, path, closed, junctions, length, len(pixels) / length, strength)
+    u, v = path.T
+    strength = float(ink.coverage[v, u].mean(dtype=np.float32))
+    return Piece(pixels, path, closed, junctions + corner, length, len(pixels) / length, strength)
 
 
 def _length(path: NDArray, closed: bool) -> float:
@@ -206,12 +191,6 @@ def _length(path: NDArray, closed: bool) -> float:
     if closed:
         length += np.hypot(*(path[0] - path[-1]))
     return float(length / STAIR) + 1.0
-
-
-def _index(places: NDArray, wanted: NDArray) -> NDArray[np.int64]:
-    """The index of each wanted value in sorted places; -1 where it is not there."""
-    at = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
-    return np.where(places[at] == wanted, at, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,10 +215,10 @@ class Candidate:
         What it was joined from.
     """
 
-    path: NDArray[np.float64]
+    path: Array
     closed: bool
-    bridged: NDArray[np.bool_]
-    junctions: NDArray[np.int64]
+    bridged: Flags
+    junctions: Pixels
     length: float
     width: float
     strength: float
@@ -249,27 +228,18 @@ class Candidate:
     def of(cls, piece: Piece) -> Candidate:
         """The line of a single piece."""
         closed = piece.closed and len(piece.junctions) == 0
-        return cls(
-            path=piece.path.astype(float),
-            closed=closed,
-            bridged=np.zeros(len(piece.path), bool),
-            junctions=piece.junctions,
-            length=piece.length,
-            width=piece.width,
-            strength=piece.strength,
-            pieces=(piece,),
-        )
+        bridged = np.zeros(len(piece.path), bool)
+        drawn = piece.junctions, piece.length, piece.width, piece.strength
+        return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
 
     @property
     def may_go_on(self) -> bool:
         """Whether it has two plain ends that a gap may join to others."""
         return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
 
-    def tangent(self, end: int) -> NDArray[np.float64]:
+    def tangent(self, end: int) -> Array:
         """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
-        run = self.path
-        if end == -1:
-            run = run[::-1]
+        run = self.path[::-1] if end == -1 else self.path
         run = run[: tuned.TANGENT_PX + 1]
         run = run[len(run) // 6 :]  # Thinning bends the last pixels.
         degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
@@ -284,23 +254,19 @@ class Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
             return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
-        line = self
-        u, v = line.path.T
-        if (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() < 0:
-            line = line.backwards()
+        u, v = self.path.T
+        is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
+        line = self if is_clockwise else self.backwards()
         start = -int(np.argmin(line.path.sum(1)))
-        return replace(
-            line, path=np.roll(line.path, start, axis=0), bridged=np.roll(line.bridged, start)
-        )
+        path = np.roll(line.path, start, axis=0)
+        return replace(line, path=path, bridged=np.roll(line.bridged, start))
 
 
 def find_candidates(pieces: list[Piece], max_gap_px: float) -> list[Candidate]:
     """The lines that the pieces are, joined over gaps where tangents agree; the longest first."""
     lines = [Candidate.of(piece) for piece in pieces if piece.is_part]
-    pair = _best_gap(lines, max_gap_px)
-    while pair is not None:
+    while pair := _best_gap(lines, max_gap_px):
         lines = _joined(lines, *pair)
-        pair = _best_gap(lines, max_gap_px)
     long = [line for line in lines if line.length >= tuned.MIN_ASPECT * line.width]
     return sorted(long, key=lambda line: (-line.length, *line.path[0]))
 
@@ -312,8 +278,7 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
         return None
     places = np.array([lines[i].path[end] for i, end in ends])
     widest = max(line.width for line in lines)
-    lowest_cost = np.inf
-    best = None
+    lowest_cost, best = np.inf, None
     for a, b in _pairs_within(places, max_gap_px + widest + tuned.FLANK_PX):
         (i, end_i), (j, end_j) = ends[a], ends[b]
         one, other = lines[i], lines[j]
@@ -321,8 +286,7 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
             continue
         cost = _gap_cost(one, end_i, other, end_j)
         if cost < lowest_cost:
-            lowest_cost = cost
-            best = (i, end_i, j, end_j)
+            lowest_cost, best = cost, (i, end_i, j, end_j)
     return best
 
 
@@ -350,17 +314,16 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
 
     It may be too long to be bridged. Only a part of the line that is long beside the gap counts.
     """
-    nearest = np.inf
-    if not (line.may_go_on and other.may_go_on):
-        return nearest
+    if not (line.may_go_on and other.may_go_on and _same_pen(line, other)):
+        return np.inf
     longest = tuned.AHEAD_LENGTHS * min(line.length, other.length)
-    for end in (0, -1):
-        for other_end in (0, -1):
-            gap = gap_px(line, end, other, other_end)
-            # Over a long gap a hand may turn farther than over one that is bridged.
-            turn = max(_turns_deg(line, end, other, other_end))
-            if gap <= longest and turn <= 2 * tuned.MAX_TURN_DEG and _same_pen(line, other):
-                nearest = min(nearest, gap)
+    nearest = np.inf
+    for end, other_end in product((0, -1), repeat=2):
+        gap = gap_px(line, end, other, other_end)
+        # Over a long gap a hand may turn farther than over one that is bridged.
+        turn = max(_turns_deg(line, end, other, other_end))
+        if gap <= longest and turn <= 2 * tuned.MAX_TURN_DEG:
+            nearest = min(nearest, gap)
     return nearest
 
 
@@ -390,11 +353,8 @@ def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tu
 
 
 def _same_pen(one: Candidate, other: Candidate) -> bool:
-    return _alike(one.width, other.width) and _alike(one.strength, other.strength)
-
-
-def _alike(x: float, y: float) -> bool:
-    return 1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE
+    pairs = (one.width, other.width), (one.strength, other.strength)
+    return all(1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE for x, y in pairs)
 
 
 def _angle_deg(a: NDArray, b: NDArray) -> float:
@@ -415,23 +375,17 @@ def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> l
     start, stop = one.path[-1], other.path[0]
     steps = max(1, round(np.hypot(*(stop - start))))
     gap = start + np.arange(1, steps)[:, None] / steps * (stop - start)
-    in_gap = np.ones(len(gap), bool)
+    path = np.vstack([one.path, gap])
+    bridged = np.concatenate([one.bridged, np.ones(len(gap), bool)])
+    length = one.length + steps
     if i == j:
-        ring = replace(
-            one,
-            path=np.vstack([one.path, gap]),
-            bridged=np.concatenate([one.bridged, in_gap]),
-            closed=True,
-            length=one.length + steps,
-        )
-        return [*others, ring]
+        return [*others, replace(one, path=path, bridged=bridged, closed=True, length=length)]
     share = one.length / (one.length + other.length)
-    both = Candidate(
-        path=np.vstack([one.path, gap, other.path]),
-        closed=False,
-        bridged=np.concatenate([one.bridged, in_gap, other.bridged]),
-        junctions=one.junctions,
-        length=one.length + steps + other.length,
+    both = replace(
+        one,
+        path=np.vstack([path, other.path]),
+        bridged=np.concatenate([bridged, other.bridged]),
+        length=length + other.length,
         width=share * one.width + (1 - share) * other.width,
         strength=share * one.strength + (1 - share) * other.strength,
         pieces=one.pieces + other.pieces,

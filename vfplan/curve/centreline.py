@@ -7,6 +7,7 @@ there. A smoothing spline through all of them follows the hand and not the noise
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,8 @@ from vfplan.curve.coverage import Ink
 from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Spline, evenly, length_of, normals, runs, smoothing_spline
+from vfplan.geometry import filters, lines
+from vfplan.geometry.lines import Array, Flags, Spline, evenly, normals, runs
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
@@ -43,11 +44,11 @@ class MeasuredStroke(Stroke):
         (M,) bool, where the profiles count.
     """
 
-    hidden: NDArray[np.bool_]
+    hidden: Flags
     ends: tuple[End, ...]
     profiles: Profiles | None
-    path: NDArray[np.float64]
-    whole: NDArray[np.bool_]
+    path: Array
+    whole: Flags
 
 
 def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
@@ -74,9 +75,8 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         whole = valid
         if not line.closed:
             ends = find_ends(profiles, valid, noisy)
-            valid = valid | _drawn_out(valid, ends)
+            valid, whole = _up_to_ends(valid, ends)
             profiles = replace(profiles, valid=profiles.valid | valid)
-            whole = _between(valid, ends)
         offset = profiles.offset(noisy)
         if noisy:
             offset = add_brightness(ink, path, normal, profiles, offset)
@@ -84,9 +84,8 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
         residual = np.where(whole, offset - ((smooth - path) * normal).sum(1), 0.0)
-        if line.closed:
-            path = smooth
-        else:
+        path = smooth
+        if not line.closed:
             inner = np.flatnonzero(whole)
             path = smooth[inner[0] : inner[-1] + 1]
     deviation = deviation_of(residual, whole, smooth_px, noisy, mode)
@@ -96,8 +95,8 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
 
 
 def deviation_of(
-    residual: NDArray, known: NDArray[np.bool_], smooth_px: float, noisy: bool, mode: str
-) -> NDArray[np.float64]:
+    residual: NDArray, known: Flags, smooth_px: float, noisy: bool, mode: str
+) -> Array:
     """(M,) standard deviation of a spline across the line [px], but for gaps and ends.
 
     residual: (M,) how far what was measured lies off the spline [px]; 0 where nothing was
@@ -134,7 +133,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
     mode = "wrap" if closed else "edge"
-    return length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
+    return lines.length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
@@ -147,32 +146,36 @@ def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
 
 
 def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
-    u, v = (float(x) for x in line.path[len(line.path) // 2])
-    return CurveError(
+    text = (
         f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
-        "its skeleton: --method skeleton.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="too-little-ink",
-        numbers={"measured_px": measured_px, "u_px": u, "v_px": v},
+        "its skeleton: --method skeleton."
     )
+    middle = line.path[len(line.path) // 2]
+    return error_at(middle, text, code="too-little-ink", measured_px=measured_px)
 
 
-def _drawn_out(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
-    """(M,) bool, the last stretches of drawn out pens: little ink, but no other lies there."""
+def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:
+    """The refusal for what a picture shows at a place (u, v) [px], with the `numbers` behind it."""
+    u, v = (float(x) for x in place)
+    where = f"pixel ({u:.0f}, {v:.0f})"
+    return CurveError(message, where=where, code=code, numbers=numbers | {"u_px": u, "v_px": v})
+
+
+def _up_to_ends(valid: Flags, ends: tuple[End, End]) -> tuple[Flags, Flags]:
+    """(M,) bool each: what was seen of the line, and what of it has whole profiles.
+
+    The last stretches of drawn out pens are seen too: little ink, but no other lies there. Beyond
+    both ends' whole profiles a side is lacking.
+    """
     at = np.arange(len(valid))
     visible = np.flatnonzero(valid)
-    before = (at < visible[0]) & (at >= ends[0].whole)
-    return before | ((at > visible[-1]) & (at <= ends[1].whole))
+    between = (at >= ends[0].whole) & (at <= ends[1].whole)
+    seen = valid | (between & ((at < visible[0]) | (at > visible[-1])))
+    whole = seen & between
+    return seen, seen if whole.sum() < tuned.MIN_PROFILES else whole
 
 
-def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
-    """What was seen between both ends' whole profiles; beyond, profiles lack a side."""
-    at = np.arange(len(valid))
-    whole = valid & (at >= ends[0].whole) & (at <= ends[1].whole)
-    return valid if whole.sum() < tuned.MIN_PROFILES else whole
-
-
-def without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def without_ink_ahead(valid: Flags) -> Flags:
     """Valid profiles less those ahead of an end, beyond paper: other ink lies there."""
     kept = valid.copy()
     for side in (slice(None), slice(None, None, -1)):
@@ -181,7 +184,7 @@ def without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return kept
 
 
-def onward(path: NDArray) -> NDArray[np.float64]:
+def onward(path: NDArray) -> Array:
     """Steps of a pixel beyond the last point, along the arc of the line's last stretch."""
     reach = min(9, (len(path) - 1) // 2)
     last = path[-1] - path[-1 - reach]
@@ -209,15 +212,15 @@ def fit_spline(
     at = at[valid[at % len(points)]]
     y = points[at % len(points)]
     weight = np.clip(mass[at % len(points)], 0.1, 1.0) ** 2
-    first = smoothing_spline(at, y, weight, smooth_px**4)
+    first = lines.smoothing_spline(at, y, weight, smooth_px**4)
     scale = _smoothing_scale(first, at, smooth_px)
     if not closed:  # A smoothing spline runs out straight, which a bent line does not.
         inward = np.minimum(at - at[0], at[-1] - at)
         scale *= 1 - (1 - tuned.END_SMOOTH) * np.exp(-inward / smooth_px)
-    return smoothing_spline(at, y, weight * (smooth_px / scale) ** 4, smooth_px**4)
+    return lines.smoothing_spline(at, y, weight * (smooth_px / scale) ** 4, smooth_px**4)
 
 
-def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> NDArray[np.float64]:
+def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> Array:
     """(N,) the length over which a line is smoothed [px], shorter where it bends."""
     first, second = spline(at, 1), spline(at, 2)
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
@@ -239,43 +242,35 @@ def _centre_line(
     smooth_px: float,
 ) -> MeasuredStroke:
     """Points about a pixel apart between the ends, each with its deviation."""
-    first, last = 0.0, float(len(valid))
-    if not line.closed:
-        first, last = ends[0].place, ends[1].place
-    if last - first < 2:
-        raise _too_little_error(line, 0)
-    dense = np.linspace(first, last, 4 * round(last - first) + 1)
-    curve = spline(dense)
-    # A line that leaves the picture ends there, even if it would come back. It has not left while
-    # a side of it shows.
-    outside = np.maximum(-0.5 - curve, curve - (ink.size - 0.5)).max(1)
-    kept = max(runs(outside < line.width / 2, False), key=len, default=np.arange(0))
-    inside = np.flatnonzero(outside[kept] < 0)
-    if len(inside) < tuned.MIN_PROFILES:
-        raise _too_little_error(line, len(inside) // 4)
-    kept = kept[inside[0] : inside[-1] + 1]
-    dense, curve = dense[kept], curve[kept]
-    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
-    count = max(4, round(arc[-1]))
-    even = np.linspace(0, arc[-1], count + 1)
-    if line.closed:
-        even = even[:-1]
-    at = np.interp(even, arc, dense)
+    first, last = (end.place for end in ends) if ends else (0.0, float(len(valid)))
+    at = _places(ink, line, spline, first, last)
     nearest = np.clip(np.rint(at).astype(int), 0, len(valid) - 1)
     bridged = ~valid[nearest]
+    sigma = deviation[nearest]
     if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
         visible = np.flatnonzero(valid)
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
-    sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, deviation, smooth_px)
+        inward = np.minimum(at - at[0], at[-1] - at)
+        sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
+    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
+    curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
+    for run in runs(bridged, line.closed):
+        x = np.arange(len(run)) + 0.5
+        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
+    # Another colour at the edge may hide a part of the line that nobody sees.
+    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
+    # Half of what was added for a side that another colour hides may be wrong.
+    sigma = np.hypot(sigma, profiles.covered[nearest] / 4)
     if not line.closed:
         # Beyond the last whole profile the point of a drawn out pen may lie to either side.
         known = np.flatnonzero(whole)
         beyond = np.maximum(np.maximum(known[0] - at, at - known[-1]), 0)
-        sideways = _usual_curvature(spline, at) * beyond**2 / 2
+        sideways = curvature * beyond**2 / 2
         sigma = np.hypot(sigma, sideways)
-        first_end = replace(ends[0], sigma=float(np.hypot(ends[0].sigma, sideways[0])))
-        last_end = replace(ends[1], sigma=float(np.hypot(ends[1].sigma, sideways[-1])))
-        ends = (first_end, last_end)
+        ends = tuple(
+            replace(end, sigma=float(np.hypot(end.sigma, aside)))
+            for end, aside in zip(ends, sideways[[0, -1]], strict=True)
+        )
     return MeasuredStroke(
         points=np.clip(spline(at), -0.5, ink.size - 0.5),
         sigma=sigma,
@@ -290,32 +285,22 @@ def _centre_line(
     )
 
 
-def _deviation(
-    spline: Spline,
-    profiles: Profiles,
-    at: NDArray,
-    nearest: NDArray,
-    bridged: NDArray,
-    closed: bool,
-    deviation: NDArray,
-    smooth_px: float,
-) -> NDArray[np.float64]:
-    """(P,) standard deviation across the line at places `at` of the spline [px]."""
-    sigma = deviation[nearest]
-    if not closed:
-        inward = np.minimum(at - at[0], at[-1] - at)
-        sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
-    curvature = _usual_curvature(spline, at)
-    for run in runs(bridged, closed):
-        x = np.arange(len(run)) + 0.5
-        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
-    # Another colour at the edge may hide a part of the line that nobody sees.
-    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
-    # Half of what was added for a side that another colour hides may be wrong.
-    return np.hypot(sigma, profiles.covered[nearest] / 4)
+def _places(ink: Ink, line: Candidate, spline: Spline, first: float, last: float) -> Array:
+    """(P,) places of the spline about a pixel apart between two others, in the picture.
 
-
-def _usual_curvature(spline: Spline, at: NDArray) -> float:
-    """Deviation of the curvature that a line may have where it is not seen [1/px]."""
-    return tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
+    A line that leaves the picture ends there, even if it would come back.
+    """
+    if last - first < 2:
+        raise _too_little_error(line, 0)
+    dense = np.linspace(first, last, 4 * round(last - first) + 1)
+    curve = spline(dense)
+    # It has not left while a side of it shows.
+    outside = np.maximum(-0.5 - curve, curve - (ink.size - 0.5)).max(1)
+    kept = max(runs(outside < line.width / 2, False), key=len, default=np.arange(0))
+    inside = np.flatnonzero(outside[kept] < 0)
+    if len(inside) < tuned.MIN_PROFILES:
+        raise _too_little_error(line, len(inside) // 4)
+    kept = kept[inside[0] : inside[-1] + 1]
+    arc = lines.arc_lengths(curve[kept], False)
+    even = np.linspace(0, arc[-1], max(4, round(arc[-1])) + 1)
+    return np.interp(even[:-1] if line.closed else even, arc, dense[kept])

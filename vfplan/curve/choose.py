@@ -1,11 +1,9 @@
-"""Which line is the curve, or the refusal that says what to choose from.
-
-What a line shows that only a person can settle: such a line is refused.
-"""
+"""Which line is the curve, or the refusal where only a person can settle it."""
 
 from __future__ import annotations
 
-from typing import Literal
+from itertools import combinations, product
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +11,11 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate, find_candidates, find_groups, find_pieces, gap_px
-from vfplan.curve.centreline import MeasuredStroke
+from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import HUES, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError
 from vfplan.geometry import filters
-from vfplan.geometry.lines import runs
+from vfplan.geometry.lines import Array, runs
 
 DESCRIBED = 8
 """Lines that an error message describes."""
@@ -26,12 +24,7 @@ Choice = int | Literal["all", "longest"] | None
 
 
 def choose_lines(
-    lines: list[Candidate],
-    choice: Choice,
-    ink: Ink,
-    pen: Pen,
-    region: Region,
-    max_gap_px: float,
+    lines: list[Candidate], choice: Choice, ink: Ink, pen: Pen, region: Region, max_gap_px: float
 ) -> list[Candidate]:
     """The lines that are meant; raises `CurveError` where that is left open.
 
@@ -85,36 +78,32 @@ def _several_error(candidates: list[Candidate], max_gap_px: float) -> CurveError
         f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
         f"of the picture with --roi: {listed}"
     )
-    numbers: dict = {"candidates": len(candidates)}
+    numbers: dict[str, Any] = {"candidates": len(candidates)}
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
-        gap, longest, place = nearest
-        message += f". Two of them end {gap:.0f} px apart at ({place[0]:.0f}, {place[1]:.0f}); "
+        gap, longest, (u, v) = nearest
+        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f}); "
         if gap > longest:
             message += "that is longer than one of them, so they are not joined"
         elif gap <= max_gap_px:
             message += "their directions differ too much to join them"
         else:
             message += f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
-        numbers |= {"gap_px": gap, "u_px": place[0], "v_px": place[1]}
+        numbers |= {"gap_px": gap, "u_px": float(u), "v_px": float(v)}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)
     return error
 
 
-def _nearest_ends(lines: list[Candidate]) -> tuple[float, float, tuple[float, float]] | None:
+def _nearest_ends(lines: list[Candidate]) -> tuple[float, float, Array] | None:
     """The shortest gap between ends of two lines, the longest that joins them, and the middle."""
-    nearest = None
-    for i, one in enumerate(lines):
-        for other in lines[i + 1 :]:
-            for end in (0, -1):
-                for other_end in (0, -1):
-                    gap = gap_px(one, end, other, other_end)
-                    if one.may_go_on and other.may_go_on and (nearest is None or gap < nearest[0]):
-                        middle = (one.path[end] + other.path[other_end]) / 2
-                        longest = min(one.length, other.length)
-                        nearest = (gap, longest, (float(middle[0]), float(middle[1])))
-    return nearest
+    gaps = []
+    for one, other in combinations([line for line in lines if line.may_go_on], 2):
+        longest = min(one.length, other.length)
+        for end, other_end in product((0, -1), repeat=2):
+            middle = (one.path[end] + other.path[other_end]) / 2
+            gaps.append((gap_px(one, end, other, other_end), longest, middle))
+    return min(gaps, key=lambda gap: gap[0], default=None)
 
 
 def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
@@ -133,7 +122,7 @@ def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) 
         )
         error.candidates = tuple(line.path for line in frames)
         return error
-    numbers = {"mask_pixels": int(ink.mask.sum())}
+    numbers: dict[str, Any] = {"mask_pixels": int(ink.mask.sum())}
     line = _longest_of_another_pen(ink.rgb, pen, region)
     if line is None:
         return CurveError(
@@ -144,22 +133,20 @@ def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) 
         )
     name = _nearest_hue(ink.rgb, line)
     u, v = (float(x) for x in line.path[len(line.path) // 2])
+    numbers |= {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v}
     return CurveError(
         f"No line was drawn in {pen.name}; the longest line of another pen is {line.length:.0f} px "
         f"of {name}. Take it with --colour {name}, or draw again if the pen was black, grey or "
         "white.",
         code="no-line",
-        numbers=numbers
-        | {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v},
+        numbers=numbers,
     )
 
 
 def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> Candidate | None:
     """The longest line that a pen of another named colour drew."""
     best = None
-    for name in HUES:
-        if name == pen.name:
-            continue
+    for name in (name for name in HUES if name != pen.name):
         try:
             ink = find_ink(rgb, Pen.of_colour(name), region)
             lines = find_candidates(find_pieces(ink, find_groups(ink)), 0.0)
@@ -182,17 +169,14 @@ def refuse_junctions(line: Candidate) -> None:
     """Raise `CurveError` for a line that forks or crosses itself."""
     if len(line.junctions) == 0:
         return
-    u, v = (float(x) for x in line.junctions[len(line.junctions) // 2])
-    raise CurveError(
+    text = (
         "The line forks or crosses itself here, so it has several ways to go on. "
-        "Choose one: vfplan review IMAGE.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="line-forks",
-        numbers={"u_px": u, "v_px": v},
+        "Choose one: vfplan review IMAGE."
     )
+    raise error_at(line.junctions[len(line.junctions) // 2], text, code="line-forks")
 
 
-def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
+def relative_width(curve: MeasuredStroke) -> Array:
     """(M,) the line's width at each profile over its usual width.
 
     The lesser of two ratios: another opacity changes the ink across the line but not its width,
@@ -201,8 +185,7 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
     usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
-    usable &= profiles.inside.all(1)
-    usable = np.flatnonzero(usable)
+    usable = np.flatnonzero(usable & profiles.inside.all(1))
     if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
@@ -211,20 +194,26 @@ def relative_width(curve: MeasuredStroke) -> NDArray[np.float64]:
     return filters.windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
 
-def sudden_changes(curve: MeasuredStroke) -> NDArray[np.float64]:
+def change_nearby(values: Array) -> Array:
+    """(M,) by how much values change over a short stretch of line around each point."""
+    half = tuned.SUDDEN_PX // 2
+    change = np.zeros(len(values))
+    change[half:-half] = np.abs(values[2 * half :] - values[: -2 * half])
+    return change
+
+
+def sudden_changes(curve: MeasuredStroke) -> Array:
     """(M,) change of the relative width over a short stretch, 0 where it is not sudden.
 
     A pressed pen changes its width all along; a dot, a letter or a second run begins at once.
     """
     ratio = relative_width(curve)
-    half = tuned.SUDDEN_PX // 2
-    change = np.zeros(len(ratio))
-    change[half:-half] = np.abs(ratio[2 * half :] - ratio[: -2 * half])
+    change = change_nearby(ratio)
     change[change < tuned.AT_ONCE * np.median(change)] = 0.0
     return change
 
 
-def one_sided(curve: MeasuredStroke) -> NDArray[np.float64]:
+def one_sided(curve: MeasuredStroke) -> Array:
     """(M,) how much more ink lies on one side of the line than on the other, of its usual ink.
 
     The largest over a short stretch. A dot on the line and a control point lie on both sides.
@@ -269,14 +258,12 @@ def refuse_wide_run(curve: MeasuredStroke) -> None:
     widest = float(lasting.max())
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return
-    u, v = (float(x) for x in curve.path[lasting.argmax()])
-    raise CurveError(
+    text = (
         f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
-        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="runs-side-by-side",
-        numbers={"width_ratio": widest, "u_px": u, "v_px": v},
+        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."
     )
+    place = curve.path[lasting.argmax()]
+    raise error_at(place, text, code="runs-side-by-side", width_ratio=widest)
 
 
 def refuse_double_line(curve: MeasuredStroke) -> None:
@@ -288,14 +275,11 @@ def refuse_double_line(curve: MeasuredStroke) -> None:
     dip = float((np.minimum(left, right) - mean).max() / mean.max())
     if dip <= tuned.VALLEY:
         return
-    u, v = (float(x) for x in curve.path[len(curve.path) // 2])
-    raise CurveError(
+    text = (
         "Two lines run side by side, or only the outline of the pen's line is drawn. "
-        "Look at it: vfplan review IMAGE.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="double-line",
-        numbers={"dip": dip, "u_px": u, "v_px": v},
+        "Look at it: vfplan review IMAGE."
     )
+    raise error_at(curve.path[len(curve.path) // 2], text, code="double-line", dip=dip)
 
 
 def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
@@ -303,13 +287,13 @@ def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
     for run in runs(curve.bridged, curve.closed):
         gap = len(run) - curve.width
         if gap > max_gap_px + tuned.FLANK_PX:
-            u, v = (float(x) for x in curve.points[run[len(run) // 2]])
-            raise CurveError(
+            text = (
                 f"{gap:.0f} px of the line do not show here; at most {max_gap_px:g} px are bridged."
-                f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}.",
-                where=f"pixel ({u:.0f}, {v:.0f})",
-                code="bridge-too-long",
-                numbers={"gap_px": float(gap), "max_gap_px": max_gap_px, "u_px": u, "v_px": v},
+                f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}."
+            )
+            numbers = {"gap_px": float(gap), "max_gap_px": max_gap_px}
+            raise error_at(
+                curve.points[run[len(run) // 2]], text, code="bridge-too-long", **numbers
             )
 
 
@@ -321,11 +305,9 @@ def refuse_fit_off_ink(curve: MeasuredStroke, line: Candidate) -> None:
         distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0
     if distance.max() <= line.width + tuned.FLANK_PX:
         return
-    u, v = (float(x) for x in visible[distance.argmax()])
-    raise CurveError(
-        f"The fitted line lies {distance.max():.1f} px off its ink here. Look at it: "
-        "vfplan review IMAGE, or take the ink's skeleton: --method skeleton.",
-        where=f"pixel ({u:.0f}, {v:.0f})",
-        code="fit-left-ink",
-        numbers={"distance_px": float(distance.max()), "u_px": u, "v_px": v},
+    farthest = float(distance.max())
+    text = (
+        f"The fitted line lies {farthest:.1f} px off its ink here. Look at it: "
+        "vfplan review IMAGE, or take the ink's skeleton: --method skeleton."
     )
+    raise error_at(visible[distance.argmax()], text, code="fit-left-ink", distance_px=farthest)

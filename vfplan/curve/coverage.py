@@ -1,14 +1,9 @@
-"""Un-mixing: how much of each pixel the pen covers, whatever the grey below it.
-
-Chroma is a plane, so one other pen of known hue can be taken out as well. The picture is worked on
-in strips of rows, and only where it has any colour, so that large pictures need little memory.
-
-A pen's colour, and how a pixel is split into the pen's part and the rest.
+"""Un-mixing: how much of each pixel a pen covers, whatever the grey below it.
 
 Over grey g, a pen of colour c and coverage a shows p = (1 - a) g (1, 1, 1) + a c. The part of p
 across the grey axis is a c' where c' is the pen's chroma, whatever g is: bones and air drop out.
-
-Where the caller wants the curve to be sought, and between which two places it runs.
+Chroma is a plane, so one other pen of known hue can be taken out as well. The picture is worked on
+in strips of rows, and only where it has any colour, so that large pictures need little memory.
 """
 
 from __future__ import annotations
@@ -22,6 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.errors import SettingError
+from vfplan.geometry.lines import Array, Flags
 
 HUES = ("red", "orange", "yellow", "lime", "cyan", "blue", "magenta")
 """Names of pens that a refusal looks for when the named pen drew nothing."""
@@ -41,8 +37,8 @@ class Pen:
         What the caller named it.
     """
 
-    along: NDArray[np.float64]
-    across: NDArray[np.float64]
+    along: Array
+    across: Array
     name: str
 
     @classmethod
@@ -72,7 +68,7 @@ class Pen:
         return float(np.degrees(np.arctan2(self.along @ other.across, self.along @ other.along)))
 
 
-def parse_colour(colour: str) -> NDArray[np.float64]:
+def parse_colour(colour: str) -> Array:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
@@ -81,10 +77,8 @@ def parse_colour(colour: str) -> NDArray[np.float64]:
     try:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
-        question = ""
         similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        if similar:
-            question = f"Did you mean {similar[0]!r}? "
+        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
             f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
@@ -113,34 +107,29 @@ class Region:
     @classmethod
     def of(cls, roi: Box | None, exclude: Sequence[Box], shape: tuple[int, ...]) -> Region:
         """The region of the options `roi` and `exclude`; raises `SettingError`."""
-        for box in exclude:
-            _check_box(box, shape)
-        inside = None
-        if roi is not None:
-            _check_box(roi, shape)
-            inside = tuple(int(x) for x in roi)
-        return cls(inside, tuple(tuple(int(x) for x in box) for box in exclude))
+        outside = tuple(_checked_box(box, shape) for box in exclude)
+        return cls(None if roi is None else _checked_box(roi, shape), outside)
 
     def clear_outside(self, planes: NDArray, window: tuple[slice, slice]) -> None:
         """Set (h, w, ...) values over a window of the picture to 0 where it is not looked at."""
         rows, columns = window
-        for u, v, width, height in self.outside:
-            top, left = max(v - rows.start, 0), max(u - columns.start, 0)
-            bottom, right = max(v + height - rows.start, 0), max(u + width - columns.start, 0)
-            planes[top:bottom, left:right] = 0
-        if self.inside is not None:
-            u, v, width, height = self.inside
-            planes[: max(v - rows.start, 0)] = 0
-            planes[max(v + height - rows.start, 0) :] = 0
-            planes[:, : max(u - columns.start, 0)] = 0
-            planes[:, max(u + width - columns.start, 0) :] = 0
 
-    def border_distance(self, points: NDArray, size: NDArray) -> NDArray[np.float64]:
+        def part(box: Box) -> tuple[slice, slice]:
+            u, v = box[0] - columns.start, box[1] - rows.start
+            right, bottom = max(u + box[2], 0), max(v + box[3], 0)
+            return slice(max(v, 0), bottom), slice(max(u, 0), right)
+
+        for box in self.outside:
+            planes[part(box)] = 0
+        if self.inside is not None:
+            kept = planes[part(self.inside)].copy()
+            planes[:] = 0
+            planes[part(self.inside)] = kept
+
+    def border_distance(self, points: NDArray, size: NDArray) -> Array:
         """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
         distance = np.full(len(points), np.inf)
-        borders = list(self.outside)
-        if self.inside is not None:
-            borders.append(self.inside)
+        borders = [*self.outside, self.inside] if self.inside is not None else self.outside
         for u, v, width, height in borders:
             low = np.array([u, v]) - 0.5
             high = np.add(low, (width, height))
@@ -152,7 +141,7 @@ class Region:
         return distance
 
 
-def _check_box(box: Box, shape: tuple[int, ...]) -> None:
+def _checked_box(box: Box, shape: tuple[int, ...]) -> Box:
     if np.shape(box) != (4,) or np.asarray(box).dtype.kind not in "iu":
         raise SettingError(
             f"The region {box} is no box. Give u, v, width and height in whole pixels.",
@@ -168,6 +157,7 @@ def _check_box(box: Box, shape: tuple[int, ...]) -> None:
             code="region-outside",
             numbers={"region": [u, v, width, height], "width_px": columns, "height_px": rows},
         )
+    return u, v, width, height
 
 
 STRIP_ROWS = 128
@@ -199,7 +189,7 @@ class Ink:
     rgb: NDArray
     coverage: NDArray[np.float16]
     other: NDArray[np.uint8]
-    mask: NDArray[np.bool_]
+    mask: Flags
 
     @property
     def size(self) -> NDArray[np.int64]:
@@ -216,7 +206,7 @@ class Window:
     outer
         Rows and columns with the halo.
     inner
-        Rows and columns of the picture that the window fills.
+        Rows and columns of the picture that the window fills: the same columns.
     """
 
     outer: tuple[slice, slice]
@@ -224,12 +214,8 @@ class Window:
 
     def cut(self, values: NDArray) -> NDArray:
         """The inner part of an array over the outer one."""
-        (rows, columns), (inner_rows, inner_columns) = self.outer, self.inner
-        top = inner_rows.start - rows.start
-        left = inner_columns.start - columns.start
-        height = inner_rows.stop - inner_rows.start
-        width = inner_columns.stop - inner_columns.start
-        return values[top : top + height, left : left + width]
+        rows, inner = self.outer[0], self.inner[0]
+        return values[inner.start - rows.start : inner.stop - rows.start]
 
 
 def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
@@ -243,7 +229,9 @@ def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
     pen, strength = drawn
     for window in windows:
         along, across = _chroma(rgb, pen, region, window)
-        other = _is_other(along, across)
+        # Another pen's colour is plain to see there.
+        strong = np.hypot(along, across) > tuned.OTHER_CHROMA
+        other = strong & (np.abs(across) > _gate() * along)
         unmixed = _without_other(along, across, other)
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
         ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
@@ -258,14 +246,11 @@ def sample(plane: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float32]:
     Beyond the border the outermost pixels go on.
     """
     height, width = plane.shape[:2]
-    u = np.clip(u, 0, width - 1)
-    v = np.clip(v, 0, height - 1)
+    u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
     left = np.minimum(u.astype(np.intp), max(width - 2, 0))
     top = np.minimum(v.astype(np.intp), max(height - 2, 0))
-    right = np.minimum(left + 1, width - 1)
-    bottom = np.minimum(top + 1, height - 1)
-    x = (u - left).astype(np.float32)
-    y = (v - top).astype(np.float32)
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    x, y = (u - left).astype(np.float32), (v - top).astype(np.float32)
     if plane.ndim == 3:
         x, y = x[..., None], y[..., None]
     upper = (1 - x) * plane[top, left].astype(np.float32) + x * plane[top, right]
@@ -273,7 +258,7 @@ def sample(plane: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float32]:
     return (1 - y) * upper + y * lower
 
 
-def brightness(rgb: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float64]:
+def brightness(rgb: NDArray, u: NDArray, v: NDArray) -> Array:
     """Brightness on 0..255 at sub-pixel places."""
     return sample(rgb, u, v) @ (LUMINANCE * _scale(rgb))
 
@@ -297,9 +282,8 @@ def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
         coloured = np.flatnonzero(cv2.reduce(difference, 0, cv2.REDUCE_MAX)[0] > lowest)
         if not len(coloured):
             continue
-        left = max(int(coloured[0]) - HALO_PX, 0)
-        right = min(int(coloured[-1]) + HALO_PX + 1, width)
-        columns = slice(left, right)
+        left, right = int(coloured[0]) - HALO_PX, int(coloured[-1]) + HALO_PX + 1
+        columns = slice(max(left, 0), min(right, width))
         yield Window((rows, columns), (slice(top, bottom), columns))
 
 
@@ -326,8 +310,7 @@ def _measured_pen(
     Both come from the stronger half of its pixels, through a histogram of the chroma along the
     named colour in steps of a grey level.
     """
-    counts = np.zeros(512)
-    sums = np.zeros(512)
+    counts, sums = np.zeros(512), np.zeros(512)
     for window in windows:
         along, across = (window.cut(plane) for plane in _chroma(rgb, pen, region, window))
         inked = (along > tuned.CHROMA_FLOOR) & (np.abs(across) < _gate() * along)
@@ -337,9 +320,8 @@ def _measured_pen(
     if not counts.any():
         return None
     levels = np.arange(512) + 0.5
-    strongest = _quantile(levels, counts, 0.95)
-    counts[levels < tuned.HALF * strongest] = 0
-    sums[levels < tuned.HALF * strongest] = 0
+    weak = levels < tuned.HALF * _quantile(levels, counts, 0.95)
+    counts[weak] = sums[weak] = 0
     angle = float(np.arctan2(sums.sum(), counts @ levels))
     return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
 
@@ -363,12 +345,6 @@ def _quantile(levels: NDArray, counts: NDArray, share: float) -> float:
     return float(levels[np.searchsorted(total, share * total[-1])])
 
 
-def _is_other(along: NDArray, across: NDArray) -> NDArray[np.bool_]:
-    """Where another pen's colour is plain to see."""
-    strong = np.hypot(along, across) > tuned.OTHER_CHROMA
-    return strong & (np.abs(across) > _gate() * along)
-
-
 def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
     """The pen's part of the chroma beside another pen, whose hue the picture shows there."""
     import cv2
@@ -385,7 +361,7 @@ def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
     return np.where(known & same_side, along - across * np.clip(slope, -2, 2), along)
 
 
-def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> NDArray[np.bool_]:
+def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> Flags:
     """Ink above half of the strongest nearby, so that each line keeps its own width."""
     import cv2
 

@@ -1,47 +1,18 @@
-"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why.
-
-The part of a measured curve between two places that the caller named.
-"""
+"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve import tuned
-from vfplan.curve.account import (
-    AccountEntry,
-    ahead_findings,
-    end_findings,
-    find_leftover,
-    leftover_findings,
-    list_account,
-    ring_findings,
-    stretch_findings,
-    width_findings,
-)
-from vfplan.curve.candidates import (
-    Candidate,
-    find_candidates,
-    find_groups,
-    find_pieces,
-    half_covered,
-    pen_mask,
-)
+from vfplan.curve import account, candidates, choose, tuned
+from vfplan.curve.account import AccountEntry
+from vfplan.curve.candidates import Candidate
 from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
-from vfplan.curve.choose import (
-    choose_lines,
-    refuse_double_line,
-    refuse_fit_off_ink,
-    refuse_junctions,
-    refuse_long_bridge,
-    refuse_wide_run,
-)
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
@@ -62,31 +33,18 @@ def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Cand
     Raises `CurveError` where there are lines and none passes by all of the places. The error names
     the place that the nearest line misses.
     """
-    passing = []
-    errors = []
-    for line in lines:
-        error = _missed_place(line, start, end)
-        if error is None:
-            passing.append(line)
-        else:
-            errors.append(error)
-    if errors and not passing:
-        raise min(errors, key=lambda error: error.numbers["distance_px"])
+    errors = [_missed_place(line, start, end) for line in lines]
+    passing = [line for line, error in zip(lines, errors, strict=True) if error is None]
+    if lines and not passing:
+        raise min(errors, key=_distance_missed)
     return passing
 
 
 def _missed_place(line: Candidate, start: Place, end: Place) -> CurveError | None:
     """The error for the named place that lies farthest off a line, or `None` if both lie on it."""
-    farthest = _reach(line.width)
-    error = None
-    for option, place in (("--start", start), ("--end", end)):
-        if place is None:
-            continue
-        distance = _distance(line.path, place)
-        if distance > farthest:
-            farthest = distance
-            error = _off_curve_error(option, place, distance, line.width)
-    return error
+    named = (("--start", start), ("--end", end))
+    errors = [_off_curve_error(line.path, line.width, *pair) for pair in named]
+    return max(filter(None, errors), key=_distance_missed, default=None)
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
@@ -105,20 +63,11 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
             raise CurveError(
                 "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
             )
-        by = -_index(curve, start, "--start")
-        return replace(
-            curve,
-            points=np.roll(curve.points, by, axis=0),
-            sigma=np.roll(curve.sigma, by),
-            bridged=np.roll(curve.bridged, by),
-            hidden=np.roll(curve.hidden, by),
-        )
+        ring = np.arange(len(curve.points))
+        return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
     last = len(curve.points) - 1
-    first = stop = None
-    if start is not None:
-        first = _index(curve, start, "--start")
-    if end is not None:
-        stop = _index(curve, end, "--end")
+    first = None if start is None else _index(curve, start, "--start")
+    stop = None if end is None else _index(curve, end, "--end")
     if first is None:
         first = last if stop <= last / 2 else 0
     if stop is None:
@@ -128,19 +77,34 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
             "--start and --end lie on the same point of the curve. Move one of them.",
             code="start-is-end",
         )
-    return _cut(curve, first, stop)
+    keep = np.arange(min(first, stop), max(first, stop) + 1)
+    if first < stop:
+        return _with_points(curve, keep)
+    return replace(_with_points(curve, keep[::-1]), ends=curve.ends[::-1])
+
+
+def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
+    """The curve through those of its points, in this order."""
+    return replace(
+        curve,
+        points=curve.points[keep],
+        sigma=curve.sigma[keep],
+        bridged=curve.bridged[keep],
+        hidden=curve.hidden[keep],
+    )
 
 
 def without_cut_off(
     findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
 ) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
-    kept = []
-    for finding in findings:
-        place = finding.place_px
-        if place is None or _distance(cut.points, place) <= _distance(curve.points, place) + 1.0:
-            kept.append(finding)
-    return kept
+
+    def is_left(place: Place) -> bool:
+        if place is None:
+            return True
+        return _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+
+    return [finding for finding in findings if is_left(finding.place_px)]
 
 
 def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
@@ -159,17 +123,20 @@ def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
     )
 
 
-def _index(curve: MeasuredStroke, place: tuple[float, float], option: str) -> int:
-    distance = _distance(curve.points, place)
-    if distance > _reach(curve.width):
-        raise _off_curve_error(option, place, distance, curve.width)
+def _index(curve: MeasuredStroke, place: Place, option: str) -> int:
+    error = _off_curve_error(curve.points, curve.width, option, place)
+    if error is not None:
+        raise error
     return int(np.hypot(*(curve.points - place).T).argmin())
 
 
-def _off_curve_error(
-    option: str, place: tuple[float, float], distance: float, width: float
-) -> CurveError:
-    reach = _reach(width)
+def _off_curve_error(points: NDArray, width: float, option: str, place: Place) -> CurveError | None:
+    """The error for a place too far off a line; `None` for one on it, or for no place."""
+    if place is None:
+        return None
+    distance, reach = _distance(points, place), max(REACH_WIDTHS * width, REACH_PX)
+    if distance <= reach:
+        return None
     return CurveError(
         f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a "
         f"place within {reach:.0f} px of it.",
@@ -178,16 +145,16 @@ def _off_curve_error(
     )
 
 
-def _distance(points: NDArray, place: tuple[float, float]) -> float:
+def _distance_missed(error: CurveError) -> float:
+    return error.numbers["distance_px"]
+
+
+def _distance(points: NDArray, place: Place) -> float:
     return float(np.hypot(*(points - place).T).min())
 
 
-def _reach(width: float) -> float:
-    return max(REACH_WIDTHS * width, REACH_PX)
-
-
 Method = Literal["ridge", "skeleton", "mask"]
-METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,13 +245,13 @@ def extract_curve(
     # Ink: how much of each pixel the pen covers, and the pixels that hang together.
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
-    groups = find_groups(ink)
-    pieces = find_pieces(ink, groups)
+    groups = candidates.find_groups(ink)
+    pieces = candidates.find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
-    lines = find_candidates(pieces, max_gap_px)
+    lines = candidates.find_candidates(pieces, max_gap_px)
     passing = lines_through(lines, start, end) if places and stroke is None else lines
-    chosen = choose_lines(passing, stroke, ink, pen, region, max_gap_px)
+    chosen = choose.choose_lines(passing, stroke, ink, pen, region, max_gap_px)
     unchosen = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
 
@@ -292,44 +259,43 @@ def extract_curve(
     curves = []
     for line in chosen:
         if method != "mask":
-            refuse_junctions(line)
-        if method == "ridge":
-            curve = measure(ink, line)
-            if not accept_width:
-                refuse_wide_run(curve)
-            refuse_double_line(curve)
-            refuse_long_bridge(curve, max_gap_px)
-            refuse_fit_off_ink(curve, line)
-        else:
-            curve = skeleton_line(line)
+            choose.refuse_junctions(line)
+        if method != "ridge":
+            curves.append(skeleton_line(line))
+            continue
+        curve = measure(ink, line)
+        if not accept_width:
+            choose.refuse_wide_run(curve)
+        choose.refuse_double_line(curve)
+        choose.refuse_long_bridge(curve, max_gap_px)
+        choose.refuse_fit_off_ink(curve, line)
         curves.append(curve)
 
     # All other ink is listed, and what a person should look at is said.
-    leftover = find_leftover(ink, curves)
-    findings = leftover_findings(leftover, max_gap_px)
+    leftover = account.find_leftover(ink, curves)
+    findings = account.leftover_findings(leftover, max_gap_px)
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
-        findings += end_findings(ink, curve)
-        findings += ahead_findings(line, others, max_gap_px)
-        findings += ring_findings(line, max_gap_px)
-        findings += stretch_findings(curve)
+        findings += account.end_findings(ink, curve)
+        findings += account.ahead_findings(line, others, max_gap_px)
+        findings += account.ring_findings(line, max_gap_px)
+        findings += account.stretch_findings(curve)
         if curve.profiles is not None:
-            findings += width_findings(curve)
+            findings += account.width_findings(curve)
     strokes = []
     for curve, line in zip(curves, chosen, strict=True):
         cut = cut_to(curve, start, end)
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
         strokes.append(_stroke(ink, cut, line, method))
-    account = list_account(leftover, curves, ink)
-    mask = pen_mask(ink, groups)
-    return Extraction(mask, tuple(strokes), method, account, tuple(findings))
+    mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)
+    return Extraction(mask, tuple(strokes), method, entries, tuple(findings))
 
 
 def load_libraries() -> None:
     """Import what extraction needs, so that a measured time holds none of it."""
-    importlib.import_module("cv2")
+    import cv2  # noqa: F401
 
 
 def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction:
@@ -348,8 +314,7 @@ def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction
             code="vector-outside-image",
             numbers={"u_px": u, "v_px": v},
         )
-    nothing = np.zeros(image.rgb.shape[:2], bool)
-    return Extraction(nothing, (stroke,), "vector")
+    return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
 
 
 def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, places: list) -> None:
@@ -364,11 +329,8 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
             code="stroke-unknown",
         )
     if not 0 <= max_gap_px < float("inf"):
-        raise SettingError(
-            f"A gap of {max_gap_px} px cannot be bridged. Give a finite number from 0.",
-            code="max-gap",
-            numbers={"max_gap_px": max_gap_px},
-        )
+        text = f"A gap of {max_gap_px} px cannot be bridged. Give a finite number from 0."
+        raise SettingError(text, code="max-gap", numbers={"max_gap_px": max_gap_px})
     if places and (method == "mask" or stroke == "all"):
         raise SettingError(
             "Method 'mask' and stroke 'all' have no order, and so no start or end. Leave "
@@ -383,32 +345,24 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
         return []
     ends = curve.points[[0, -1]]
     findings = []
-    for (u, v), distance in zip(ends, region.border_distance(ends, size), strict=True):
+    for place, distance in zip(ends, region.border_distance(ends, size), strict=True):
         if distance <= curve.width + tuned.FLANK_PX:
-            text = (
-                f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region. "
-                "Widen the region if it goes on."
-            )
-            place = (round(float(u), 1), round(float(v), 1))
-            findings.append(note("end-at-region", "extract", text, place_px=place))
+            text = "the curve ends on the border of the region. Widen the region if it goes on."
+            findings.append(account.finding_at(place, "end-at-region", text, note))
     return findings
 
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
     length = drawn_length(curve.points, curve.closed) if method != "ridge" else None
-    measured = Stroke(
-        curve.points,
-        curve.closed,
-        curve.sigma,
-        curve.bridged,
-        width=line.width,
-        known_length=length,
-    )
+    drawn = curve.points, curve.closed, curve.sigma, curve.bridged
+    measured = Stroke(*drawn, width=line.width, known_length=length)
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack([half_covered(ink, piece.pixels) for piece in line.pieces]).astype(float)
+    points = np.vstack(
+        [candidates.half_covered(ink, piece.pixels) for piece in line.pieces]
+    ).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(

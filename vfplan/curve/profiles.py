@@ -1,12 +1,10 @@
-"""What the picture shows across a line, at each point of its path.
+"""What the picture shows across a line, and where the pen was put down and lifted.
 
-Where the pen was put down and lifted, by one rule for blunt and tapered ends.
-
-Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
-many lengths and places are held against it, and each counts by how well it fits. A short fall is
-a blunt end: the centre of the pen's tip lies a part of the width before the middle of the fall. A
-long fall is a pen that was drawn out, and the fall's foot is its point. Where both fit, the end
-lies between them, and its deviation says so.
+One rule finds blunt and tapered ends. Along the line its ink, the coverage summed across, falls
+from full to nothing. Straight falls of many lengths and places are held against it, and each counts
+by how well it fits. A short fall is a blunt end: the centre of the pen's tip lies a part of the
+width before the middle of the fall. A long fall is a pen that was drawn out, and the fall's foot is
+its point. Where both fit, the end lies between them, and its deviation says so.
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 from vfplan.curve import tuned
 from vfplan.curve.coverage import OTHER_UNIT, Ink, brightness, sample
 from vfplan.geometry import filters
+from vfplan.geometry.lines import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,28 +50,28 @@ class Profiles:
         The line's width [px].
     """
 
-    x: NDArray[np.float64]
-    coverage: NDArray[np.float64]
-    is_line: NDArray[np.bool_]
-    inside: NDArray[np.bool_]
-    mass: NDArray[np.float64]
-    valid: NDArray[np.bool_]
-    hidden: NDArray[np.bool_]
-    has_other: NDArray[np.bool_]
-    covered: NDArray[np.float64]
+    x: Array
+    coverage: Array
+    is_line: Flags
+    inside: Flags
+    mass: Array
+    valid: Flags
+    hidden: Flags
+    has_other: Flags
+    covered: Array
     width: float
 
     @property
-    def core(self) -> NDArray[np.bool_]:
+    def core(self) -> Flags:
         """(K,) the places within the line."""
         return np.abs(self.x) <= self.width / 2
 
     @property
-    def peak(self) -> NDArray[np.float64]:
+    def peak(self) -> Array:
         """(M,) the largest coverage across the line."""
         return np.where(self.is_line, self.coverage, 0).max(1)
 
-    def offset(self, noisy: bool) -> NDArray[np.float64]:
+    def offset(self, noisy: bool) -> Array:
         """(M,) how far off the path the line lies [px].
 
         Two measures: the centroid of the line's own ink, and the shift of its mean profile that
@@ -92,12 +91,12 @@ class Profiles:
         clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
         usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
-        if noisy or self._scatter(shift) < self._scatter(centroid):
+        if noisy or self.scatter(shift) < self.scatter(centroid):
             return shift
         # The centroid of a line that the picture's border cuts lies too far inside.
         return np.where(usable & ~self.inside[:, self.core].all(1), shift, centroid)
 
-    def _scatter(self, offset: NDArray) -> float:
+    def scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
         trend = filters.gaussian(offset, tuned.TREND_PX)
         return float(np.median((offset - trend)[self.valid] ** 2))
@@ -128,14 +127,14 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 
 
-def symmetric(profile: NDArray) -> NDArray[np.float64]:
+def symmetric(profile: NDArray) -> Array:
     """A (K,) profile and its mirror image, averaged."""
     return (profile + profile[::-1]) / 2
 
 
 def fit_shift(
     x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray
-) -> NDArray[np.float64]:
+) -> Array:
     """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
 
     A least-squares fit of the profile, its derivative and a ground (K, G), through the samples that
@@ -156,7 +155,7 @@ def places_across(path: NDArray, normal: NDArray, x: NDArray) -> tuple[NDArray, 
     return path[:, :1] + normal[:, :1] * x, path[:, 1:] + normal[:, 1:] * x
 
 
-def _beyond_valley(coverage: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:
+def _beyond_valley(coverage: NDArray, x: NDArray, width: float) -> Flags:
     """Where coverage rises again, outward from the line's edge: the ink of a neighbour."""
     beyond = np.zeros(coverage.shape, bool)
     for side in (1, -1):
@@ -171,7 +170,7 @@ def _beyond_valley(coverage: NDArray, x: NDArray, width: float) -> NDArray[np.bo
 
 def add_brightness(
     ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray
-) -> NDArray[np.float64]:
+) -> Array:
     """(M,) offsets with what the brightness adds, which JPEG keeps at full resolution.
 
     The ground is a straight run from flank to flank. Coverage and brightness count by their own
@@ -198,7 +197,7 @@ def add_brightness(
     if clear.sum() < tuned.MIN_PROFILES:
         return offset
     trend = filters.gaussian(offset, tuned.TREND_PX)
-    colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
+    colour_variance = profiles.scatter(offset)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])
     # JPEG stores colour at half the resolution, so its noise hangs together over twice the length,
@@ -249,10 +248,10 @@ class Run:
         (N,) ink across the line; 1 where it is as much as usual.
     coverage
         (N, K) across the line, at the places `x`.
-    x
-        (K,) [px].
     visible
         The last point at which the line was seen.
+    x
+        (K,) [px].
     width
         Of the pen [px]: the line's width without what blur adds to it.
     edge
@@ -261,38 +260,16 @@ class Run:
         Whether the picture's colour is noisy, as that of JPEG is.
     """
 
-    mass: NDArray[np.float64]
-    coverage: NDArray[np.float64]
-    x: NDArray[np.float64]
+    mass: Array
+    coverage: Array
     visible: int
+    x: Array
     width: float
     edge: float
     noisy: bool
 
 
-@dataclass(frozen=True)
-class Tip:
-    """The shape of a line's tip.
-
-    Parameters
-    ----------
-    flat
-        How surely the tip was cut off square: 0 to 1.
-    reach
-        How far a round tip reaches, over how far a half disc as broad as the line reaches.
-    longest_point
-        Length of the longest point that the sides of the tip allow [px].
-    point_shows
-        How surely a point would show in so broad a line: 0 to 1.
-    """
-
-    flat: float
-    reach: float
-    longest_point: float
-    point_shows: float
-
-
-def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tuple[End, End]:
+def find_ends(profiles: Profiles, valid: Flags, noisy: bool) -> tuple[End, End]:
     """The first and the last end of a line.
 
     profiles: read across a path of M points that reaches beyond both ends
@@ -302,27 +279,14 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
     visible = np.flatnonzero(valid)
     last = len(valid) - 1
     width, edge = _pen_width(profiles, valid)
-    forwards = Run(
-        mass=profiles.mass,
-        coverage=profiles.coverage,
-        x=profiles.x,
-        visible=int(visible[-1]),
-        width=width,
-        edge=edge,
-        noisy=noisy,
-    )
-    backwards = replace(
-        forwards,
-        mass=profiles.mass[::-1],
-        coverage=profiles.coverage[::-1],
-        visible=int(last - visible[0]),
-    )
-    first = _find_end(backwards)
+    pen = profiles.x, width, edge, noisy
+    mass, coverage = profiles.mass[::-1], profiles.coverage[::-1]
+    first = _find_end(Run(mass, coverage, int(last - visible[0]), *pen))
     first = replace(first, place=last - first.place, whole=last - first.whole)
-    return first, _find_end(forwards)
+    return first, _find_end(Run(profiles.mass, profiles.coverage, int(visible[-1]), *pen))
 
 
-def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, float]:
+def _pen_width(profiles: Profiles, valid: Flags) -> tuple[float, float]:
     """The pen's width without blur, and over how much its edge falls from high to low [px].
 
     The usual profile is that of an even pen, blurred by a Gaussian. A broad pen's profile is as
@@ -340,7 +304,7 @@ def _pen_width(profiles: Profiles, valid: NDArray[np.bool_]) -> tuple[float, flo
 
 
 @cache
-def _blurred_pens() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _blurred_pens() -> tuple[Array, Array]:
     """Profiles of pens of many widths, each blurred by a Gaussian of 1 px.
 
     Two (N,) arrays, each over the profile's width at half of its height: how long its edge is from
@@ -349,13 +313,12 @@ def _blurred_pens() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     # From 20 blurs on, a pen's own width shows. With 60 pens and 100 places in each profile the
     # shares are right to 0.003, of the thinnest pens to 0.012.
     pens = np.linspace(20, 0, 60, endpoint=False)
-    edges = np.zeros(len(pens))
-    shares = np.zeros(len(pens))
+    edges, shares = np.zeros(len(pens)), np.zeros(len(pens))
+    erf_of = np.vectorize(erf)
     for k, pen in enumerate(pens):
         x = np.linspace(0, pen / 2 + 5, 100)  # A Gaussian has ended 5 deviations away.
-        left = np.array([erf(place) for place in (x + pen / 2) / sqrt(2)])
-        right = np.array([erf(place) for place in (x - pen / 2) / sqrt(2)])
-        profile = (left - right) / (left - right)[0]
+        profile = erf_of((x + pen / 2) / sqrt(2)) - erf_of((x - pen / 2) / sqrt(2))
+        profile = profile / profile[0]
         high, half, low = np.interp([-HIGH, -tuned.HALF, -LOW], -profile, x)
         edges[k] = (low - high) / (2 * half)
         shares[k] = pen / (2 * half)
@@ -394,12 +357,10 @@ def _find_end(run: Run) -> End:
 
     # The shape of the tip decides, as far as it shows: the sides of a point end long before its
     # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
-    flat, reach = 0.0, 1.0
-    if not rested:
-        tip = _tip_shape(run, width)
-        flat, reach = tip.flat, tip.reach
-        is_point = (width < FALLS_PX) & (tip.longest_point > FALLS_PX)
-        tapered = np.maximum(tapered, tip.point_shows * is_point)
+    tip = (0.0, 1.0, 0.0, 0.0) if rested else _tip_shape(run, width)
+    flat, reach, longest_point, point_shows = tip
+    is_point = (width < FALLS_PX) & (longest_point > FALLS_PX)
+    tapered = np.maximum(tapered, point_shows * is_point)
 
     # Each foot and each length of the fall counts by how well it fits the ink.
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
@@ -418,16 +379,11 @@ def _find_end(run: Run) -> End:
     whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
     beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
-    continues = False
-    if len(ahead) == tuned.SUDDEN_PX:  # More ink than that is no faint one; the account lists it.
-        continues = bool(visible_ink < np.median(ahead) <= tuned.VISIBLE)
-    return End(
-        place=mean,
-        whole=whole,
-        sigma=float(np.sqrt(variance)),
-        fall=float((likely * tapered * FALLS_PX).sum()),
-        continues=continues,
-    )
+    # More ink than `VISIBLE` is no faint one; the account lists it.
+    reaches = len(ahead) == tuned.SUDDEN_PX
+    continues = reaches and bool(visible_ink < np.median(ahead) <= tuned.VISIBLE)
+    fall = float((likely * tapered * FALLS_PX).sum())
+    return End(mean, whole, float(np.sqrt(variance)), fall, continues)
 
 
 def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:
@@ -435,7 +391,7 @@ def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:
     return np.clip((fall / blunt - 1) / (tuned.TAPER_TIMES - 1), 0, 1)
 
 
-def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArray[np.float64]:
+def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> Array:
     """(F, L) how likely a fall with each foot (F, 1) and length is, of ink with a noise.
 
     All of them add up to 1. The height from which the ink falls is fitted, and so is an even slope
@@ -460,8 +416,12 @@ def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArra
     return likely / likely.sum()
 
 
-def _tip_shape(run: Run, width: float) -> Tip:
+def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
     """The shape of a tip that is as wide as `width`, as far as a thin pen shows it.
+
+    Returns how surely the tip was cut off square (0 to 1); how far a round tip reaches, over how
+    far a half disc as broad as the line reaches; the length of the longest point that its sides
+    allow [px]; and how surely a point would show in so broad a line (0 to 1).
 
     A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
     not, and a drawn out one ends far earlier. A tip whose disc is smaller than the line is broad,
@@ -474,7 +434,7 @@ def _tip_shape(run: Run, width: float) -> Tip:
     left = _end_of_band(run, np.abs(run.x + side * width) <= band)
     right = _end_of_band(run, np.abs(run.x - side * width) <= band)
     if middle is None or left is None or right is None:
-        return Tip(flat=0.0, reach=1.0, longest_point=0.0, point_shows=0.0)
+        return 0.0, 1.0, 0.0, 0.0
     falls_back = max((middle - (left + right) / 2) / width, 1e-6)
     flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
     # The radius of the disc through the middle of the tip and both sides; half of the line's ink
@@ -483,17 +443,14 @@ def _tip_shape(run: Run, width: float) -> Tip:
     reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
     from_width = tuned.FLAT_WIDTH_NOISY_PX if run.noisy else tuned.FLAT_WIDTH_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
-    return Tip(
-        flat=flat * shows,
-        reach=float(1 - (1 - reach) * shows),
-        # The sides of a point of length l end 2 TIP_SIDE l before its middle. Blur leaves at least
-        # half of that.
-        longest_point=falls_back * width / side,
-        point_shows=float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1)),
-    )
+    reach = float(1 - (1 - reach) * shows)
+    # The sides of a point of length l end 2 TIP_SIDE l before its middle. Blur leaves at least half
+    # of that.
+    longest_point = falls_back * width / side
+    return flat * shows, reach, longest_point, float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1))
 
 
-def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
+def _end_of_band(run: Run, band: Flags) -> float | None:
     """Where half of the ink is left in a band along the line; `None` in an empty band."""
     if not band.any():
         return None
@@ -503,7 +460,7 @@ def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
     return _crossing(ink, _last_above(ink, HIGH, run.visible), tuned.HALF)
 
 
-def _smoothed(ink: NDArray) -> NDArray[np.float64]:
+def _smoothed(ink: NDArray) -> Array:
     """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
     return filters.gaussian(ink, tuned.MASK_BLUR_PX)
 

@@ -20,6 +20,7 @@ from vfplan.errors import CurveError
 from vfplan.geometry import ROUNDING
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def ring_of(points: NDArray, closed: bool) -> Array:
@@ -192,7 +193,7 @@ def solve_banded(band: Array, right: Array) -> Array:
     return solution.reshape(blocks * BLOCK, -1)[:count]
 
 
-def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+def runs(flags: Flags, closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring a run may lead through the seam."""
     if not flags.any():
         return

@@ -3,18 +3,12 @@
 `refuse_wrong_markers` is the gate: labels that are mistaken, residuals that no marker has, a scale
 that is another unit. `registration_findings` lists the rest. Nothing is repaired.
 
-The scale that markers give, held against the scale that is known.
-
-Whether the slice was photographed at an angle: an F test of a homography against an affine map.
-
-A camera that looks at a plane from the side sees a homography of it (R. Hartley and A. Zisserman,
-"Multiple view geometry in computer vision", 2004, ch. 8), with two parameters more than an affine
-map. No model here follows them, and no error bound counts them.
-
-Labels that were mistaken: the usual other orders, and how likely each of them is.
-
-Two orders of the labels are compared by the ratio of the sums of squares that they leave. For two
-orders that are equally good it is F-distributed with ν and ν degrees of freedom.
+- Scale: what the markers give, held against what is known.
+- Angle: a camera that looks at a plane from the side sees a homography of it (R. Hartley and
+  A. Zisserman, "Multiple view geometry in computer vision", 2004, ch. 8), with two parameters more
+  than an affine map. No model here follows them, and no error bound counts them.
+- Labels: two orders of them are compared by the ratio of the sums of squares that they leave. For
+  two orders that are equally good it is F-distributed with ν and ν degrees of freedom.
 """
 
 from __future__ import annotations
@@ -28,23 +22,21 @@ import numpy as np
 
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
+from vfplan.geometry.lines import Array, plane_normal
 from vfplan.markers.correspondences import MAX_RADIUS_M
-from vfplan.registration.fit import (
+from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
+    Affine,
+    Orthogonal,
+    Problem,
     f_exceeds,
     fit_model,
     fit_similarity,
-    studentised_f,
-)
-from vfplan.registration.models import (
-    Affine,
-    Array,
-    Orthogonal,
-    Problem,
     homogeneous,
     marker_rows,
     rms_length,
+    studentised_f,
 )
 from vfplan.registration.registration import (
     Registration,
@@ -97,21 +89,20 @@ def refuse_wrong_scale(registration: Registration) -> None:
         ratio = 1 + departure
         is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
         if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            raise MarkerError(
+            text = (
                 f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
                 f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing",
-                code="scale-wrong",
-                numbers={"ratio": ratio},
+                "the right --pixel-spacing"
             )
+            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
 def scale_findings(registration: Registration) -> list[Finding]:
     """A scale that departs from the known one by more than its error, or that nothing checks."""
     departures = scale_departures(registration)
     if not departures:
-        along_u, along_v = registration.T_target_source[:3, :2].T
-        pixel_mm = 1e3 * float(np.sqrt(np.linalg.norm(np.cross(along_u, along_v))))
+        pixel_m2 = np.linalg.norm(plane_normal(registration.T_target_source[:3]))
+        pixel_mm = 1e3 * float(np.sqrt(pixel_m2))
         text = (
             "The pixel size is not known, so the scale was not checked: one pixel is "
             f"{pixel_mm:.3g} mm by the markers. Give --pixel-spacing MM if you know it."
@@ -279,9 +270,7 @@ class LabelMistake:
         fit = f"{self.action}, all markers fit to {1e3 * self.fre_rms_m:.2f} mm"
         if len(moved) == 2:
             return f"{moved[0]} and {moved[1]} seem exchanged: {fit}"
-        names = ", ".join(moved[:4])
-        if len(moved) > 4:
-            names += ", ..."
+        names = ", ".join(moved if len(moved) <= 4 else [*moved[:4], "..."])
         return f"the labels {names} seem {fit}"
 
 
@@ -312,14 +301,12 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     others = _sums_of_squares(judge, list(orders))
     fre = np.sqrt(_sums_of_squares(everyone, list(orders), weighted=False) / n)
     named = list(orders.items())
-    mistakes = []
-    # The given order does not fit clearly better than these ones.
-    for k in np.flatnonzero(f_exceeds(dof, dof, others / as_given) > GOOD_SET_PROBABILITY):
-        order, action = named[k]
-        p_value = float(f_exceeds(dof, dof, as_given / others[k]))
-        mistakes.append(LabelMistake(order, action, float(fre[k]), p_value))
-    mistakes.sort(key=lambda mistake: mistake.p_value)
-    return mistakes
+    mistakes = [
+        LabelMistake(*named[k], float(fre[k]), float(f_exceeds(dof, dof, as_given / others[k])))
+        # The given order does not fit clearly better than these ones.
+        for k in np.flatnonzero(f_exceeds(dof, dof, others / as_given) > GOOD_SET_PROBABILITY)
+    ]
+    return sorted(mistakes, key=lambda mistake: mistake.p_value)
 
 
 def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
@@ -330,24 +317,27 @@ def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
     """
     forward = np.arange(n)
     orders: dict[tuple[int, ...], str] = {}
+
+    def add(action: str, order: Array) -> None:
+        orders[tuple(order.ravel().tolist())] = action
+
     if n <= MAX_FOR_EVERY_ORDER:
-        for order in permutations(range(n)):
-            orders[order] = "reordered"
+        orders = dict.fromkeys(permutations(range(n)), "reordered")
     for rows in range(2, n // 2 + 1):
         if n % rows == 0:
             grid = forward.reshape(rows, -1)
-            orders[tuple(grid.T.ravel().tolist())] = "transposed"
-            orders[tuple(grid[::-1].ravel().tolist())] = "reversed by rows"
-            orders[tuple(grid[:, ::-1].ravel().tolist())] = "reversed by columns"
+            add("transposed", grid.T)
+            add("reversed by rows", grid[::-1])
+            add("reversed by columns", grid[:, ::-1])
     for shift in range(1, n):
-        orders[tuple(np.roll(forward[::-1], shift).tolist())] = "reversed and shifted"
-        orders[tuple(np.roll(forward, shift).tolist())] = "shifted"
-    orders[tuple(forward[::-1].tolist())] = "reversed"
-    for i, j in combinations(suspects, 2):
-        exchanged = list(range(n))
-        exchanged[i], exchanged[j] = j, i
-        orders[tuple(exchanged)] = "exchanged"
-    orders.pop(tuple(forward.tolist()), None)
+        add("reversed and shifted", np.roll(forward[::-1], shift))
+        add("shifted", np.roll(forward, shift))
+    add("reversed", forward[::-1])
+    for pair in combinations(suspects, 2):
+        exchanged = forward.copy()
+        exchanged[[*pair]] = pair[::-1]
+        add("exchanged", exchanged)
+    orders.pop(tuple(range(n)), None)
     return orders
 
 
@@ -480,9 +470,7 @@ def refuse_large_error(
         similar_m = float(similar.tre95_curve_m(points).max())
         if similar_m <= max_tre_m:
             advice = f"With --model similarity it is {_mm(similar_m)}"
-    allowed = f"{1e3 * max_tre_m:g} mm"
-    if taken_from:
-        allowed += f" (the {taken_from})"
+    allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
         f"the registration error may reach {_mm(value_m)} (95 % bound over the curve), and "
         f"--max-tre allows {allowed}. {advice}, or give another --max-tre",
@@ -588,19 +576,21 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = registration.place_px(int(unchecked[0]))
-    if share[unchecked].max() > DECISIVE_LEVERAGE:
-        text += " Add a marker near it."
-        return [doubt("markers-unchecked", "register", text, place_px=place)]
+    residual_m = 0.0
     if registration.model == "affine" and fit.problem.model.dimension == 2:
         residual_m = rms_length(fit_similarity(fit.problem, fit.used).vectors[fit.used])
-        if residual_m > UNSTRETCHED_RESIDUAL_M:
-            text += (
-                f" Without the stretch of the affine map the markers miss by {_mm(residual_m)} "
-                "rms. Add a marker."
-            )
-            return [doubt("markers-unchecked", "register", text, place_px=place)]
-    text += " Add a marker near it to be sure."
-    return [note("markers-unchecked", "register", text, place_px=place)]
+    finding = doubt
+    if share[unchecked].max() > DECISIVE_LEVERAGE:
+        text += " Add a marker near it."
+    elif residual_m > UNSTRETCHED_RESIDUAL_M:
+        text += (
+            f" Without the stretch of the affine map the markers miss by {_mm(residual_m)} rms. "
+            "Add a marker."
+        )
+    else:
+        finding = note
+        text += " Add a marker near it to be sure."
+    return [finding("markers-unchecked", "register", text, place_px=place)]
 
 
 def sigma_findings(registration: Registration) -> list[Finding]:
@@ -626,11 +616,12 @@ def error_findings(error: TargetError) -> tuple[Finding, ...]:
     if not beyond:
         return ()
     share = beyond / len(error.rms_m)
-    text = f"{share:.0%} of the curve lies beyond the markers, where the error grows."
-    text += " Add a marker there."
-    if share < EXTRAPOLATED_SHARE:
-        return (note("curve-extrapolated", "register", text),)
-    return (doubt("curve-extrapolated", "register", text),)
+    text = (
+        f"{share:.0%} of the curve lies beyond the markers, where the error grows. Add a marker "
+        "there."
+    )
+    finding = note if share < EXTRAPOLATED_SHARE else doubt
+    return (finding("curve-extrapolated", "register", text),)
 
 
 def side_finding(registration: Registration) -> Finding | None:
@@ -659,10 +650,7 @@ def describe_checks(registration: Registration) -> dict[str, Any]:
         report["spacing_departure_sigma"] = [sigma for _, sigma in departures]
     perspective = perspective_test(registration)
     if perspective is not None:
-        report["perspective"] = {
-            "p_value": perspective.p_value,
-            "said": perspective.is_significant,
-        }
+        report["perspective"] = {"p_value": perspective.p_value, "said": perspective.is_significant}
     return report
 
 

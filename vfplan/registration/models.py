@@ -1,8 +1,7 @@
-"""The transforms that markers can determine: how each is fitted, and how its parameters move it.
+"""The transforms that markers can determine, the markers, checked and normalised, and their fit.
 
-Everything here is in normalised coordinates (see `vfplan.registration.models`). A source point s
-is centred and scaled to unit RMS radius, a target y is centred [m], x~ = [s, 1], and y = M x~ with
-M of shape (3, k + 1).
+A source point s is centred and scaled to unit RMS radius, so that no unit and no origin spoils the
+numbers; a target y is centred [m], x~ = [s, 1], and y = M x~ with M of shape (3, k + 1).
 
 - affine: M is free. Ordinary or weighted least squares.
 - similarity: M = [a R | t]. S. Umeyama, "Least-squares estimation of transformation parameters
@@ -12,23 +11,26 @@ M of shape (3, k + 1).
 
 A planar source stands at z = 0, so that its rotation is a proper rotation in space.
 
-The markers, checked and brought into coordinates that no unit and no origin can spoil.
+Fisher's F distribution stands here too, because importing scipy.special takes a quarter of the time
+of planning a fixture.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.geometry.lines import Array, Flags, plane_normal
 
-Array = NDArray[np.float64]
 ModelName = Literal["affine", "similarity", "rigid"]
-MODELS: tuple[ModelName, ...] = ("affine", "similarity", "rigid")
+MODELS: tuple[ModelName, ...] = get_args(ModelName)
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,10 @@ class Orthogonal:
         if not np.ptp(w, axis=-1).any():
             return m
         batch = m.shape[:-2]
+        s, y, w = (np.broadcast_to(values, (*batch, *values.shape[-2:])) for values in (s, y, w))
         refined = np.empty_like(m)
         for index in np.ndindex(batch):
-            refined[index] = self._gauss_newton(
-                np.broadcast_to(s, (*batch, *s.shape[-2:]))[index],
-                np.broadcast_to(y, (*batch, *y.shape[-2:]))[index],
-                np.broadcast_to(w, (*batch, *w.shape[-2:]))[index],
-                m[index],
-            )
+            refined[index] = self._gauss_newton(s[index], y[index], w[index], m[index])
         return refined
 
     def tangent(self, m: Array) -> Array:
@@ -154,9 +152,7 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
     """The model of a name; `metric_scale` is how many metres a unit of the normalised source is."""
     if name == "affine":
         return Affine(dimension)
-    if name == "similarity":
-        return Orthogonal(dimension, None, name)
-    return Orthogonal(dimension, metric_scale, name)
+    return Orthogonal(dimension, metric_scale if name == "rigid" else None, name)
 
 
 def rms_length(vectors: Array) -> float:
@@ -210,8 +206,7 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     total = w.sum(axis=-1)[..., None]
     s_mean = np.einsum("...n,...nk->...k", w, s) / total
     y_mean = np.einsum("...n,...nk->...k", w, y) / total
-    s0 = s - s_mean[..., None, :]
-    y0 = y - y_mean[..., None, :]
+    s0, y0 = s - s_mean[..., None, :], y - y_mean[..., None, :]
     # Umeyama, eq. (40) to (42).
     u, d, vt = np.linalg.svd(np.einsum("...n,...na,...nb->...ab", w, y0, s0))
     sign = np.ones_like(d)
@@ -219,9 +214,8 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     linear = (u * sign[..., None, :]) @ vt
     if scale is None:
         size = np.einsum("...n,...na,...na->...", w, s0, s0)
-        linear = linear * ((d * sign).sum(axis=-1) / size)[..., None, None]
-    else:
-        linear = linear * scale
+        scale = ((d * sign).sum(axis=-1) / size)[..., None, None]
+    linear = linear * scale
     t = y_mean - np.einsum("...ab,...b->...a", linear, s_mean)
     return np.concatenate([linear[..., :k], t[..., None]], axis=-1)
 
@@ -255,17 +249,9 @@ def geometry(transform: Array) -> Geometry:
     values = np.linalg.svd(a, compute_uv=False)
     lengths = np.linalg.norm(a, axis=0)
     cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
-    normal = None
-    if k == 2:
-        normal = np.cross(a[:, 0], a[:, 1])
-        normal /= np.linalg.norm(normal)
-    return Geometry(
-        singular_values=values,
-        axis_scales=lengths,
-        anisotropy=float(values[0] / values[-1] - 1),
-        shear=float(cosines[np.abs(cosines).argmax()]),
-        normal=normal,
-    )
+    shear = float(cosines[np.abs(cosines).argmax()])
+    normal = plane_normal(a) / np.linalg.norm(plane_normal(a)) if k == 2 else None
+    return Geometry(values, lengths, float(values[0] / values[-1] - 1), shear, normal)
 
 
 # Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
@@ -346,9 +332,7 @@ def make_problem(
         raise SettingError(f"model is {model!r}. Give {', '.join(MODELS)}", code="model-unknown")
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
-    if labels is None:
-        labels = range(len(raw))
-    names = tuple(labels)
+    names = tuple(range(len(raw)) if labels is None else labels)
     _check_both_sides(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
     # Where the minimum leaves no residual, one marker more is needed to know an error at all.
@@ -376,7 +360,7 @@ def make_problem(
     _condition(y, target_m, "target", rank)
 
     normaliser = Normaliser(spacing, centre, radius, target_centre)
-    weights, sigma_unit_m = _weights(sigma, len(raw), names)
+    weights, sigma_unit_m = _weights(sigma, names)
     # A residual is a difference of numbers as large as these [m].
     scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
     largest = float(np.abs(target_m).max() + np.abs(metric).max() * scale)
@@ -425,27 +409,20 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
         )
     for name in names:
         if names.count(name) > 1:
-            raise MarkerError(
-                f"label {name!r} occurs more than once. Give each marker a label of its own",
-                code="label-doubled",
-                numbers={"label": name},
-            )
+            text = f"label {name!r} occurs more than once. Give each marker a label of its own"
+            raise MarkerError(text, code="label-doubled", numbers={"label": name})
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
-                raise MarkerError(
+                text = (
                     f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
-                    "numbers",
-                    code="markers-not-finite",
-                    numbers={"label": name},
+                    "numbers"
                 )
+                raise MarkerError(text, code="markers-not-finite", numbers={"label": name})
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
-            raise MarkerError(
-                f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}",
-                code="markers-too-large",
-                numbers={"largest": largest},
-            )
+            text = f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}"
+            raise MarkerError(text, code="markers-too-large", numbers={"largest": largest})
 
 
 def _spacing(
@@ -489,26 +466,23 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     smallest = max(extent[0] / MAX_CONDITION, rounding)
     numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
     if not extent[1] > smallest:
-        raise MarkerError(
+        text = (
             f"the markers lie on a line in the {what}: beside it they spread by less than "
-            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line",
-            code="markers-collinear",
-            numbers=numbers,
+            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line"
         )
+        raise MarkerError(text, code="markers-collinear", numbers=numbers)
     if not extent[rank - 1] > smallest:
-        raise MarkerError(
+        text = (
             f"the markers lie in a plane in the {what}, which determines no affine map. Give "
-            "--model similarity or rigid",
-            code="markers-coplanar",
-            numbers=numbers,
+            "--model similarity or rigid"
         )
+        raise MarkerError(text, code="markers-coplanar", numbers=numbers)
     return float(extent[0] / extent[rank - 1])
 
 
-def _weights(
-    sigma: ArrayLike | None, n: int, names: Sequence[str | int]
-) -> tuple[NDArray[np.float64], float | None]:
+def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array, float | None]:
     """Relative weights (N, 3) with mean 1, and the standard deviation that a weight of 1 has."""
+    n = len(names)
     if sigma is None:
         return np.ones((n, 3)), None
     array = _numbers(sigma, "sigma is")
@@ -519,10 +493,199 @@ def _weights(
     table = np.broadcast_to(array.reshape(n, -1), (n, 3))
     for name, row in zip(names, table, strict=True):
         if not (np.isfinite(row) & (row > 0)).all():
-            raise MarkerError(
-                f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0",
-                code="sigma-range",
-                numbers={"label": name},
-            )
+            text = f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0"
+            raise MarkerError(text, code="sigma-range", numbers={"label": name})
     unit = float(1 / np.sqrt((1 / table**2).mean()))
     return (unit / table) ** 2, unit
+
+
+# A set of good markers is suspected once in a hundred: of an outlier, of mistaken labels, or of
+# larger residuals than stated.
+GOOD_SET_PROBABILITY = 0.01
+
+# What good markers or touched points show once in 10,000 sets has another cause.
+RARE_PROBABILITY = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A problem and its least squares solution."""
+
+    problem: Problem
+    # (3, k+1) the transform in normalised coordinates.
+    m: Array
+    # (N,) the markers that the fit rests on.
+    used: Flags
+    # (N, 3) target minus transformed source [m].
+    vectors: Array
+    # (N, 3, 3) the hat matrix's diagonal blocks H_i; of a marker not used, what it would be.
+    hat: Array
+    # Estimated variance of a target coordinate of weight 1 [m²].
+    variance: float
+    # Degrees of freedom, 3 N - p.
+    dof: int
+    # (3 (k+1), p) A, so that variance times A Aᵀ is the covariance of row-major M.
+    covariance_root: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(3 (k+1), 3 (k+1)) covariance of row-major M."""
+        return self.variance * self.covariance_root @ self.covariance_root.T
+
+    @property
+    def leverage(self) -> Array:
+        """(N,) share of each marker in its own prediction: the mean of its block's diagonal."""
+        return np.trace(self.hat, axis1=1, axis2=2) / 3
+
+
+def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
+    """Fit the markers that are `used` (N,), by default all of them."""
+    if used is None:
+        used = np.ones(len(problem.s), dtype=bool)
+    model, weights = problem.model, problem.weights
+    m = model.solve(problem.s[used], problem.y[used], weights[used])
+    vectors = problem.y - problem.x @ m.T
+    dof = 3 * int(used.sum()) - model.parameters
+    squares = float((weights[used] * vectors[used] ** 2).sum())
+
+    # How the mapped markers move with the parameters, and from it the parameters' covariance.
+    tangent = model.tangent(m)
+    jacobian = (marker_rows(problem.x) @ tangent).reshape(len(used), 3, -1)
+    weighted = np.sqrt(weights)[:, :, None] * jacobian
+    inverse_root = root_of_inverse(weighted[used].reshape(-1, model.parameters))
+    spread = jacobian @ inverse_root
+    hat = spread @ np.swapaxes(spread, 1, 2) * weights[:, None, :]
+    return Fit(problem, m, used, vectors, hat, squares / dof, dof, tangent @ inverse_root)
+
+
+def fit_similarity(problem: Problem, used: Flags) -> Fit:
+    """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
+    similarity = Orthogonal(problem.model.dimension, None, "similarity")
+    return fit_model(replace(problem, model=similarity), used)
+
+
+def leave_one_out(fit: Fit) -> Array:
+    """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined.
+
+    For the affine model it is (I - H_i)⁻¹ e_i, exact without another fit (R. D. Cook and
+    S. Weisberg, "Residuals and influence in regression", 1982, section 2.2). Every other model is
+    fitted again without each marker.
+    """
+    problem, used = fit.problem, fit.used
+    if isinstance(problem.model, Affine):
+        self_share = fit.hat * used[:, None, None]
+        return np.linalg.norm(_solve_blocks(np.eye(3) - self_share, fit.vectors), axis=1)
+    errors = np.linalg.norm(fit.vectors, axis=1)
+    for i in np.flatnonzero(used):
+        others = used & (np.arange(len(used)) != i)
+        errors[i] = np.nan
+        s = problem.s[others]
+        # How far the others spread beside the line that fits them best.
+        width = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1]
+        if others.sum() >= problem.model.minimal and width > 1 / MAX_CONDITION:
+            m = problem.model.solve(s, problem.y[others], problem.weights[others])
+            errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
+    return errors
+
+
+def studentised_f(fit: Fit) -> Array:
+    """(N,) F of each marker against the others, with 3 and ν - 3 degrees of freedom.
+
+    q = eᵀ W (I - H)⁻¹ e is what the sum of squares loses without the marker, and F is q / 3 over
+    the mean square of the others (Cook and Weisberg, section 2.2). A marker that the fit did not
+    use is tested as a new observation, which gives the same F. NaN where no degree of freedom is
+    left to judge by.
+    """
+    problem, used, vectors = fit.problem, fit.used, fit.vectors
+    sign = np.where(used, -1.0, 1.0)[:, None, None]
+    deleted = _solve_blocks(np.eye(3) + sign * fit.hat, vectors)
+    lost = (problem.weights * vectors * deleted).sum(axis=1)
+    floor = problem.rounding_floor_m**2
+    total = float((problem.weights * vectors**2)[used].sum())
+    others = np.maximum(total - lost * used, floor)
+    others_dof = fit.dof - 3 * used
+    f = (lost / 3) / (others / np.maximum(others_dof, 1))
+    f[lost <= floor] = 0.0  # The fit is exact, but for rounding.
+    f[~(others_dof > 0) | ~np.isfinite(lost)] = np.nan
+    return f
+
+
+@cache
+def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> float:
+    """F of 3 and `dof` degrees of freedom that any of n good markers exceeds so seldom.
+
+    The probability is shared evenly among the markers (Bonferroni).
+    """
+    return float(f_quantile(3, dof, 1 - probability / n))
+
+
+def _solve_blocks(blocks: Array, vectors: Array) -> Array:
+    """(N, 3) solutions of N systems; NaN where the block is singular."""
+    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
+    solutions = np.full_like(vectors, np.nan)
+    solutions[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
+    return solutions
+
+
+def f_exceeds(dof: ArrayLike, other_dof: ArrayLike, f: ArrayLike) -> Array:
+    """The probability that F of these degrees of freedom exceeds f >= 0."""
+    share = np.divide(other_dof, np.multiply(dof, f) + other_dof)
+    a, b = np.divide(other_dof, 2), np.divide(dof, 2)
+    return _beta_share(share, a, b, _log_beta(a, b))
+
+
+def f_quantile(dof: ArrayLike, other_dof: ArrayLike, probability: float) -> Array:
+    """What F of these degrees of freedom stays below with a probability."""
+    a, b = np.broadcast_arrays(np.divide(dof, 2), np.divide(other_dof, 2))
+    # Newton's method for log F, whose distribution is nearly symmetric; in bounds, which are halved
+    # where a step would lead out of them.
+    log_f, low, high = np.zeros(a.shape), np.full(a.shape, -700.0), np.full(a.shape, 700.0)
+    log_beta = _log_beta(a, b)
+    for _ in range(100):
+        f = np.exp(log_f)
+        excess = 1 - probability - _beta_share(b / (a * f + b), b, a, log_beta)
+        low, high = np.where(excess < 0, log_f, low), np.where(excess < 0, high, log_f)
+        x = a * f / (a * f + b)
+        density = np.exp(a * np.log(x) + b * np.log1p(-x) - log_beta)
+        tried = log_f - excess / np.maximum(density, 1e-300)
+        tried = np.where((low <= tried) & (tried <= high), tried, (low + high) / 2)
+        largest_step = np.abs(tried - log_f).max(initial=0.0)
+        log_f = tried
+        if not largest_step >= 1e-12:
+            break
+    return np.exp(log_f)
+
+
+def _beta_share(x: ArrayLike, a: ArrayLike, b: ArrayLike, log_beta: ArrayLike) -> Array:
+    """The regularised incomplete beta function I_x(a, b), by its continued fraction.
+
+    `log_beta` is the logarithm of the beta function of a and b.
+
+    NIST's Digital Library of Mathematical Functions, 8.17.22, evaluated from the front. It
+    converges quickly below the mean; above it I_x(a, b) = 1 - I_(1-x)(b, a).
+    """
+    x, a, b = np.broadcast_arrays(x, a, b)
+    is_above = x > (a + 1) / (a + b + 2)
+    x = np.where(is_above, 1 - x, x)
+    a, b = np.where(is_above, b, a), np.where(is_above, a, b)
+    d = 1 / (1 - (a + b) * x / (a + 1))
+    c, fraction = np.ones_like(d), d
+    for m in range(1, 10_000):
+        for factor in (
+            m * (b - m) / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1 / (1 + factor * x * d)
+            c = 1 + factor * x / c
+            fraction = fraction * c * d
+        if not (np.abs(c * d - 1) >= 1e-15).any():  # Of no number it never is.
+            break
+    x = np.maximum(x, np.finfo(float).tiny)
+    share = fraction / a * np.exp(a * np.log(x) + b * np.log1p(-x) - log_beta)
+    return np.where(is_above, 1 - share, share)
+
+
+def _log_beta(a: ArrayLike, b: ArrayLike) -> Array:
+    """The logarithm of the beta function."""
+    log_gamma = np.vectorize(math.lgamma, otypes=[float])
+    return log_gamma(a) + log_gamma(b) - log_gamma(np.add(a, b))

@@ -49,27 +49,25 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord
 from vfplan.geometry import ROWS_AT_ONCE
-from vfplan.registration.fit import (
-    Fit,
-    f_exceeds,
-    f_limit,
-    f_quantile,
-    fit_model,
-    leave_one_out,
-    studentised_f,
-)
+from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
     MAX_CONDITION,
-    Array,
+    Fit,
     Geometry,
     ModelName,
     Orthogonal,
     Problem,
+    f_exceeds,
+    f_limit,
+    f_quantile,
+    fit_model,
     geometry,
     homogeneous,
+    leave_one_out,
     make_problem,
     marker_rows,
     rms_length,
+    studentised_f,
 )
 
 # Probability that an error stays within its bound, and that an interval holds the true value.
@@ -96,21 +94,16 @@ class TargetError:
     # Index of the point with the largest bound.
     worst: int
     # (M,) whether a point is predicted worse than every marker: it lies beyond them.
-    is_extrapolated: NDArray[np.bool_]
+    is_extrapolated: Flags
 
 
 def target_error(registration: Registration, points: ArrayLike) -> TargetError:
     """The predicted error along a curve (M, 2|3) given in the source frame."""
-    rms_m = registration.tre_m(points)
-    curve95_m = registration.tre95_curve_m(points)
+    rms_m, curve95_m = registration.tre_m(points), registration.tre95_curve_m(points)
     at_markers_m = registration.tre_m(registration.source[registration.used])
-    return TargetError(
-        rms_m=rms_m,
-        bound95_m=registration.tre95_m(points),
-        curve95_m=curve95_m,
-        worst=int(curve95_m.argmax()),
-        is_extrapolated=rms_m > at_markers_m.max() * (1 + 1e-9),
-    )
+    is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
+    bound95_m = registration.tre95_m(points)
+    return TargetError(rms_m, bound95_m, curve95_m, int(curve95_m.argmax()), is_beyond)
 
 
 def error_rows(s: Array, root: Array) -> Array:
@@ -176,8 +169,7 @@ def _directions(p: int) -> Array:
     primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37])
     steps = np.arange(1, DIRECTIONS + 1)[:, None]
     uniform = np.mod(steps * np.sqrt(primes[:p]) + 0.5, 1.0)
-    quantile = NormalDist().inv_cdf
-    normal = np.reshape([quantile(share) for share in uniform.flat], uniform.shape)
+    normal = np.vectorize(NormalDist().inv_cdf)(uniform)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.ascontiguousarray(normal.T)
 
@@ -192,16 +184,12 @@ STOP_PROBABILITY = 0.05
 
 def outlier_limits(fit: Fit) -> Array:
     """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
-    marker_count = int(fit.used.sum())
-    limits = np.full(len(fit.used), np.inf)
-    for i, is_used in enumerate(fit.used):
-        dof = fit.dof - 3 * int(is_used)
-        if dof > 0:
-            limits[i] = f_limit(marker_count, dof)
-    return limits
+    count = int(fit.used.sum())
+    freedom = (fit.dof - 3 * fit.used).tolist()
+    return np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
 
 
-def is_outlier(fit: Fit) -> NDArray[np.bool_]:
+def is_outlier(fit: Fit) -> Flags:
     """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
     return (np.nan_to_num(studentised_f(fit)) > outlier_limits(fit)) | ~fit.used
 
@@ -228,11 +216,9 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
 def outlier_findings(registration: Registration) -> list[Finding]:
     """Markers further from the others' prediction than chance explains, and those left out."""
     findings = []
-    for i, label in enumerate(registration.labels):
-        if label not in registration.outliers:
-            continue
-        place = registration.place_px(i)
-        distance_m = float(registration.residuals_m[i])
+    for i in np.flatnonzero(is_outlier(registration.fit)):
+        label, place = registration.labels[i], registration.place_px(i)
+        distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
         if not registration.used[i]:
             text = (
                 f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
@@ -240,17 +226,16 @@ def outlier_findings(registration: Registration) -> list[Finding]:
             )
             findings.append(note("marker-left-out", "register", text, place_px=place))
             continue
-        if np.isfinite(registration.loo_m[i]):
-            distance_m = float(registration.loo_m[i])
+        away_mm = 1e3 * (loo_m if np.isfinite(loo_m) else distance_m)
         text = (
-            f"Marker {label} lies {1e3 * distance_m:.2f} mm from where the others put it. Touch it "
-            "again, or leave it out with --robust."
+            f"Marker {label} lies {away_mm:.2f} mm from where the others put it. Touch it again, "
+            "or leave it out with --robust."
         )
         findings.append(doubt("marker-suspect", "register", text, place_px=place))
     return findings
 
 
-def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
+def consistent_markers(problem: Problem) -> Flags:
     """(N,) the markers that a robust fit rests on.
 
     Raises SettingError: more minimal subsets than can be searched
@@ -258,15 +243,13 @@ def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
     n, minimal = len(problem.s), problem.model.minimal
     subset_count = comb(n, minimal)
     if subset_count > MAX_SUBSETS:
-        raise SettingError(
+        text = (
             f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
-            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out",
-            code="robust-too-many",
-            numbers={"subsets": subset_count},
+            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out"
         )
+        raise SettingError(text, code="robust-too-many", numbers={"subsets": subset_count})
     # As few markers as still leave a residual, and at least half of them.
-    half = max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1)
-    half = min(n, half)
+    half = min(n, max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1))
 
     # The minimal subset whose transform leaves the least sum over the half that fits it best.
     subsets = combinations(range(n), minimal)
@@ -297,7 +280,7 @@ def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
     return used
 
 
-def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
     """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
@@ -380,7 +363,7 @@ class Registration:
         return x @ self.fit.m.T + self.fit.problem.normaliser.target_centre
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Flags:
         """(N,) the markers that the fit rests on; all of them, unless it was robust."""
         return self.fit.used
 
@@ -507,12 +490,11 @@ class Registration:
                 code="points-shape",
             ) from None
         k = self.source.shape[1]
-        if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
+        if k == 2 and array.shape[1:] == (3,) and not array[:, 2].any():
             array = array[:, :2]
-        if array.ndim != 2 or array.shape[1] != k or not len(array):
+        if array.shape[1:] != (k,) or not len(array):
             raise SettingError(
-                f"points have shape {array.shape}. Give (M, {k}) in the source",
-                code="points-shape",
+                f"points have shape {array.shape}. Give (M, {k}) in the source", code="points-shape"
             )
         if not np.isfinite(array).all():
             raise SettingError(
@@ -532,14 +514,10 @@ class Registration:
         source_frame
             "image" or "patient_lps"; by default what the source's dimension says.
         """
-        if source_frame is None:
-            source_frame = "image" if self.source.shape[1] == 2 else "patient_lps"
-        tre_m = tre_rms_m = None
-        if points is not None:
-            tre_m, tre_rms_m = self.tre_m(points), self.tre_rms_m(points)
+        frame = "image" if self.source.shape[1] == 2 else "patient_lps"
         return RegistrationRecord(
             model=self.model,
-            source_frame=source_frame,
+            source_frame=source_frame or frame,
             T_robot_image=self.T_target_source,
             labels=tuple(map(str, self.labels)),
             source=self.source,
@@ -547,9 +525,9 @@ class Registration:
             residuals_m=self.residuals_m,
             fre_rms_m=self.fre_rms_m,
             loo_rms_m=self.loo_rms_m,
-            tre_rms_m=tre_rms_m,
+            tre_rms_m=None if points is None else self.tre_rms_m(points),
             covariance=self.covariance,
-            tre_m=tre_m,
+            tre_m=None if points is None else self.tre_m(points),
         )
 
 
@@ -615,7 +593,7 @@ def fit_registration(
             code="mirrored",
         )
     if problem.model.dimension == 2 and seen_from is not None:
-        faces = -np.cross(fit.m[:, 0], fit.m[:, 1])
+        faces = -plane_normal(fit.m)
         faces /= np.linalg.norm(faces)
         if not faces @ direction > 0:
             raise MarkerError(
@@ -626,23 +604,15 @@ def fit_registration(
                 numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
             )
 
-    if labels is None:
-        labels = range(len(problem.s))
+    names = tuple(range(len(problem.s)) if labels is None else labels)
+    source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
-    return Registration(
-        model=model,
-        labels=tuple(labels),
-        source=np.array(source, dtype=np.float64),
-        target=np.array(target, dtype=np.float64),
-        fit=fit,
-        robust=robust,
-        pixel_spacing=known_spacing,
-    )
+    return Registration(model, names, source, target, fit, robust, known_spacing)
 
 
 def is_mirrored(fit: Fit) -> bool:
     """Whether markers in space fit a mirror image clearly better than the model, by an F test."""
-    problem: Problem = fit.problem
+    problem = fit.problem
     if not isinstance(problem.model, Orthogonal):
         return bool(np.linalg.det(fit.m[:, :3]) < 0)
     flipped = problem.s[fit.used] * [1.0, 1.0, -1.0]
@@ -655,10 +625,7 @@ def is_mirrored(fit: Fit) -> bool:
 
 
 def registration_report(
-    registration: Registration,
-    points: ArrayLike | None = None,
-    *,
-    error: TargetError | None = None,
+    registration: Registration, points: ArrayLike | None = None, *, error: TargetError | None = None
 ) -> dict[str, Any]:
     """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 
@@ -703,8 +670,8 @@ def registration_report(
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
     if registration.fit.problem.sigma_unit_m is not None:
-        ratio = registration.sigma_m / registration.fit.problem.sigma_unit_m
-        report["residuals_over_stated_sigma"] = ratio
+        unit_m = registration.fit.problem.sigma_unit_m
+        report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
     if points is not None:
         error = error or target_error(registration, points)
         rms_m = float(np.sqrt((error.rms_m**2).mean()))
@@ -742,7 +709,6 @@ def direction_of(seen_from: ArrayLike | str) -> Array:
 def describe_side(faces: Array) -> str:
     """The side of the robot that a slice is seen from, in words: "above (robot +z)"."""
     axis = int(np.abs(faces).argmax())
-    sign = "+" if faces[axis] > 0 else "-"
-    name = sign + "xyz"[axis]
-    words = {"+z": "above", "-z": "below"}
-    return f"{words.get(name, 'the side')} (robot {name})"
+    name = ("+" if faces[axis] > 0 else "-") + "xyz"[axis]
+    side = {"+z": "above", "-z": "below"}.get(name, "the side")
+    return f"{side} (robot {name})"

@@ -4,8 +4,6 @@ The transform is the one that brings the touched points onto the surface, by the
 nearest place on it (Y. Chen and G. Medioni, "Object modelling by registration of multiple range
 images", Image and Vision Computing 10, 1992: point to plane). A loss that grows slowly first finds
 which points touched the surface and which something else. The markers give the start.
-
-The nearest place on a mesh, for points that lie close to it.
 """
 
 from __future__ import annotations
@@ -18,8 +16,14 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M, ROWS_AT_ONCE
-from vfplan.registration.fit import RARE_PROBABILITY
-from vfplan.registration.models import Array, Orthogonal, homogeneous, rms_length, root_of_inverse
+from vfplan.geometry.lines import Array, Flags
+from vfplan.registration.models import (
+    RARE_PROBABILITY,
+    Orthogonal,
+    homogeneous,
+    rms_length,
+    root_of_inverse,
+)
 from vfplan.registration.registration import Registration
 
 # Number of nearest corners whose triangles are compared.
@@ -84,7 +88,7 @@ def on_triangles(places: Array, corners: Array) -> Array:
     best = np.empty_like(places)
     smallest = np.full(len(places), np.inf)
 
-    def take_nearer(candidate: Array, is_allowed: NDArray[np.bool_]) -> None:
+    def take_nearer(candidate: Array, is_allowed: Flags) -> None:
         square = ((places - candidate) ** 2).sum(axis=1)
         is_nearer = is_allowed & (square < smallest)
         best[is_nearer], smallest[is_nearer] = candidate[is_nearer], square[is_nearer]
@@ -135,7 +139,7 @@ class TouchRefinement:
     # (T,) the same under the markers' registration [m].
     before_m: Array
     # (T,) the points that lie on the surface; the others touched something else.
-    used: NDArray[np.bool_]
+    used: Flags
     # How well the patch constrains the motion that it constrains least; see `MIN_CONSTRAINT`.
     constraint: float
 
@@ -184,23 +188,19 @@ def refine_by_touch(
     # Twice as many points as degrees of freedom.
     min_points = 2 * model.parameters
     if not min_points <= len(tip_positions) <= MAX_POINTS:
-        raise MarkerError(
-            f"{len(tip_positions)} points were touched. Give {min_points} to {MAX_POINTS}",
-            code="touch-count",
-            numbers={"points": len(tip_positions)},
-        )
+        text = f"{len(tip_positions)} points were touched. Give {min_points} to {MAX_POINTS}"
+        raise MarkerError(text, code="touch-count", numbers={"points": len(tip_positions)})
     patch = _Patch(registration, tip_positions, NearestOnMesh(points, triangles), tip_radius)
     m = registration.fit.m
     before_m = patch.distances(m)
     start_m = float(np.median(np.abs(before_m)))
     if start_m > MAX_START_DISTANCE_M:
-        raise MarkerError(
+        text = (
             f"half of the touched points are more than {1e3 * start_m:.0f} mm from the surface "
             f"that the markers place; at most {1e3 * MAX_START_DISTANCE_M:.0f} mm is allowed. Look "
-            "for a wrong unit or frame",
-            code="touch-far",
-            numbers={"median_distance_m": start_m},
+            "for a wrong unit or frame"
         )
+        raise MarkerError(text, code="touch-far", numbers={"median_distance_m": start_m})
 
     # A robust fit finds which points lie on the surface.
     for _ in range(ROUNDS):
@@ -214,12 +214,11 @@ def refine_by_touch(
         limit = float(stdtrit(dof, 1 - RARE_PROBABILITY / 2)) * max(sigma_m, ROUNDING_M)
         used = np.abs(distances_m) <= limit
         if used.sum() < min_points:
-            raise MarkerError(
+            text = (
                 f"only {used.sum()} touched points lie on one surface, and {min_points} are "
-                "needed. Touch more points on the bone",
-                code="touch-no-surface",
-                numbers={"points": int(used.sum())},
+                "needed. Touch more points on the bone"
             )
+            raise MarkerError(text, code="touch-no-surface", numbers={"points": int(used.sum())})
         on_surface = replace(patch, tip_positions=tip_positions[used])
         m = on_surface.fit(m, model, "linear")
         distances_m = patch.distances(m)
@@ -290,12 +289,7 @@ class _Patch:
             return _jacobian(normals, places - moved[:, 3])
 
         result = least_squares(
-            distances,
-            np.zeros(model.parameters),
-            jacobian,
-            loss=loss,
-            f_scale=scale,
-            x_scale="jac",
+            distances, np.zeros(model.parameters), jacobian, loss=loss, f_scale=scale, x_scale="jac"
         )
         return model.moved(m, result.x)
 
@@ -324,16 +318,13 @@ def refuse_free_motion(normals: Array, places: Array) -> float:
     constraint = float(sizes[-1])
     if constraint < MIN_CONSTRAINT:
         turn, shift = motions[-1, :3], motions[-1, 3:]
-        if np.linalg.norm(turn) > np.linalg.norm(shift):
-            motion, axis = "turning about", turn
-        else:
-            motion, axis = "sliding along", shift
+        is_turn = np.linalg.norm(turn) > np.linalg.norm(shift)
+        motion, axis = ("turning about", turn) if is_turn else ("sliding along", shift)
         x, y, z = axis / np.linalg.norm(axis)
-        raise MarkerError(
+        text = (
             f"the touched patch does not hold the bone: {motion} ({x:+.2f}, {y:+.2f}, {z:+.2f}) "
             f"changes the distances by {constraint:.3f} of the motion, and at least "
-            f"{MIN_CONSTRAINT} is needed. Touch places that face another way",
-            code="touch-free-motion",
-            numbers={"constraint": constraint},
+            f"{MIN_CONSTRAINT} is needed. Touch places that face another way"
         )
+        raise MarkerError(text, code="touch-free-motion", numbers={"constraint": constraint})
     return constraint
