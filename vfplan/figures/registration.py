@@ -80,11 +80,7 @@ class View:
 
 
 def draw_registration(
-    registration: Registration,
-    curve: Fixture,
-    path: Path,
-    *,
-    image: PlannedImage | None = None,
+    registration: Registration, curve: Fixture, path: Path, *, image: PlannedImage | None = None
 ) -> None:
     """Write the slice with each marker's residual as an arrow and the error band along the curve.
 
@@ -278,12 +274,7 @@ def drawn_segments(curve: Fixture, points: Array) -> tuple[NDArray[np.intp], NDA
 
 
 def draw_markers(
-    axes: Any,
-    registration: Registration,
-    view: View,
-    linear: Array,
-    arrows: Array,
-    factor: float,
+    axes: Any, registration: Registration, view: View, linear: Array, arrows: Array, factor: float
 ) -> None:
     """A cross for each marker, its residual as an arrow, and both as numbers.
 

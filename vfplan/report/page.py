@@ -111,10 +111,7 @@ def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
-    data: dict[str, Any] = {
-        "span": list(span),
-        "time": np.round(ticks.time[starts], 6).tolist(),
-    }
+    data: dict[str, Any] = {"span": list(span), "time": np.round(ticks.time[starts], 6).tolist()}
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * ticks.penetration)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
             parts = extreme.reduceat(values[:last], starts)

@@ -233,10 +233,7 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
         if metrics.get(name):
             groups[name] = metrics[name]
     provenance = fixture.provenance
-    groups["provenance"] = {
-        "created_utc": provenance.created_utc,
-        "software": provenance.software,
-    }
+    groups["provenance"] = {"created_utc": provenance.created_utc, "software": provenance.software}
     for name, value in provenance.settings.items():
         groups["provenance"][f"setting {name}"] = value
     for role, digest in provenance.inputs.items():
