@@ -29,7 +29,7 @@ from vfplan.images.read import PlannedImage, as_uint8
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.run import contact_marks
+from vfplan.replaying.replay import contact_marks
 from vfplan.session.result import TickBlock
 
 # What VTK may render into without a screen, and the Debian package that each of them needs.

@@ -20,8 +20,7 @@ from vfplan.figures.replay import (
 )
 from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
-from vfplan.replaying.replay import replay
-from vfplan.replaying.run import ThinnedTicks, contact_marks, thinned
+from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay, thinned
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 

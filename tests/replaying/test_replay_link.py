@@ -19,12 +19,12 @@ def delivered(link, time, hip, size):
     """What arrives, tick by tick, when the session is fed in blocks of `size`."""
     lossy, out, last = LossyLink(link), [], None
     for start in range(0, len(time), size):
-        block = lossy.deliver(time[start : start + size], hip[start : start + size])
-        for row in block.row:
-            last = block.hip[row] if row >= 0 else last
+        arrived, rows = lossy.deliver(time[start : start + size], hip[start : start + size])
+        for row in rows:
+            last = arrived[row] if row >= 0 else last
             out.append(last)
-        if len(block.hip):
-            last = block.hip[-1]
+        if len(arrived):
+            last = arrived[-1]
     return np.array(out), lossy.report(20)
 
 

@@ -21,8 +21,7 @@ from vfplan.images.read import PlannedImage
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.clearance import CONTACT_M, row_norms
 from vfplan.replaying.metrics import CurveRuler, episode_count
-from vfplan.replaying.replay import Replay
-from vfplan.replaying.run import contact_marks
+from vfplan.replaying.replay import Replay, contact_marks
 
 Array = NDArray[np.float64]
 

@@ -36,8 +36,7 @@ from vfplan.io.writing import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.findings import change_words, gap_words, has_touched
-from vfplan.replaying.replay import Replay
-from vfplan.replaying.run import thinned
+from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 from vfplan.session.result import TickBlock
 
