@@ -158,19 +158,19 @@ class Episodes:
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
             if ruler is not None:
-                described["start_along"] = ruler.locate(episode["touch"])
-                described["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
-                described["end_along"] = ruler.locate(episode["leave"])
+                described |= {
+                    "start_along": ruler.locate(episode["touch"]),
+                    "deepest_along": ruler.locate(episode["deepest"]["proxy_m"]),
+                    "end_along": ruler.locate(episode["leave"]),
+                }
             listed.append(to_json_types(described))
-        report: dict[str, Any] = {"episodes": listed}
-        if self._unlisted["count"]:
-            report["episodes_left_out"] = dict(self._unlisted)
-        return report
+        left_out = {"episodes_left_out": dict(self._unlisted)} if self._unlisted["count"] else {}
+        return {"episodes": listed, **left_out}
 
     def _is_passive(self, episode: dict[str, Any]) -> bool:
         """Whether its energy is what holding each force for a tick explains."""
-        slack = self._slack_m * episode["force_max_n"]
-        return bool(episode["energy_j"] <= episode["energy_hold_j"] + slack)
+        explained = episode["energy_hold_j"] + self._slack_m * episode["force_max_n"]
+        return bool(episode["energy_j"] <= explained)
 
     def _extend_latest(self, run: dict[str, Any]) -> None:
         """Join a run of contact to the latest episode."""
@@ -196,8 +196,7 @@ class Episodes:
         depth, _, unlisted = heapq.heappushpop(self._deepest, entry)
         self._unlisted["count"] += 1
         self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
-        if not self._is_passive(unlisted):
-            self._unlisted["active"] += 1
+        self._unlisted["active"] += not self._is_passive(unlisted)
 
     def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
         """A run of contact from row `start` to before row `end`."""
@@ -294,10 +293,8 @@ class Metrics:
         self._clearance = clearance_of(fixture, parameters.rule)
         # A passive episode moves the proxy by no more than what the rule leaves open: the band, or
         # how far lines and arcs are from the curve.
-        slack_m = parameters.band
-        if parameters.rule == "exact" and fixture.pieces:
-            slack_m = fixture.pieces.error
-        self._episodes = Episodes(slack_m)
+        has_pieces = parameters.rule == "exact" and fixture.pieces
+        self._episodes = Episodes(fixture.pieces.error if has_pieces else parameters.band)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
         self._sums: defaultdict[str, float] = defaultdict(float)
@@ -315,8 +312,7 @@ class Metrics:
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
         ticks = steps.ticks
-        if self._start_s is None:
-            self._start_s = float(ticks.time[0])
+        self._start_s = float(ticks.time[0]) if self._start_s is None else self._start_s
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._clearance is not None:
             self._clearance.update(ticks.proxy)
@@ -376,9 +372,11 @@ class Metrics:
             "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
         }
         if self._clearance is not None:
-            data["overlap_max_m"] = peaks["overlap_max_m"]
-            data["clearance_min_m"] = self._clearance.minimum_m
-            data["entrenched_ticks"] = int(self._states[STATES.index(2)])
+            data |= {
+                "overlap_max_m": peaks["overlap_max_m"],
+                "clearance_min_m": self._clearance.minimum_m,
+                "entrenched_ticks": int(self._states[STATES.index(2)]),
+            }
         if sums["press_path"] > 0:
             data["friction"] = sums["drag_work"] / sums["press_path"]
         if sums["slide_m"] > 0:

@@ -357,11 +357,12 @@ def replay(
         changing = None
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
-                raise SettingError(
-                    "poses and events need one rule of the native engine, without a lossy "
-                    "link. Leave --compare, --engine or --link out",
-                    code="changes-alone",
+                message = (
+                    "poses and events need one rule of the native engine, without a lossy link. "
+                    "Give one --rule, and leave --engine, --drop, --jitter, --delay and --quantise "
+                    "out"
                 )
+                raise SettingError(message, code="changes-alone")
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
         settings = {"robot": robot, "governed_robot": governor, "changing": changing}
         more = {"link": link, "keep": keep, **settings}
