@@ -312,8 +312,8 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         code = (
             "import numpy as np, resource\n"
             "from replays import *\n"
-            "from vfplan.replaying import replay\n"
-            "from vfplan.session import SessionStream\n"
+            "from vfplan.replaying.replay import replay\n"
+            "from vfplan.session.session import SessionStream\n"
             "def read():\n"
             f"    for k in range({blocks}):\n"
             "        s = probing(16.384)\n"

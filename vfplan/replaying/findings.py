@@ -154,8 +154,19 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
             )
         yield finding("started-inside", "warning", text)
     yield from change_findings(report)
-    if report["too_fast_ticks"]:
-        yield too_fast_finding(report["too_fast_ticks"], parameters)
+    too_fast = report["too_fast_ticks"]
+    if too_fast and parameters.rule == "paper":
+        text = (
+            f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
+            "far as the proxy may in one. Move more slowly, or take rule 'robust'."
+        )
+        yield finding("too-fast", "warning", text)
+    elif too_fast:
+        text = (
+            f"In {too_fast} ticks the engine used up its iterations. Nothing is to be done: the "
+            "proxy is safe and follows later."
+        )
+        yield finding("too-fast", "info", text)
     if report["bad_hip_ticks"]:
         text = (
             f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
@@ -192,21 +203,6 @@ def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
             "their ticks."
         )
         yield finding("events-left", "warning", text)
-
-
-def too_fast_finding(ticks: int, parameters: ProxyParameters) -> Finding:
-    """That the hand was too fast for the rule in so many ticks."""
-    if parameters.rule == "paper":
-        reason = (
-            f"the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
-            "proxy may in one. Move more slowly, or take rule 'robust'"
-        )
-        return finding("too-fast", "warning", f"In {ticks} ticks {reason}.")
-    reason = (
-        "the engine used up its iterations. Nothing is to be done: the proxy is safe and "
-        "follows later"
-    )
-    return finding("too-fast", "info", f"In {ticks} ticks {reason}.")
 
 
 def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
