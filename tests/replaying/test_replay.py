@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import subprocess
 import sys
 from itertools import groupby
@@ -19,6 +20,7 @@ from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import MeshClearance, PointClearance
 from vfplan.replaying.findings import gap_words
+from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
 from vfplan.session.result import read_result, write_result
 from vfplan.session.session import Session, resampled
@@ -329,6 +331,19 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         return int(done.stdout)
 
     assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
+
+
+ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
+"""Keys of parts of a report, which docs/replay.md explains by their words."""
+MOVING = {"fixture_energy_j", "pose_age_max_s"}
+
+
+def test_the_page_about_replays_and_the_report_have_the_same_numbers(pressed):
+    rows = re.findall(r"^\| (`.*?) \|", (ROOT / "docs" / "replay.md").read_text(), re.MULTILINE)
+    explained = set(re.findall(r"`(\w+)`", " ".join(rows)))
+    assert {number.key for number in NUMBERS if number.label} - ELSEWHERE <= explained
+    found = set(pressed.metrics)
+    assert {key for key in explained if key.endswith(("_m", "_n", "_j", "_s"))} - MOVING <= found
 
 
 def test_the_call_is_public(pressed):

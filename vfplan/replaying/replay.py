@@ -48,11 +48,6 @@ from vfplan.session.session import Array, SamplingReport, SessionSource
 Sink = Callable[[str, TickBlock], None]
 
 
-def no_ticks() -> TickBlock:
-    """A block without ticks."""
-    return TickBlock(*(np.empty((0, *columns), dtype) for columns, dtype, _ in TABLE.values()))
-
-
 class ThinnedTicks:
     """Keep at most `capacity` ticks; every tick while the session is that short.
 
@@ -61,7 +56,8 @@ class ThinnedTicks:
 
     def __init__(self, capacity: int | None = 65536) -> None:
         self._capacity = capacity
-        self._blocks = [no_ticks()]
+        columns = [np.empty((0, *row), dtype) for row, dtype, _ in TABLE.values()]
+        self._blocks = [TickBlock(*columns)]
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
@@ -328,7 +324,7 @@ def replay(
 
     # Fixture and session, which must be in one frame. `common` is what every report will hold.
     path = None
-    common: dict[str, Any] = {}
+    common = {}
     if not isinstance(fixture, Fixture):
         from vfplan.bundle.read import read_sealed
 
