@@ -10,20 +10,7 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.next_commands import review_command
-from vfplan.cli.options import (
-    CSV,
-    FILE,
-    FIXTURE,
-    SESSION,
-    DecimalNumber,
-    Number,
-    Numbers,
-    Parsed,
-    WholeNumber,
-    option,
-    options_in_order,
-    output_option,
-)
+from vfplan.cli.options import FILE, DecimalNumber, Number, WholeNumber, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
@@ -47,7 +34,7 @@ def parse_limit(text: str) -> tuple[str, float]:
         raise ValueError(f"{text!r} is no limit. Type NAME=NUMBER, e.g. force_max_n=20") from None
 
 
-LIMIT = Parsed("NAME=NUMBER", parse_limit)
+LIMIT = options.Parsed("NAME=NUMBER", parse_limit)
 
 LINK_OPTIONS = options_in_order(
     option("--drop", type=DecimalNumber(0, 1, max_open=True), metavar="P",
@@ -69,7 +56,7 @@ MOTION_OPTIONS = options_in_order(
            "the time when the loop got the pose."),
     option("--events", type=FILE, metavar="EVENTS.csv",
            help="Exchange and edit the fixture at the ticks of this file."),
-    option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
+    option("--pose-limits", type=options.Numbers(3, metavar="AGE,SPEED,TURN"),
            help="With --poses: the age at which a pose is stale, and the largest speed and turn of "
            "the frame [s, m/s, rad/s].  [default: 0.1,0.25,1]"),
     option("--pivot", type=options.VECTOR,
@@ -96,11 +83,11 @@ SESSION_OPTIONS = options_in_order(
     first_screen="-o --csv --report --rule --robot --governor --poses --events --at-most "
     "--at-least --rate --require-signature --json",
 )
-@FIXTURE
-@SESSION
+@options.FIXTURE
+@options.SESSION
 @options_in_order(
-    output_option("Write the result of each tick to this HDF5 file.", required=False),
-    option("--csv", "csv_out", type=CSV, help="Write the result of each tick as CSV."),
+    options.output_option("Write the result of each tick to this HDF5 file.", required=False),
+    option("--csv", "csv_out", type=options.CSV, help="Write the result of each tick as CSV."),
     option("--report", type=FILE, metavar="DIR",
            help="Write an HTML report with pictures into this folder."),
     option("--image", type=FILE, metavar="IMAGE",
@@ -114,7 +101,7 @@ SESSION_OPTIONS = options_in_order(
     SESSION_OPTIONS,
     MOTION_OPTIONS,
     options.robot_option("Check forces, force steps and speeds by the limits of this robot."),
-    option("--governor", type=Numbers(2, metavar="[STEP,MAX]", word="robot"), is_flag=False,
+    option("--governor", type=options.Numbers(2, metavar="[STEP,MAX]", word="robot"), is_flag=False,
            flag_value="robot",
            help="Limit the force step and the force to STEP,MAX [N], or without numbers to the "
            "limits of --robot or franka."),
@@ -140,6 +127,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         index_path = report_folder / "index.html"
     elif arguments["image"] is not None:
         raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
+    made = [path for path in (output, csv_out, index_path) if path is not None]
     with outputs(output, csv_out, index_path) as (result, table, index):
         replayed = replay_with_outputs(fixture, session, result, table, arguments)
         if index is not None:
@@ -148,27 +136,27 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             text = page(replayed, image=arguments["image"], command=command_line())
             write_whole(index, [text.encode("utf-8")], overwrite=True)
     metrics = replayed.metrics
-    written = [path for path in (output, csv_out, index_path) if path is not None]
-    lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
+    lines = [replay_text(metrics), *(f"wrote {path}" for path in made)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
         image = "IMAGE" if replayed.fixture.image is not None else None
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
-        findings = count(unanswered, "finding")
-        warnings.append(f"Nobody has answered {findings} of this fixture. Answer first: {review}")
-    verdict = replayed.verdict
-    if replayed.passed:
-        verdict += gap_words(metrics) + change_words(metrics)
-    robot = str(arguments["robot"] or "NAME")
+        what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
+        warnings.append(f"{what} Answer first: {review}")
+    left_open = gap_words(metrics) + change_words(metrics) if replayed.passed else ""
     return CommandResult(
-        metrics, "\n".join(lines), warnings=warnings, failed=failed_line(metrics), verdict=verdict,
-        next_step=next_step(metrics, str(fixture), robot, index_path, wrote_files=bool(written)),
-    )  # fmt: skip
+        metrics,
+        "\n".join(lines),
+        warnings=warnings,
+        failed=failed_line(metrics),
+        verdict=replayed.verdict + left_open,
+        next_step=next_step(metrics, fixture, arguments["robot"], index_path, bool(made)),
+    )
 
 
 def replay_with_outputs(
-    fixture: Path, session: Path, result: Path | None, table: Path | None, arguments: dict[str, Any]
+    fixture: Path, session: Path, result_path: Path | None, csv_path: Path | None, arguments: dict
 ) -> Any:
     """Replay a session as the options say, and write each tick to the files that are wanted.
 
@@ -186,10 +174,8 @@ def replay_with_outputs(
 
     # The session, and what happens to the fixture during it.
     ros = RosOptions(arguments["topic"], arguments["field"], arguments["tool_tip"])
-    source = open_session(
-        session, units=arguments["units"], frame=arguments["frame"],
-        ros=None if ros == RosOptions() else ros,
-    )  # fmt: skip
+    ros = None if ros == RosOptions() else ros
+    source = open_session(session, units=arguments["units"], frame=arguments["frame"], ros=ros)
     poses, events = arguments["poses"], arguments["events"]
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])
@@ -207,45 +193,55 @@ def replay_with_outputs(
         if arguments["governor"]:
             step_n, max_n = arguments["governor"]
             governed_robot = replace(governed_robot, force_step_limit_n=step_n, force_limit_n=max_n)
-    limits = [
-        (name, sense, limit)
-        for sense in ("at_most", "at_least")
-        for name, limit in arguments[sense]
-    ]
+    senses = ("at_most", "at_least")
+    limits = [(name, sense, limit) for sense in senses for name, limit in arguments[sense]]
+    second_rule = "paper" if rule == "both" else None
 
     with ExitStack() as files:
-        # A sink takes the name of a rule and a block of its ticks. The ticks of both rules are the
-        # same ones.
-        second_rule = "paper" if rule == "both" else None
+        writer = table = None
+        if result_path is not None:
+            groups = ("", second_rule) if second_rule else ("",)
+            writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
+        if csv_path is not None:
+            table = files.enter_context(CsvWriter(csv_path))
         done = files.enter_context(progress("replay", source.ticks or rough_ticks(session)))
-        sinks: list[Any] = [lambda name, block: done(len(block)) if name != second_rule else None]
-        if result is not None:
-            groups = ("",) if second_rule is None else ("", second_rule)
-            writer = files.enter_context(ResultWriter(result, {}, groups=groups))
-            sinks.append(
-                lambda name, block: writer.append(block, name if name == second_rule else "")
-            )
-        if table is not None:
-            rows = files.enter_context(CsvWriter(table))
-            sinks.append(lambda name, block: rows.append(block) if name != second_rule else None)
+
+        def take(name: str, block: Any) -> None:
+            """Write a block of ticks of the rule of this name."""
+            if writer is not None:
+                writer.append(block, name if name == second_rule else "")
+            if name == second_rule:
+                return
+            if table is not None:
+                table.append(block)
+            # The ticks of both rules are the same ones.
+            done(len(block))
+
         replayed = replay(
-            fixture, source, rule=rule, engine=arguments["engine"], robot=robot,
-            link=settings_from_options(Link, arguments), governor=governed_robot,
-            limits=tuple(limits), sinks=sinks, trust=options.trust(arguments),
+            fixture,
+            source,
+            rule=rule,
+            engine=arguments["engine"],
+            robot=robot,
+            link=settings_from_options(Link, arguments),
+            governor=governed_robot,
+            limits=tuple(limits),
             keep=TICKS_OF_REPORT if arguments["report"] is not None else 0,
-            poses=poses, events=events, moving=moving_frame_settings(arguments),
-        )  # fmt: skip
-        if result is not None:
+            sinks=[take],
+            trust=options.trust(arguments),
+            poses=poses,
+            events=events,
+            moving=moving,
+        )
+        if writer is not None:
             writer.set(replayed.record)
     return replayed
 
 
 def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     """The settings of the moving frame that were typed."""
-    settings: dict[str, Any] = {}
-    if arguments["pose_limits"]:
-        names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
-        settings = dict(zip(names, arguments["pose_limits"], strict=True))
+    names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
+    settings = dict(zip(names, arguments["pose_limits"] or (), strict=False))
     if arguments["pivot"] is not None:
         settings["pivot"] = arguments["pivot"]
     if settings and arguments["poses"] is None:

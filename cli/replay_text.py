@@ -18,39 +18,43 @@ from vfplan.display import (
     milliseconds,
 )
 from vfplan.replaying.findings import LIMITS, has_touched
-from vfplan.replaying.metrics import episode_count
+from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 
-UNITS = {
-    "_m_s": " m/s", "_nm": " N m", "_m": " m", "_n": " N", "_s": " s", "_j": " J", "_hz": " Hz"
-}  # fmt: skip
-"""The unit that a number of the report has, by the ending of its name."""
-
+FORMS = {number.key: number for number in NUMBERS}
 NO_TOUCH = "the tool never touched the fixture"
 
 UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
 """The unit of each limit of a robot."""
 
 
+def written(report: dict[str, Any], key: str) -> str:
+    """A number of the report with its unit, e.g. "0.248 mm"."""
+    form = FORMS[key]
+    return f"{form.text(report[key])} {form.unit}".rstrip()
+
+
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
+    lines = [] if has_touched(report) else [f"NOT TESTED: {NO_TOUCH}"]
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     lines = [] if has_touched(report) else [f"NOT TESTED: {NO_TOUCH}"]
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
-        f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
+        f"{report['session']['rate_hz']:.6g} Hz, {written(report, 'duration_s')}, "
         f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
     )
     lines += figure_lines(report)
     if "paper" in report:
-        paper = [f"  {line}" for line in figure_lines(report["paper"])]
-        lines += ["rule paper, side by side:", *paper, comparison_line(report["apart"])]
+        lines.append("rule paper, side by side:")
+        lines += [f"  {line}" for line in figure_lines(report["paper"])]
+        lines.append(comparison_line(report["apart"]))
     if "link" in report:
         lines.append(link_line(report["link"]))
     if "robot" in report:
         lines.append(robot_line(report["robot"]))
     if is_verbose():
         lines += episode_lines(report)
-    lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in report["findings"]]
+    lines += ["{severity}: {code}: {message}".format(**found) for found in report["findings"]]
     for check in report.get("checks", []):
         lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")
     return "\n".join(lines)
@@ -58,28 +62,29 @@ def replay_text(report: dict[str, Any]) -> str:
 
 def figure_lines(report: dict[str, Any]) -> list[str]:
     """The figures of one rule: penetration, force, clearance, and what only some replays have."""
-    penetration = f"penetration  max {millimetres(report['penetration_max_m'])}"
-    force = f"force        max {report['force_max_n']:.3f} N"
+    penetration = f"penetration  max {written(report, 'penetration_max_m')}"
+    force = f"force        max {written(report, 'force_max_n')}"
     if is_verbose():
-        penetration += f", rms {millimetres(report['penetration_rms_m'])}"
+        penetration += f", rms {written(report, 'penetration_rms_m')}"
         if "overlap_max_m" in report:
-            penetration += f"; overlap max {millimetres(report['overlap_max_m'])}"
-        force += f", rms {report['force_rms_n']:.3f} N"
-    force += f", step max {report['force_step_max_n']:.3f} N"
-    lines = [penetration, force]
+            penetration += f"; overlap max {written(report, 'overlap_max_m')}"
+        force += f", rms {written(report, 'force_rms_n')}"
+    lines = [penetration, f"{force}, step max {written(report, 'force_step_max_n')}"]
     if "clearance_min_m" in report:
         geometry = f" ({geometry_text(report['scene'])})" if is_verbose() else ""
-        clearance = f"{length(report['clearance_min_m'])}{geometry}"
-        lines.append(f"clearance    min {clearance}; {report['entrenched_ticks']} ticks entrenched")
+        lines.append(
+            f"clearance    min {length(report['clearance_min_m'])}{geometry}; "
+            f"{report['entrenched_ticks']} ticks entrenched"
+        )
     if is_verbose():
         lines.append(
-            f"energy       {millijoules(report['energy_j'])} net given to the hand; holding each "
-            f"force for a tick alone gives {millijoules(report['energy_hold_j'])}"
+            f"energy       {written(report, 'energy_j')} net given to the hand; holding each force "
+            f"for a tick alone gives {written(report, 'energy_hold_j')}"
         )
         if "slide_m" in report and "friction" in report:
             lines.append(
-                f"sliding      {millimetres(report['slide_m'])}, apparent friction "
-                f"{report['friction']:z.5f}, lag rms {micrometres(report['lag_rms_m'])}"
+                f"sliding      {written(report, 'slide_m')}, apparent friction "
+                f"{written(report, 'friction')}, lag rms {written(report, 'lag_rms_m')}"
             )
     if "guide" in report:
         lines.append(guide_line(report))
@@ -99,7 +104,7 @@ def figure_lines(report: dict[str, Any]) -> list[str]:
     if is_verbose():
         times = report["step_us"]
         lines.append(
-            f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9; all of "
+            f"time a tick  {times['median']:.2f} µs median, {written(times, 'p999')} p99.9; all of "
             f"it {report['real_time_factor']:.0f} times real time (the longest, "
             f"{times['max']:.0f} µs, is this computer's: it is no real-time system)"
         )
@@ -123,7 +128,7 @@ def guide_line(report: dict[str, Any]) -> str:
     first, last = report["arc_m"]
     line = (
         f"guide        tube of {millimetres(guide['radius_m'])}: lateral max "
-        f"{millimetres(report['lateral_max_m'])} (tick {guide['lateral_max_tick']}), rms "
+        f"{written(report, 'lateral_max_m')} (tick {guide['lateral_max_tick']}), rms "
         f"{millimetres(guide['lateral_rms_m'])}; arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; "
         f"outside for {guide['outside_s']:.3f} s, force max {guide['force_max_n']:.3f} N, work "
         f"{millijoules(guide['work_j'])}"
@@ -170,9 +175,9 @@ def link_line(link: dict[str, Any]) -> str:
     if "perfect" in link:
         perfect = link["perfect"]
         line += (
-            f"; over a perfect link: force max {perfect['force_max_n']:.3f} N, energy "
-            f"{millijoules(perfect['energy_j'])}; forces differ by up to "
-            f"{link['apart']['force_max_n']:.3f} N"
+            f"; over a perfect link: force max {written(perfect, 'force_max_n')}, energy "
+            f"{written(perfect, 'energy_j')}; forces differ by up to "
+            f"{written(link['apart'], 'force_max_n')}"
         )
     return line
 
@@ -180,12 +185,12 @@ def link_line(link: dict[str, Any]) -> str:
 def robot_line(robot: dict[str, Any]) -> str:
     """In how many ticks a robot would have objected."""
     parts = [
-        f"{name.replace('_', ' ')} over {robot[key]:g} {unit} in "
+        f"{name.replace('_', ' ')} over {robot[LIMITS[name][0]]:g} {unit} in "
         f"{robot[f'{name}_over_ticks']} ticks"
         for name, unit in UNITS_OF_LIMITS.items()
-        if (key := LIMITS[name][0]) in robot
+        if LIMITS[name][0] in robot
     ]
-    return f"robot {robot['name']}: {', '.join(parts)}"
+    return f"robot {robot['name']}: " + ", ".join(parts)
 
 
 def episode_lines(report: dict[str, Any]) -> list[str]:
@@ -196,12 +201,12 @@ def episode_lines(report: dict[str, Any]) -> list[str]:
             along = episode["deepest_along"]
             place = f", {millimetres(along['s_m'], 1)} along stroke {along['stroke']}"
         else:
-            deepest = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
-            place = f" near ({deepest}) mm"
+            near = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
+            place = f" near ({near}) mm"
         lines.append(
-            f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, up "
-            f"to {millimetres(episode['penetration_max_m'])} deep{place}, up to "
-            f"{episode['force_max_n']:.3f} N"
+            f"  episode {episode['index']}: {episode['start_s']:.3f}-{written(episode, 'end_s')}, "
+            f"up to {written(episode, 'penetration_max_m')} deep{place}, up to "
+            f"{written(episode, 'force_max_n')}"
         )
     if len(report["episodes"]) > MAX_LISTED:
         kept = "the deepest" if "episodes_left_out" in report else "all"
@@ -219,8 +224,9 @@ def failed_line(report: dict[str, Any]) -> str:
 
 
 def next_step(
-    report: dict[str, Any], fixture: str, robot: str, index_page: Path | None, *, wrote_files: bool
-) -> str:
+    report: dict[str, Any], fixture: Path, robot: Path | None, index_page: Path | None,
+    wrote_files: bool,
+) -> str:  # fmt: skip
     """What to do after the replay of a fixture; fixture and robot are named as they were typed.
 
     index_page: the page of the report, if one was made
@@ -233,18 +239,16 @@ def next_step(
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:
         return f"hold it against a robot's limits: {again} --robot NAME"
-    if report["verdict"] == "fail" and index_page is not None:
-        return f"look at the ticks that failed: {index_page}"
     if report["verdict"] == "fail":
-        return f"draw the session tick by tick: {again} --report DIR"
-    return shlex.join(["vfplan", "stability", fixture, "--robot", robot])
+        drawing = f"draw the session tick by tick: {again} --report DIR"
+        return f"look at the ticks that failed: {index_page}" if index_page else drawing
+    return shlex.join(["vfplan", "stability", str(fixture), "--robot", str(robot or "NAME")])
 
 
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
     sense = "at_most" if "at_most" in check else "at_least"
-    words = sense.replace("_", " ")
-    endings = [ending for ending in UNITS if check["name"].endswith(ending)]
-    unit = UNITS[endings[0]] if endings else ""
-    value = f"{check['value']:.6g}{unit}"
-    return f"{check['name']} is {value}, {words} {check[sense]:g}{unit} is allowed"
+    name = check["name"]
+    unit = "" if name.endswith(("_ticks", "_tick")) else f" {unit_of(name)}".rstrip()
+    bound = f"{sense.replace('_', ' ')} {check[sense]:g}{unit}"
+    return f"{name} is {check['value']:.6g}{unit}, {bound} is allowed"

@@ -14,8 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from vfplan.figures.replay import MM, plane_basis, shade_episodes
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.replay import Replay
-from vfplan.replaying.run import contact_marks
+from vfplan.replaying.replay import Replay, contact_marks
 
 MARK_HZ = 10.0
 """Marks a second in the experiments."""

@@ -1,7 +1,5 @@
 """Three-dimensional views by PyVista: on a screen, or without one as PNG.
 
-Whether PyVista can render here.
-
 VTK ends the whole process where it finds no OpenGL library. The ways to render are therefore first
 tried in a process of their own.
 """
@@ -29,7 +27,7 @@ from vfplan.images.read import PlannedImage, as_uint8
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.run import contact_marks
+from vfplan.replaying.replay import contact_marks
 from vfplan.session.result import TickBlock
 
 # What VTK may render into without a screen, and the Debian package that each of them needs.
@@ -52,10 +50,7 @@ PROBE = (
 @functools.cache
 def offscreen_window() -> str | None:
     """The VTK window class that renders here without a screen; `None` where none does."""
-    for name in WINDOWS:
-        if not rendering_fault(name):
-            return name
-    return None
+    return next((name for name in WINDOWS if not rendering_fault(name)), None)
 
 
 @functools.cache
@@ -64,32 +59,21 @@ def rendering_fault(window: str | None) -> str:
 
     window: a window class of VTK, which needs no screen; `None`: a window on the screen
     """
-    environment = dict(os.environ)
-    if window is not None:
-        environment[VARIABLE] = window
+    chosen = {} if window is None else {VARIABLE: window}
+    # Matplotlib, which PyVista loads, would read settings of the current folder.
+    how = {"env": {**os.environ, **chosen}, "cwd": "/", "stdin": subprocess.DEVNULL}
+    how |= {"capture_output": True, "text": True, "errors": "replace", "timeout": PROBE_LIMIT_S}
+    command = isolated_python(PROBE.format(off=window is not None))
     try:
-        done = subprocess.run(
-            isolated_python(PROBE.format(off=window is not None)),
-            capture_output=True,
-            text=True,
-            errors="replace",
-            stdin=subprocess.DEVNULL,
-            timeout=PROBE_LIMIT_S,
-            env=environment,
-            # Matplotlib, which PyVista loads, would read settings of the current folder.
-            cwd="/",
-            check=False,
-        )
+        done = subprocess.run(command, check=False, **how)
     except subprocess.TimeoutExpired:
         return f"a first picture was not there after {PROBE_LIMIT_S} s"
     except OSError as error:
         return str(error)
     if done.returncode == 0 and "drawn True" in done.stdout:
         return ""
-    reason = "nothing was drawn"
-    for line in done.stderr.splitlines():
-        if line.strip():
-            reason = line.strip()[:200]
+    lines = [line.strip()[:200] for line in done.stderr.splitlines() if line.strip()]
+    reason = lines[-1] if lines else "nothing was drawn"
     if done.returncode < 0:
         reason += f" (ended by signal {-done.returncode})"
     return reason
@@ -98,19 +82,15 @@ def rendering_fault(window: str | None) -> str:
 def ready_pyvista(*, screen: bool) -> Any:
     """PyVista, ready to render; raises `MissingExtra` where it would crash."""
     if find_spec("pyvista") is None:
-        raise MissingExtra(
-            "three-dimensional views need the package pyvista. Run pip install pyvista",
-            code="pyvista-missing",
-        )
+        message = "three-dimensional views need the package pyvista. Run pip install pyvista"
+        raise MissingExtra(message, code="pyvista-missing")
     if screen:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise MissingExtra("there is no screen here. Give --screenshot PNG", code="no-screen")
         fault = rendering_fault(None)
         if fault:
-            raise MissingExtra(
-                f"nothing can be drawn on this screen: {fault}. Run apt install libgl1",
-                code="no-opengl",
-            )
+            message = f"nothing can be drawn on this screen: {fault}. Run apt install libgl1"
+            raise MissingExtra(message, code="no-opengl")
     else:
         window = offscreen_window()
         if window is None:
@@ -193,7 +173,7 @@ def handle_events(plotter: Any) -> None:
 
     VTK's own loop returns only when the window closes, and Python handles signals between calls.
     """
-    closed: list[bool] = []
+    closed = []
     plotter.iren.add_observer("ExitEvent", lambda *_: closed.append(True))
     try:
         while not closed and plotter.render_window is not None:
@@ -212,18 +192,12 @@ class Stage:
     """
 
     def __init__(
-        self,
-        fixture: Fixture,
-        ticks: TickBlock | None,
-        size: tuple[int, int],
-        image: PlannedImage | None = None,
-        screen: bool = False,
-    ) -> None:
-        pyvista = ready_pyvista(screen=screen)
-        self._pv = pyvista
-        self._fixture = fixture
-        self._ticks = ticks
-        self._legend: list[tuple[str, str]] = []
+        self, fixture: Fixture, ticks: TickBlock | None, size: tuple[int, int],
+        image: PlannedImage | None = None, screen: bool = False,
+    ) -> None:  # fmt: skip
+        self._pv = pyvista = ready_pyvista(screen=screen)
+        self._fixture, self._ticks = fixture, ticks
+        self._legend = []
         self.plotter = pyvista.Plotter(off_screen=not screen, window_size=size)
         self.plotter.set_background("white")
         self._add_cloud()
@@ -249,13 +223,9 @@ class Stage:
     def _add_cloud(self) -> None:
         fixture = self._fixture
         stride = -(-len(fixture.points) // MAX_DRAWN)
-        point_size = 3.0 if stride > 1 else 5.0
-        self.plotter.add_mesh(
-            self._pv.PolyData(fixture.points[::stride]),
-            color=CLOUD,
-            point_size=point_size,
-            render_points_as_spheres=True,
-        )
+        cloud = self._pv.PolyData(fixture.points[::stride])
+        look = {"point_size": 3.0 if stride > 1 else 5.0, "render_points_as_spheres": True}
+        self.plotter.add_mesh(cloud, color=CLOUD, **look)
         self._legend.append(("fixture", CLOUD))
         if fixture.guidance is not None:
             # The tube around the strokes that guide.
@@ -288,19 +258,16 @@ class Stage:
         if size is None or T_frame_image is None:
             return
         right, bottom = size.width_px - 0.5, size.height_px - 0.5
-        corners = np.array(
-            [[-0.5, -0.5, 1], [right, -0.5, 1], [right, bottom, 1], [-0.5, bottom, 1]]
-        )
-        corners = corners @ T_frame_image[:3].T
+        pixels = [[-0.5, -0.5, 1], [right, -0.5, 1], [right, bottom, 1], [-0.5, bottom, 1]]
+        corners = np.array(pixels) @ T_frame_image[:3].T
         if image is None:
             border = self._pv.lines_from_points(np.vstack([corners, corners[:1]]))
             self.plotter.add_mesh(border, color=SLICE, line_width=2)
         else:
             plane = self._pv.PolyData(corners, faces=[4, 0, 1, 2, 3])
             # A texture's v counts upwards from the last row.
-            plane.active_texture_coordinates = np.array(
-                [[0, 1], [1, 1], [1, 0], [0, 0]], dtype=np.float32
-            )
+            places = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
+            plane.active_texture_coordinates = places
             texture = self._pv.Texture(np.ascontiguousarray(as_uint8(image.rgb)))
             self.plotter.add_mesh(plane, texture=texture, lighting=False, opacity=0.8)
         self._legend.append(("slice", SLICE))
@@ -309,20 +276,15 @@ class Stage:
         """The tick at a time, or the deepest one."""
         if self._ticks is None:
             if time is not None:
-                raise SettingError(
-                    "a time needs a result to show. Give one, or leave the time out",
-                    code="time-without-result",
-                )
+                message = "a time needs a result to show. Give one, or leave the time out"
+                raise SettingError(message, code="time-without-result")
             return 0
         if time is None:
             return int(np.argmax(self._ticks.penetration))
         first, last = self._ticks.time[0], self._ticks.time[-1]
         if not first <= time <= last:
-            raise SettingError(
-                f"time is {time:g} s. Give {first:g} to {last:g} s",
-                code="time-outside-result",
-                numbers={"time_s": time},
-            )
+            message = f"time is {time:g} s. Give {first:g} to {last:g} s"
+            raise SettingError(message, code="time-outside-result", numbers={"time_s": time})
         return int(np.searchsorted(self._ticks.time, time, "right")) - 1
 
     def show_tick(self, tick: int) -> None:
@@ -398,16 +360,9 @@ def add_scale(pyvista: Any, plotter: Any, points: Array) -> None:
     # A white edge shows the bar on a dark slice.
     plotter.add_mesh(bar, color="white", line_width=10)
     plotter.add_mesh(bar, color="black", line_width=6)
-    plotter.add_point_labels(
-        [stop],
-        [f"{1e3 * length:g} mm"],
-        font_size=18,
-        text_color="black",
-        shape_color="white",
-        shape_opacity=0.8,
-        show_points=False,
-        always_visible=True,
-    )
+    look = {"font_size": 18, "text_color": "black", "shape_color": "white", "shape_opacity": 0.8}
+    look |= {"show_points": False, "always_visible": True}
+    plotter.add_point_labels([stop], [f"{1e3 * length:g} mm"], **look)
 
 
 def place_camera(plotter: Any, points: Array, hip: Array | None) -> None:

@@ -5,10 +5,12 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
+from replays import write_session
 
 import vfplan
 from vfplan.replaying.link import Comparison
 from vfplan.session.result import TickBlock
+from vfplan.session.session import Session
 
 
 @pytest.fixture
@@ -67,8 +69,7 @@ def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):
     normal = np.cross(axis, along / np.linalg.norm(along))
     depth = np.linspace(-0.02, 0.004, 400)
     hip = points[20] - np.sign(normal[1]) * depth[:, None] * normal * -1
-    lines = [f"{t},{x},{y},{z}" for t, (x, y, z) in zip(time, hip, strict=True)]
-    (pair / "s.csv").write_text("\n".join(["t,x,y,z", *lines]))
+    write_session(pair / "s.csv", Session(time, hip))
     run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", pair / "s.csv", "--json")
     assert run.code == 1, run.stderr
     assert 0 < run.json["first_tick"] < 400
@@ -80,7 +81,8 @@ def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):
 
 
 def test_a_session_that_touches_neither_tests_nothing(vfplan_cli, pair):
-    lines = [f"{k * 1e-3},5,5,{k * 1e-6}" for k in range(100)]
-    (pair / "far.csv").write_text("\n".join(["t,x,y,z", *lines]))
+    k = np.arange(100)
+    hip = np.column_stack((0 * k + 5, 0 * k + 5, k * 1e-6))
+    write_session(pair / "far.csv", Session(k * 1e-3, hip))
     run = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", pair / "far.csv", "--json")
     assert (run.code, run.json["verdict"], run.json["first_tick"]) == (1, "not-tested", None)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from replays import fixture_of, line, probing
+from replays import fixture_of, line, probing, write_session
 
 import vfplan
 from vfplan.findings import doubt
@@ -29,10 +29,7 @@ KEYS = {
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
     vfplan.write_fixture(fixture_of(line()), folder / "line.h5")
-    session = probing()
-    rows = np.column_stack((session.time, session.hip)).tolist()
-    text = "\n".join(["t,x,y,z", *(",".join(map(repr, row)) for row in rows)])
-    (folder / "session.csv").write_text(text)
+    write_session(folder / "session.csv", probing())
     return folder / "line.h5", folder / "session.csv"
 
 
@@ -168,15 +165,11 @@ def test_report_folder(vfplan_cli, files, tmp_path):
 def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     pytest.importorskip("cryptography")
     key, signed = tmp_path / "key.pem", tmp_path / "signed.h5"
-    assert vfplan_cli("keygen", "-o", key, "--json").sound
-    public = key.with_suffix(".pub.pem") if key.with_suffix(".pub.pem").exists() else None
-    public = public or next(p for p in tmp_path.iterdir() if p != key)
-    assert (
-        vfplan_cli(
-            "sign", files[0], "--key", key, "--case", "C1", "--despite-findings", "-o", signed
-        ).code
-        == 0
-    )
+    made = vfplan_cli("keygen", "-o", key, "--json")
+    assert made.code == 0, made.stderr
+    (public,) = (path for path in tmp_path.iterdir() if path != key)
+    how = ("--key", key, "--case", "C1", "--despite-findings")
+    assert vfplan_cli("sign", files[0], *how, "-o", signed).code == 0
     demand = ("--require-signature", public)
     assert vfplan_cli("replay", files[0], files[1], *demand).code == 4
     assert vfplan_cli("replay", signed, files[1], *demand, "--case", "C2").code == 4

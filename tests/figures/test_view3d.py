@@ -14,14 +14,13 @@ from replays import fixture_of, line, probing
 
 import vfplan
 from vfplan import view3d
-from vfplan import view3d as opengl
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying.replay import replay
 
 
 def need_gl():
-    if opengl.offscreen_window() is None:
+    if view3d.offscreen_window() is None:
         missing_package("libosmesa6", "OpenGL without a screen")
 
 
@@ -73,9 +72,8 @@ def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     """With the slice the ground is grey, and without it all but its border is white."""
     need_gl()
     samples = Path(__file__).parents[2] / "samples"
-    files = [
-        samples / f"elbow{name}" for name in (".png", "_markers_image.csv", "_markers_robot.csv")
-    ]
+    ends = (".png", "_markers_image.csv", "_markers_robot.csv")
+    files = [samples / f"elbow{end}" for end in ends]
     bundle = tmp_path / "f.h5"
     vfplan.write_fixture(vfplan.plan(*files).fixture, bundle)
     for name, more in (("border", ()), ("slice", ("--slice", files[0]))):
@@ -92,19 +90,19 @@ def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
 
 
 def test_no_gl_is_said_and_nothing_crashes(monkeypatch, tmp_path):
-    monkeypatch.setattr(opengl, "offscreen_window", lambda: None)
+    monkeypatch.setattr(view3d, "offscreen_window", lambda: None)
     with pytest.raises(MissingExtra, match="apt install libosmesa6"):
         view3d.draw_view(fixture_of(line()), tmp_path / "v.png")
     assert not (tmp_path / "v.png").exists()
 
 
 def test_a_probe_that_crashes_is_a_no(monkeypatch):
-    monkeypatch.setattr(opengl, "PROBE", "import os; os.kill(os.getpid(), 11)")
-    opengl.rendering_fault.cache_clear()
+    monkeypatch.setattr(view3d, "PROBE", "import os; os.kill(os.getpid(), 11)")
+    view3d.rendering_fault.cache_clear()
     try:
-        assert "ended by signal 11" in opengl.rendering_fault(None)
+        assert "ended by signal 11" in view3d.rendering_fault(None)
     finally:
-        opengl.rendering_fault.cache_clear()
+        view3d.rendering_fault.cache_clear()
 
 
 def test_no_screen_is_said(vfplan_cli, files):

@@ -42,3 +42,15 @@ def probing(seconds=3.0, rate=1000.0, deepest=1e-3, seed=None):
     if seed is not None:
         hip += np.random.default_rng(seed).normal(0, 1e-5, hip.shape)
     return Session(t, hip)
+
+
+def write_session(path, session, **columns):
+    """A session as CSV, with more columns where these are given."""
+    rows = np.column_stack([session.time, session.hip, *columns.values()])
+    head = ",".join(["t", "x", "y", "z", *columns])
+    np.savetxt(path, rows, "%.17g", ",", header=head, comments="")
+
+
+def codes_of(replayed):
+    """The codes of a replay's findings."""
+    return {finding["code"] for finding in replayed.metrics["findings"]}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refuses
-from replays import fixture_of
+from replays import codes_of, fixture_of, write_session
 
 import vfplan
 from vfplan.bundle.write import write_fixture
@@ -186,8 +186,7 @@ def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     edit = "tick,what,x,y,z\n9,edit\n9,remove,3\n"
     (tmp_path / "again.csv").write_text(edit + edit[16:])
     (tmp_path / "gone.csv").write_text(edit + "11,exchange,no.h5\n")
-    rows = np.column_stack((times, hips))
-    np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    write_session(tmp_path / "s.csv", vfplan.Session(times, hips))
     poses = tracked(np.random.default_rng(8))
     table = np.column_stack((poses.time, poses.pose, poses.arrived))
     head = "t,x,y,z,qw,qx,qy,qz,arrived"
@@ -262,29 +261,24 @@ def test_a_log_of_a_moved_fixture_without_its_poses_is_told(tmp_path):
     times, hips = hand()
     poses = tracked(np.random.default_rng(8))
     taken = np.searchsorted(poses.arrived, times, side="right")
-    columns = np.column_stack((times, hips, taken, 0 * times))
-    head = "t,x,y,z,poses,events"
-    np.savetxt(tmp_path / "s.csv", columns, "%.17g", ",", header=head, comments="")
-    still = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust").metrics
-    codes = [finding["code"] for finding in still["findings"]]
-    assert "session-changes" in codes
-    assert "session-columns" not in codes
-    moved = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust", poses=poses).metrics
-    assert moved["session"]["ignored_columns"] == []
-    codes = [finding["code"] for finding in moved["findings"]]
-    assert not {"session-changes", "session-columns"} & set(codes)
+    session = vfplan.Session(times, hips)
+    write_session(tmp_path / "s.csv", session, poses=taken, events=0 * times)
+    told = {"session-changes", "session-columns"}
+    still = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust")
+    assert codes_of(still) & told == {"session-changes"}
+    moved = vfplan.replay(fixture(), tmp_path / "s.csv", rule="robust", poses=poses)
+    assert moved.metrics["session"]["ignored_columns"] == []
+    assert not codes_of(moved) & told
 
 
 def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(tmp_path):
     times, hips = hand()
     limits = (("force_max_n", "at_most", 1e6),)
-    head = "t,x,y,z,poses,events"
     for count, is_told in ((0, False), (1, True)):
-        columns = np.column_stack((times, hips, np.full(len(times), count), 0 * times))
         path = tmp_path / f"{count}.csv"
-        np.savetxt(path, columns, "%.17g", ",", header=head, comments="")
+        columns = {"poses": np.full(len(times), count), "events": 0 * times}
+        write_session(path, vfplan.Session(times, hips), **columns)
         found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
-        codes = [finding["code"] for finding in found.metrics["findings"]]
-        assert ("session-changes" in codes) == is_told
+        assert ("session-changes" in codes_of(found)) == is_told
         assert found.verdict == "pass"
         assert bool(change_words(found.metrics)) == is_told

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import subprocess
 import sys
+from itertools import groupby
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from refusals import refuses
-from replays import fixture_of, line, probing
+from replays import codes_of, fixture_of, line, probing
 from triangle_scenes import nearest_on
 
 import vfplan
@@ -18,6 +20,7 @@ from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import MeshClearance, PointClearance
 from vfplan.replaying.findings import gap_words
+from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
 from vfplan.session.result import read_result, write_result
 from vfplan.session.session import Session, resampled
@@ -25,16 +28,11 @@ from vfplan.session.session import Session, resampled
 PAPER = {"rule": "paper", "engine": "reference"}
 
 
-def runs(mask):
+def spans_of(mask):
     """(first, last) of each run of True, one by one."""
-    found, start = [], None
-    for k, flag in enumerate([*mask, False]):
-        if flag and start is None:
-            start = k
-        if not flag and start is not None:
-            found.append((start, k - 1))
-            start = None
-    return found
+    groups = groupby(range(len(mask)), key=lambda k: bool(mask[k]))
+    rows = [list(group) for is_on, group in groups if is_on]
+    return [(group[0], group[-1]) for group in rows]
 
 
 def norm(a):
@@ -79,7 +77,7 @@ def test_metrics_are_what_numpy_finds(pressed):
 
 def test_episodes_are_what_numpy_finds(pressed):
     t, episodes = pressed.ticks, pressed.metrics["episodes"]
-    spans = runs(t.penetration > 1e-9)
+    spans = spans_of(t.penetration > 1e-9)
     assert len(episodes) == len(spans) == 4
     dt = np.diff(t.time, append=t.time[-1])
     dx = np.diff(t.hip, axis=0, append=t.hip[-1:])
@@ -227,8 +225,8 @@ def test_gaps_repeats_and_jumps_are_reported():
     hip = session.hip.copy()
     hip[200:204] = hip[199]
     hip[2000] += [10.0, 0, 0]
-    found = replay(fixture_of(line()), Session(session.time[keep], hip[keep]), **PAPER).metrics
-    seen = found["session"]
+    found = replay(fixture_of(line()), Session(session.time[keep], hip[keep]), **PAPER)
+    seen = found.metrics["session"]
     assert seen["gaps"] == 1
     assert seen["missing_samples"] == 10
     assert seen["gap_s"] == pytest.approx(11e-3)
@@ -236,8 +234,7 @@ def test_gaps_repeats_and_jumps_are_reported():
     assert (seen["repeats"], seen["repeats_longest"]) == (4, 4)
     assert seen["jumps"] == 2
     assert seen["jump_ticks"] == [1990, 1991]
-    codes = {f["code"] for f in found["findings"]}
-    assert {"session-gap", "session-jump"} <= codes
+    assert {"session-gap", "session-jump"} <= codes_of(found)
 
 
 @pytest.mark.parametrize("rate_hz", [None, 1000.0, 250.0])
@@ -258,7 +255,7 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
         seen = seen["recorded"]
     assert (seen["gaps"], seen["missing_samples"]) == (2, 507)
     assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
-    assert "session-gap" in {f["code"] for f in found.metrics["findings"]}
+    assert "session-gap" in codes_of(found)
     assert "0.509 s" in gap_words(found.metrics)
     whole = replay(fixture_of(line()), session, **PAPER, limits=limits)
     assert gap_words(whole.metrics) == ""
@@ -282,29 +279,28 @@ def test_the_engine_is_set_as_the_fixture_says():
 
 def test_a_session_in_other_units_is_noticed():
     session = probing(0.2)
-    far = replay(fixture_of(line()), Session(session.time, 1e3 * session.hip + 5)).metrics
-    assert "never-near" in {f["code"] for f in far["findings"]}
-    assert far["contact_ticks"] == 0
-    near = replay(fixture_of(line()), session).metrics
-    assert "never-near" not in {f["code"] for f in near["findings"]}
+    far = replay(fixture_of(line()), Session(session.time, 1e3 * session.hip + 5))
+    assert "never-near" in codes_of(far)
+    assert far.metrics["contact_ticks"] == 0
+    assert "never-near" not in codes_of(replay(fixture_of(line()), session))
 
 
 @pytest.mark.parametrize(("factor", "noticed"), [(1.0, False), (1e3, True), (1e-3, True)])
 def test_time_in_other_units_is_noticed(factor, noticed):
     session = probing(0.2)
-    found = replay(fixture_of(line()), Session(factor * session.time, session.hip)).metrics
-    codes = {f["code"] for f in found["findings"]}
-    assert ("session-time" in codes) == noticed
+    found = replay(fixture_of(line()), Session(factor * session.time, session.hip))
+    assert ("session-time" in codes_of(found)) == noticed
 
 
 def test_wrong_calls_are_refused():
     fixture, session = fixture_of(line()), probing()
-    with refuses(SettingError, "unknown-rule"):
-        replay(fixture, session, rule="fast")
-    with refuses(SettingError, "unknown-engine"):
-        replay(fixture, session, engine="gpu")
-    with refuses(SettingError, "rule-not-paper"):
-        replay(fixture, session, engine="reference")
+    for how, code in (
+        ({"rule": "fast"}, "unknown-rule"),
+        ({"engine": "gpu"}, "unknown-engine"),
+        ({"engine": "reference"}, "rule-not-paper"),
+    ):
+        with refuses(SettingError, code):
+            replay(fixture, session, **how)
     with refuses(SessionError, "frame-differs"):
         replay(fixture, Session(session.time, session.hip, frame="world"), **PAPER)
     curve = Fixture("image", line(), fixture.provenance)
@@ -318,8 +314,8 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         code = (
             "import numpy as np, resource\n"
             "from replays import *\n"
-            "from vfplan.replaying import replay\n"
-            "from vfplan.session import SessionStream\n"
+            "from vfplan.replaying.replay import replay\n"
+            "from vfplan.session.session import SessionStream\n"
             "def read():\n"
             f"    for k in range({blocks}):\n"
             "        s = probing(16.384)\n"
@@ -335,6 +331,19 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         return int(done.stdout)
 
     assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
+
+
+ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
+"""Keys of parts of a report, which docs/replay.md explains by their words."""
+MOVING = {"fixture_energy_j", "pose_age_max_s"}
+
+
+def test_the_page_about_replays_and_the_report_have_the_same_numbers(pressed):
+    rows = re.findall(r"^\| (`.*?) \|", (ROOT / "docs" / "replay.md").read_text(), re.MULTILINE)
+    explained = set(re.findall(r"`(\w+)`", " ".join(rows)))
+    assert {number.key for number in NUMBERS if number.label} - ELSEWHERE <= explained
+    found = set(pressed.metrics)
+    assert {key for key in explained if key.endswith(("_m", "_n", "_j", "_s"))} - MOVING <= found
 
 
 def test_the_call_is_public(pressed):

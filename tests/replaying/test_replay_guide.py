@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refuses
-from replays import fixture_of, line
+from replays import fixture_of, line, write_session
 
 import vfplan
 from vfplan.errors import SceneError, SettingError
@@ -110,9 +110,7 @@ def test_the_tip_that_never_comes_near_is_never_held():
 
 def test_the_command_reports_it(vfplan_cli, tmp_path):
     vfplan.write_fixture(guided(fixture_of(line())), tmp_path / "guide.h5")
-    session = along(3e-3 * np.sin(np.linspace(0, 6, 600)))
-    rows = np.column_stack([session.time, session.hip])
-    np.savetxt(tmp_path / "s.csv", rows, delimiter=",", header="t,x,y,z", comments="")
+    write_session(tmp_path / "s.csv", along(3e-3 * np.sin(np.linspace(0, 6, 600))))
     run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv", "--json")
     assert (run.code, run.json["guide"]["radius_m"]) == (0, RHO)
     run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv")

@@ -274,7 +274,7 @@ def test_what_would_fill_memory_is_refused_at_once(name, tmp_path):
     if name == "bag":
         pytest.importorskip("rosbags")
     BOMBS[name](tmp_path / name)
-    done = subprocess.run([sys.executable, "-c", "import vfplan.session\n" + MEASURED,
+    done = subprocess.run([sys.executable, "-c", "import vfplan.session.read\n" + MEASURED,
                            tmp_path / name], capture_output=True, text=True, cwd=tmp_path,
                           check=False)  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -38,12 +38,6 @@ def motion(count=50):
     return stamps, rng.normal(0.4, 0.1, (count, 3)), turns, quats
 
 
-def types():
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
 def pose_of(store, place, quat):
     t = store.types
     return t["geometry_msgs/msg/Pose"](
@@ -54,14 +48,15 @@ def pose_of(store, place, quat):
 
 def header_of(store, stamp):
     t = store.types
-    time = t["builtin_interfaces/msg/Time"](int(stamp) // 10**9, int(stamp) % 10**9)
+    time = t["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
     return t["std_msgs/msg/Header"](time, "panda_link0")
 
 
 def write_poses(path, extra_topic=False):
     from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
 
-    store = types()
+    store = get_typestore(Stores.ROS2_HUMBLE)
     stamps, places, turns, quats = motion()
     kind = "geometry_msgs/msg/PoseStamped"
     with Writer(path, version=9) as writer:
@@ -98,12 +93,13 @@ def test_several_topics_need_a_choice(tmp_path):
     with refuses(SessionError, "several-topics"):
         read_session(tmp_path / "bag")
     assert read_session(tmp_path / "bag", ros=RosOptions(topic="/setpoint_cp")).ticks == 50
-    with refuses(SessionError, "topic-missing"):
-        read_session(tmp_path / "bag", ros=RosOptions(topic="/nowhere"))
-    with refuses(SessionError, "field-missing"):
-        read_session(tmp_path / "bag", ros=RosOptions("/note"))
-    with refuses(SettingError, "tip-without-orientation"):
-        read_session(tmp_path / "bag", ros=RosOptions("/setpoint_cp", "pose.position", TIP))
+    for ros, error, code in (
+        (RosOptions("/nowhere"), SessionError, "topic-missing"),
+        (RosOptions("/note"), SessionError, "field-missing"),
+        (RosOptions("/setpoint_cp", "pose.position", TIP), SettingError, "tip-without-orientation"),
+    ):
+        with refuses(error, code):
+            read_session(tmp_path / "bag", ros=ros)
 
 
 def test_franka_state_in_a_ros1_bag(tmp_path):
@@ -120,9 +116,7 @@ def test_franka_state_in_a_ros1_bag(tmp_path):
         for k, (stamp, place, turn) in enumerate(zip(stamps, places, turns, strict=True)):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = turn, place
-            time = store.types["builtin_interfaces/msg/Time"](
-                int(stamp) // 10**9, int(stamp) % 10**9
-            )
+            time = store.types["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
             header = store.types["std_msgs/msg/Header"](k, time, "base")
             message = store.types[name](header, np.zeros(6), pose.T.ravel())  # column-major
             writer.write(to, int(stamp), store.serialize_ros1(message, name))

@@ -37,9 +37,9 @@ LIBRARIES = (
     "vfplan.figures.slice",
     "vfplan.planning",
     "vfplan.registration",
-    "vfplan.replaying",
+    "vfplan.replaying.replay",
     "vfplan.review.sheet",
-    "vfplan.session",
+    "vfplan.session.result",
 )
 
 

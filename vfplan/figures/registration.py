@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, on_slice
+from vfplan.geometry.lines import plane_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -33,25 +34,14 @@ BORDER = 0.15
 leaves room for labels where they lie on a line, too."""
 
 
-@dataclass(frozen=True)
-class PatientPlane:
-    """A plane of the patient, as radiologists look at it.
-
-    right, down: what points right and what points down, in the patient's frame (LPS)
-    letters: the directions at the left, right, upper and lower border
-    """
-
-    name: str
-    right: tuple[float, float, float]
-    down: tuple[float, float, float]
-    letters: str
-
-
-PATIENT_PLANES = [
-    PatientPlane("axial", (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), "RLAP"),
-    PatientPlane("coronal", (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), "RLSI"),
-    PatientPlane("sagittal", (0.0, 1.0, 0.0), (0.0, 0.0, -1.0), "APSI"),
-]
+PATIENT_PLANES = {
+    "axial": ("RLAP", np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T),
+    "coronal": ("RLSI", np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]).T),
+    "sagittal": ("APSI", np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).T),
+}
+"""The planes of a patient as radiologists look at them: the directions at the left, right, upper
+and lower border, and (3, 2) what points right and what points down, in the patient's frame (LPS).
+"""
 
 
 @dataclass(frozen=True)
@@ -80,11 +70,7 @@ class View:
 
 
 def draw_registration(
-    registration: Registration,
-    curve: Fixture,
-    path: Path,
-    *,
-    image: PlannedImage | None = None,
+    registration: Registration, curve: Fixture, path: Path, *, image: PlannedImage | None = None
 ) -> None:
     """Write the slice with each marker's residual as an arrow and the error band along the curve.
 
@@ -135,16 +121,12 @@ def draw_registration(
 
 def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedImage | None) -> View:
     """The slice on which the markers were given in pixels."""
-    size = image
-    if size is None:
-        size = curve.image
+    size = curve.image if image is None else image
     if size is not None:
-        width = float(size.width_px)
-        height = float(size.height_px)
+        width, height = float(size.width_px), float(size.height_px)
     else:
         reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
-        width = float(reach[0] * 1.1)
-        height = float(reach[1] * 1.1)
+        width, height = (reach * 1.1).tolist()
     return View(width, height, np.eye(2), np.zeros(2))
 
 
@@ -153,11 +135,11 @@ def places_in_patient(curve: Fixture, image: PlannedImage | None) -> Array:
     if curve.frame != "image":
         return curve.points
     if image is None or image.T_patient_image is None:
-        raise SettingError(
+        message = (
             "The curve is given in the pixels of a slice, and nothing says where that lies in the "
-            "patient. Give the DICOM slice that the curve was drawn on.",
-            code="no-slice",
+            "patient. Give the DICOM slice that the curve was drawn on."
         )
+        raise SettingError(message, code="no-slice")
     pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
     return (pixels @ image.T_patient_image.T)[:, :3]
 
@@ -165,33 +147,23 @@ def places_in_patient(curve: Fixture, image: PlannedImage | None) -> Array:
 def view_of_patient(registration: Registration, places: Array, image: PlannedImage | None) -> View:
     """The slice, or the plane of the patient in which markers and curve reach farthest."""
     if image is not None and image.T_patient_image is not None:
-        axes = image.T_patient_image[:3, :2]
-        origin = image.T_patient_image[:3, 2]
-        return View(float(image.width_px), float(image.height_px), axes, origin)
+        place = image.T_patient_image[:3]
+        return View(float(image.width_px), float(image.height_px), place[:, :2], place[:, 2])
     shown = np.vstack([registration.source, places])
-    largest_area = -1.0
-    for candidate in PATIENT_PLANES:
-        directions = np.column_stack([candidate.right, candidate.down])
-        area = float(np.ptp(shown @ directions, axis=0).prod())
-        if area > largest_area:
-            largest_area = area
-            plane = candidate
-    directions = np.column_stack([plane.right, plane.down])
+
+    def extent_in(plane: str) -> Array:
+        return np.ptp(shown @ PATIENT_PLANES[plane][1], axis=0)
+
+    plane = max(PATIENT_PLANES, key=lambda name: extent_in(name).prod())
+    letters, directions = PATIENT_PLANES[plane]
     across = shown @ directions
-    extent = np.ptp(across, axis=0)
+    extent = extent_in(plane)
     size = extent + 2 * BORDER * extent.max()
     corner = (across.min(axis=0) + across.max(axis=0) - size) / 2
     m_per_px = size[0] / WIDTH_PX
-    height = float(size[1] / m_per_px)
-    return View(
-        float(WIDTH_PX),
-        height,
-        directions * m_per_px,
-        directions @ corner,
-        "view",
-        f"{plane.name} view",
-        plane.letters,
-    )
+    axes, origin = directions * m_per_px, directions @ corner
+    title = f"{plane} view"
+    return View(float(WIDTH_PX), float(size[1] / m_per_px), axes, origin, "view", title, letters)
 
 
 def exaggeration(lengths_px: Array, wanted_px: float) -> float:
@@ -217,13 +189,9 @@ def draw_points(axes: Any, registration: Registration, places: Array, view: View
 
 
 def draw_band(
-    axes: Any,
-    registration: Registration,
-    curve: Fixture,
-    places: Array,
-    view: View,
+    axes: Any, registration: Registration, curve: Fixture, places: Array, view: View,
     m_per_px: float,
-) -> Any:
+) -> Any:  # fmt: skip
     """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width.
 
     places: (M, k) the curve's points in the registration's source
@@ -235,16 +203,14 @@ def draw_band(
     tre_mm = registration.tre_m(places) * MM
     half_px = registration.tre95_curve_m(places) / m_per_px
     factor = exaggeration(half_px[:, None], 0.02 * view.width)
-    a = points[start]
-    b = points[end]
+    a, b = points[start], points[end]
     across = np.column_stack([-(b - a)[:, 1], (b - a)[:, 0]])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     out_a = across * half_px[start, None] * factor
     out_b = across * half_px[end, None] * factor
     quads = np.stack([a - out_a, a + out_a, b + out_b, b - out_b], axis=1)
     low = tre_mm.min()
-    high = max(tre_mm.max(), low + 1e-9)
-    look = {"cmap": "viridis", "clim": (low, high)}
+    look = {"cmap": "viridis", "clim": (low, max(tre_mm.max(), low + 1e-9))}
     middle = (tre_mm[start] + tre_mm[end]) / 2
     axes.add_collection(PolyCollection(quads, array=middle, alpha=0.45, lw=0, **look))
     line = LineCollection(np.stack([a, b], axis=1), array=middle, lw=2.0, **look)
@@ -259,11 +225,9 @@ def drawn_segments(curve: Fixture, points: Array) -> tuple[NDArray[np.intp], NDA
     points: (M, 2) the curve's points in the view [px]
     """
     count = len(points)
-    stroke = np.zeros(count, int)
-    closed = [False]
+    stroke, closed = np.zeros(count, int), [False]
     if curve.curve is not None:
-        stroke = curve.curve.stroke
-        closed = curve.curve.closed
+        stroke, closed = curve.curve.stroke, curve.curve.closed
     every = max(1, count // MAX_DRAWN)
     ends: list[tuple[int, int]] = []
     for number, is_closed in enumerate(closed):
@@ -278,12 +242,7 @@ def drawn_segments(curve: Fixture, points: Array) -> tuple[NDArray[np.intp], NDA
 
 
 def draw_markers(
-    axes: Any,
-    registration: Registration,
-    view: View,
-    linear: Array,
-    arrows: Array,
-    factor: float,
+    axes: Any, registration: Registration, view: View, linear: Array, arrows: Array, factor: float
 ) -> None:
     """A cross for each marker, its residual as an arrow, and both as numbers.
 
@@ -296,7 +255,7 @@ def draw_markers(
     if not used.all():
         axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
-    normal = np.cross(linear[:, 0], linear[:, 1])
+    normal = plane_normal(linear)
     normal /= np.linalg.norm(normal)
     residuals_mm = registration.residual_vectors_m * MM
     across_mm = residuals_mm @ normal
@@ -304,22 +263,17 @@ def draw_markers(
     border = 0.7 * axes.get_xlim()[1]
     for k, label in enumerate(registration.labels):
         place = markers[k]
-        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+.2f})"
-        width = 1.4
-        colour = FORCE
-        if label in registration.outliers:
-            text += "  outlier"
-            width = 2.4
-            colour = CONTACT
+        is_outlier = label in registration.outliers
+        word = "  outlier" if is_outlier else ""
+        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+.2f}){word}"
+        colour, width = (CONTACT, 2.4) if is_outlier else (FORCE, 1.4)
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
         # On the right the label would leave the slice.
-        where = {"xytext": (6, -11), "ha": "left"}
-        if place[0] > border:
-            where = {"xytext": (-6, -11), "ha": "right"}
-        where |= {"textcoords": "offset points", "fontsize": "small"}
-        where["bbox"] = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
-        axes.annotate(text, place, color=colour, **where)
+        side, shift = ("right", -6) if place[0] > border else ("left", 6)
+        box = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
+        where = {"xytext": (shift, -11), "textcoords": "offset points", "ha": side, "bbox": box}
+        axes.annotate(text, place, color=colour, fontsize="small", **where)
 
 
 def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:

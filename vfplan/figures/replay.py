@@ -1,7 +1,4 @@
-"""A replay in two pictures: over time (the paper's Figs. 4a, 6a) and in space (4b, 6b).
-
-How deep the hand went along the planned curve: as a plot, and on the slice it was drawn on.
-"""
+"""A replay in pictures: over time (the paper's Figs. 4a, 6a), in space (4b, 6b), along a curve."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MM, nice_length
+from vfplan.display import MAX_DRAWN, MM, count, nice_length
 from vfplan.errors import InputError
 from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
@@ -21,8 +18,7 @@ from vfplan.images.read import PlannedImage
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.clearance import CONTACT_M, row_norms
 from vfplan.replaying.metrics import CurveRuler, episode_count
-from vfplan.replaying.replay import Replay
-from vfplan.replaying.run import contact_marks
+from vfplan.replaying.replay import Replay, contact_marks
 
 Array = NDArray[np.float64]
 
@@ -35,10 +31,9 @@ def timeline(replayed: Replay) -> Figure:
     ticks = replayed.ticks
     figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
     peak = row_norms(ticks.force).max()
-    for axis, name in enumerate("xyz"):
-        if np.abs(ticks.force[:, axis]).max() <= 1e-6 * peak:
-            continue
-        top.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
+    for name, force in zip("xyz", ticks.force.T, strict=True):
+        if np.abs(force).max() > 1e-6 * peak:
+            top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
     middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
@@ -52,12 +47,10 @@ def timeline(replayed: Replay) -> Figure:
         shade_episodes(axes, replayed)
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
-    count = episode_count(replayed.metrics)
-    rule = replayed.rule
-    if rule == "both":
-        rule = "robust"  # Its ticks are the ones that are drawn.
-    noun = "episode" if count == 1 else "episodes"
-    top.set_title(f"{count} contact {noun}, rule {rule}", loc="left")
+    episodes = count(episode_count(replayed.metrics), "contact episode")
+    # The ticks of rule "robust" are the ones that are drawn.
+    rule = "robust" if replayed.rule == "both" else replayed.rule
+    top.set_title(f"{episodes}, rule {rule}", loc="left")
     return figure
 
 
@@ -72,9 +65,8 @@ def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
-    if replayed.fixture.ignore_axis is None:
-        return scene_in_space(replayed, mark_hz)
-    return scene_in_plane(replayed, mark_hz)
+    is_planar = replayed.fixture.ignore_axis is not None
+    return (scene_in_plane if is_planar else scene_in_space)(replayed, mark_hz)
 
 
 def plane_basis(axis: Array) -> Array:
@@ -82,9 +74,7 @@ def plane_basis(axis: Array) -> Array:
 
     The first vector is the frame's x axis brought into the plane (y where x is the ignored one).
     """
-    start = np.array([1.0, 0.0, 0.0])
-    if abs(axis[0]) >= 0.9:
-        start = np.array([0.0, 1.0, 0.0])
+    start = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
     first = start - (start @ axis) * axis
     first /= np.linalg.norm(first)
     # Looking against the axis' largest component keeps the picture unmirrored.
@@ -94,23 +84,18 @@ def plane_basis(axis: Array) -> Array:
 
 def axis_names(basis: Array) -> list[str]:
     """What a picture's axes are called: the frame's own, with a sign, or numbers across them."""
-    names = []
-    is_along_axes = np.allclose(np.abs(basis).max(axis=0), 1)
-    for number, column in enumerate(basis.T, 1):
-        axis = int(np.abs(column).argmax())
-        if not is_along_axes:
-            names.append(f"in plane {number}")
-        elif column[axis] < 0:
-            names.append("−" + "xyz"[axis])
-        else:
-            names.append("xyz"[axis])
-    return names
+    if not np.allclose(np.abs(basis).max(axis=0), 1):
+        return [f"in plane {number}" for number in range(1, basis.shape[1] + 1)]
+    along = np.abs(basis).argmax(axis=0)
+    return [
+        ("−" if column[axis] < 0 else "") + "xyz"[axis]
+        for axis, column in zip(along, basis.T, strict=True)
+    ]
 
 
 def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     """The scene of a planar fixture, in its plane."""
-    ticks = replayed.ticks
-    fixture = replayed.fixture
+    ticks, fixture = replayed.ticks, replayed.fixture
     assert fixture.ignore_axis is not None
     basis = plane_basis(fixture.ignore_axis)
     cloud = MM * fixture.points @ basis
@@ -140,10 +125,9 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
         label = f"contact circle, {mark_hz:g} Hz"
         axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
     axes.set_aspect("equal")
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-    labels = axis_names(basis)
-    axes.set(xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    across, up = axis_names(basis)
+    axes.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 
@@ -179,23 +163,20 @@ def view_corners(path: Array, cloud: Array, margin: float) -> tuple[Array, Array
 
 def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
     """The scene of any other fixture, in perspective."""
-    ticks = replayed.ticks
-    normal = ticks.normal
+    normal = replayed.ticks.normal
     cloud = MM * replayed.fixture.points
-    hip = MM * ticks.hip
-    proxy = MM * ticks.proxy
+    hip, proxy = MM * replayed.ticks.hip, MM * replayed.ticks.proxy
     radius = MM * replayed.fixture.contact_radius
     figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
     every = max(1, len(cloud) // MAX_DRAWN)
     axes.plot(*cloud[::every].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
     axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
-    marks = contact_marks(ticks, mark_hz)
+    marks = contact_marks(replayed.ticks, mark_hz)
     axes.quiver(*proxy[marks].T, *(radius * normal[marks]).T, color=PROXY, lw=0.8)
     for k in marks:
         axes.plot(*contact_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_zlabel("z [mm]")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     axes.set_aspect("equal")
     axes.legend(loc="upper left", fontsize="small")
     return figure
@@ -229,8 +210,7 @@ def guide_plot(replayed: Replay) -> Figure:
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     top.set_title(f"outside for {guide['outside_s']:.2f} s", loc="left")
-    bottom.set_ylabel("force [N]")
-    bottom.set_xlabel("arc length along the guide [mm]")
+    bottom.set(xlabel="arc length along the guide [mm]", ylabel="force [N]")
     bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure
 
@@ -286,10 +266,8 @@ def image_places(fixture: Fixture) -> Array:
     """
     record = fixture.registration
     if record is None or record.T_robot_image.shape != (3, 3):
-        raise InputError(
-            "The fixture holds no registration from an image's pixels. Leave --image out.",
-            code="no-image-registration",
-        )
+        message = "The fixture holds no registration from an image's pixels. Leave --image out."
+        raise InputError(message, code="no-image-registration")
     T_robot_image = record.T_robot_image
     from_origin = fixture.points - T_robot_image[:, 2]
     return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
@@ -345,8 +323,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     # A length across the slice, at the bottom on the left.
     scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
     length = nice_length(0.2 * width * scale_mm)
-    start = 0.03 * width
-    low = 0.96 * height
+    start, low = 0.03 * width, 0.96 * height
     axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
     axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize="small")
     axes.set_axis_off()

@@ -1,6 +1,6 @@
-"""Pictures of a planned slice: the pen's mask, and the curve that was found on it.
+"""Pictures of a planned slice: the pen's mask, the curve found on it, or what a refusal speaks of.
 
-The outline beside a drawn line: what a picture shows of a curve without covering its ink.
+A curve is shown by an outline beside it, which does not cover its ink.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.display import MAX_LISTED, nice_length
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
+from vfplan.geometry.lines import ring_of
 from vfplan.io.writing import write_whole
 from vfplan.markers.check_marks import MIN_CONTRAST
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
@@ -51,11 +52,7 @@ def outline_along(points: Array, distance: float, *, closed: bool = False) -> li
         region, [vertices], closed, 255, max(1, round(2 * distance * FINE)), cv2.LINE_8, 4
     )
     contours, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    outlines = []
-    for contour in contours:
-        ring = contour[:, 0] / FINE + corner
-        outlines.append(np.vstack([ring, ring[:1]]))
-    return outlines
+    return [ring_of(contour[:, 0] / FINE + corner, closed=True) for contour in contours]
 
 
 OTHER_INK = PROXY
@@ -92,26 +89,19 @@ HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
     """Write the pen's mask, white on black, at the image's own size (the paper's Fig. 5b)."""
-    import cv2
-
     from vfplan.errors import OutputError
 
     encoded, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
     if not encoded:
-        raise OutputError(
-            "the mask cannot be encoded as PNG. Leave the picture out.", where=str(path)
-        )
+        message = "the mask cannot be encoded as PNG. Leave the picture out."
+        raise OutputError(message, where=str(path))
     write_whole(path, [data.tobytes()], overwrite=True)
 
 
 def draw_overlay(
-    image: PlannedImage,
-    extraction: Extraction,
-    path: Path,
-    *,
-    markers: RegistrationRecord | None = None,
-    findings: Sequence[Finding] = (),
-) -> None:
+    image: PlannedImage, extraction: Extraction, path: Path, *,
+    markers: RegistrationRecord | None = None, findings: Sequence[Finding] = (),
+) -> None:  # fmt: skip
     """Write the slice in its true greys with what was found on it; the ink stays visible.
 
     Drawn: an outline beside each curve with its start, direction and bridged parts; all other ink
@@ -154,36 +144,21 @@ def _write_beside(
     width, height = len(text) * LETTER_PX / scale, LINE_PX / scale
     rgb = image.rgb / np.iinfo(image.rgb.dtype).max
     inked = np.ptp(rgb, axis=2) > MIN_CONTRAST
-    least_covered = np.inf
+    covered = {}
     for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         u = place[0] + right * (distance + width / 2)
         v = place[1] - up * (distance + height / 2)
         left, top = round(u - width / 2), round(v - height / 2)
-        if (
-            left < 0
-            or top < 0
-            or u + width / 2 > image.width_px
-            or v + height / 2 > image.height_px
-        ):
-            continue
-        covered = np.count_nonzero(inked[top : round(v + height / 2), left : round(u + width / 2)])
-        if covered < least_covered:
-            least_covered = covered
-            corner = right, up
-    if not np.isfinite(least_covered):  # It has no room on any side.
-        corner = 1, -1
-    axes.annotate(
-        text,
-        place,
-        xytext=(corner[0] * WORD_DISTANCE_PT, corner[1] * WORD_DISTANCE_PT),
-        textcoords="offset points",
-        ha={1: "left", -1: "right"}[corner[0]],
-        va={1: "bottom", -1: "top"}[corner[1]],
-        color=colour,
-        weight="bold",
-        bbox={"fc": "white", "ec": colour, "pad": 1.5},
-        zorder=9,
-    )
+        end, bottom = u + width / 2, v + height / 2
+        if left >= 0 and top >= 0 and end <= image.width_px and bottom <= image.height_px:
+            box = inked[top : round(bottom), left : round(end)]
+            covered[right, up] = np.count_nonzero(box)
+    # Where it has no room on any side, it stands at the lower right.
+    right, up = min(covered, key=covered.get, default=(1, -1))
+    look = {"color": colour, "weight": "bold", "bbox": {"fc": "white", "ec": colour, "pad": 1.5}}
+    where = {"xytext": (right * WORD_DISTANCE_PT, up * WORD_DISTANCE_PT), "zorder": 9}
+    where |= {"ha": "left" if right > 0 else "right", "va": "bottom" if up > 0 else "top"}
+    axes.annotate(text, place, textcoords="offset points", **where, **look)
 
 
 @contextmanager
@@ -192,13 +167,8 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     size = image.width_px, image.height_px
     scale = np.clip(image.width_px, WIDTH_PX, MAX_WIDTH_PX) / image.width_px
     middle = MARGIN_IN / 2 / (image.height_px * scale / DPI + MARGIN_IN)
-    legend = {
-        "loc": "center",
-        "bbox_to_anchor": (0.5, middle),
-        "frameon": False,
-        "fontsize": "small",
-    }
-    legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
+    legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "fontsize": "small"}
+    legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5, "frameon": False}
     with on_slice(path, size, scale / DPI, MARGIN_IN, **legend) as (_, axes):
         picture = image.rgb
         if picture.dtype != np.uint8:
@@ -214,8 +184,7 @@ def draw_scale(axes: Any, image: PlannedImage) -> None:
     if image.pixel_spacing_mm is None:
         return
     length = nice_length(0.2 * image.width_px * image.pixel_spacing_mm[0])
-    start = 0.03 * image.width_px
-    low = 0.96 * image.height_px
+    start, low = 0.03 * image.width_px, 0.96 * image.height_px
     end = start + length / image.pixel_spacing_mm[0]
     edge = (withStroke(linewidth=5.0, foreground="white"),)
     axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
@@ -229,36 +198,26 @@ def draw_sides(axes: Any, image: PlannedImage) -> None:
     if image.T_patient_image is None:
         return
     along_u, along_v = image.T_patient_image[:3, :2].T
-    directions = {
-        (0.98, 0.5): along_u,
-        (0.02, 0.5): -along_u,
-        (0.5, 0.03): along_v,
-        (0.5, 0.97): -along_v,
-    }
-    for (x, y), direction in directions.items():
-        look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE}
-        look |= {"transform": axes.transAxes, "path_effects": HALO, "zorder": 8}
+    directions = ((0.98, 0.5, along_u), (0.02, 0.5, -along_u), (0.5, 0.03, along_v),
+                  (0.5, 0.97, -along_v))  # fmt: skip
+    look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE}
+    look |= {"transform": axes.transAxes, "path_effects": HALO, "zorder": 8}
+    for x, y, direction in directions:
         axes.text(x, y, side(direction), **look)
 
 
 def side(direction: NDArray) -> str:
     """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
     share = np.abs(direction) / np.linalg.norm(direction)
-    letters = ""
-    for axis in np.argsort(-share, kind="stable")[:2]:
-        if share[axis] > OBLIQUE and direction[axis] > 0:
-            letters += "LPH"[axis]
-        elif share[axis] > OBLIQUE:
-            letters += "RAF"[axis]
-    return letters
+    axes = [axis for axis in np.argsort(-share, kind="stable")[:2] if share[axis] > OBLIQUE]
+    return "".join(("LPH" if direction[axis] > 0 else "RAF")[axis] for axis in axes)
 
 
 def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     """An outline along the ink, the direction, and both ends by name."""
     points = stroke.points
-    # A curve that was given as points has no ink.
-    width = stroke.width if stroke.width is not None else 0.0
-    distance = width / 2 + OUTLINE_GAP_PX / scale
+    # A curve that was given as points has no ink, and no width.
+    distance = (stroke.width or 0.0) / 2 + OUTLINE_GAP_PX / scale
     bridges = points[np.asarray(stroke.bridged, bool)]
     for outline in outline_along(points, distance, closed=stroke.closed):
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
@@ -278,8 +237,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
 def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
     """Arrow heads this far beside the line, to the right of who goes along it."""
     for i in np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int):
-        a = points[max(i - 3, 0)]
-        b = points[min(i + 3, len(points) - 1)]
+        a, b = points[max(i - 3, 0)], points[min(i + 3, len(points) - 1)]
         length = np.hypot(*(b - a))
         if length == 0:
             continue
@@ -295,14 +253,10 @@ def draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
         if finding.place_px is None:
             continue
         box = {"fc": FORCE, "ec": "white", "pad": 1.5}
-        where = {
-            "xytext": (WORD_DISTANCE_PT,) * 2,
-            "textcoords": "offset points",
-            "zorder": 9,
-            "weight": "bold",
-        }
+        where = {"xytext": (WORD_DISTANCE_PT,) * 2, "textcoords": "offset points", "zorder": 9}
         leader = {"arrowstyle": "-", "color": FORCE, "lw": 1.2, "shrinkB": 4}
-        look = {"color": "white", "fontsize": "small", "bbox": box, "arrowprops": leader}
+        look = {"color": "white", "fontsize": "small", "weight": "bold"}
+        look |= {"bbox": box, "arrowprops": leader}
         axes.annotate(f"F{number}", finding.place_px, **look, **where)
 
 

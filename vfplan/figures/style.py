@@ -1,7 +1,4 @@
-"""One look for every picture: one palette, sizes that read at page width, PNG output.
-
-The energy balance of the stability study, as a picture.
-"""
+"""One look for every picture: one palette, sizes that read at page width, PNG output."""
 
 from __future__ import annotations
 
@@ -38,13 +35,10 @@ MARGIN_IN = 0.45
 SETTINGS = {
     name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")
 }
-SETTINGS["font.size"] = TEXT_PT
-SETTINGS["axes.spines.top"] = False
-SETTINGS["axes.spines.right"] = False
-SETTINGS["axes.grid"] = True
-SETTINGS["axes.prop_cycle"] = mpl.cycler(color=CYCLE)
-SETTINGS["grid.color"] = "#ebebeb"
-SETTINGS["legend.frameon"] = False
+SETTINGS |= {
+    "font.size": TEXT_PT, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.prop_cycle": mpl.cycler(color=CYCLE), "grid.color": "#ebebeb", "legend.frameon": False,
+}  # fmt: skip
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -67,13 +61,9 @@ def style():
 
 @contextmanager
 def on_slice(
-    path: Path,
-    size_px: tuple[float, float],
-    inch: float,
-    below_in: float,
-    margin_in: float = 0.0,
+    path: Path, size_px: tuple[float, float], inch: float, below_in: float, margin_in: float = 0.0,
     **legend: Any,
-) -> Iterator[tuple[Figure, Any]]:
+) -> Iterator[tuple[Figure, Any]]:  # fmt: skip
     """Write what the block draws: a figure, and axes in a slice's pixels, each so many inches.
 
     Parameters
@@ -130,25 +120,19 @@ def passivity_plot(rows: list[CaseResult]) -> Figure:
     One dot a cycle, above 0 where the fixture gave the hand more than sampling explains.
     """
     cases = [row for row in rows if row.case.startswith("passivity/")]
-    scenes: list[str] = []
-    drawn_rules: list[str] = []
+    # In the order in which they come first.
+    scenes = list(dict.fromkeys(row.values["scene"] for row in cases))
+    labels = {row.values["rule"]: f"rule {row.values['rule']}" for row in cases}
     largest = 0.1
     figure, axes = subplots(7.0, 3.8)
     for row in cases:
-        scene = row.values["scene"]
-        rule = row.values["rule"]
-        if scene not in scenes:
-            scenes.append(scene)
-        label = None
-        if rule not in drawn_rules:
-            drawn_rules.append(rule)
-            label = f"rule {rule}"
+        scene, rule = row.values["scene"], row.values["rule"]
         excess = np.array(row.values["excess"])
         largest = max(largest, float(excess.max()))
         # The rules stand side by side, the middle one in the middle of the column.
         middle = scenes.index(scene) + (RULES.index(rule) - len(RULES) // 2) * RULE_WIDTH
         x = middle + np.linspace(-0.4, 0.4, len(excess)) * RULE_WIDTH
-        axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=label)
+        axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=labels.pop(rule, None))
 
     axes.set_yscale("symlog", linthresh=LINEAR_UP_TO)
     top = 10 * largest

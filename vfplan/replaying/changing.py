@@ -35,26 +35,18 @@ class ChangingFixture:
     """
 
     def __init__(
-        self,
-        fixture: Fixture,
-        rule: str,
-        poses: Poses | str | Path | None,
-        events: Sequence[Event] | str | Path | None,
-        moving: dict[str, Any],
-        trust: Any,
-    ) -> None:
+        self, fixture: Fixture, rule: str, poses: Poses | str | Path | None,
+        events: Sequence[Event] | str | Path | None, moving: dict[str, Any], trust: Any,
+    ) -> None:  # fmt: skip
         if fixture.guidance is not None:
             raise SettingError(
                 "poses and events are for forbidden regions, and this fixture guides. Leave "
                 "them out",
                 code="changes-guide",
             )
-        if isinstance(events, str | Path):
-            events = read_events(events)
-        if isinstance(poses, str | Path):
-            poses = read_poses(poses)
+        events = read_events(events) if isinstance(events, str | Path) else events
         self._events = list(events or ())
-        self._poses = poses
+        self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
         self._has_edits = any(event.kind != "exchange" for event in self._events)
 
         # The fixture of each exchange, with its rule; all are read before the first tick.
@@ -64,19 +56,12 @@ class ChangingFixture:
                 self._exchanges.append(load_exchange(event, rule, trust))
 
         self._engine = self._make_engine(fixture, rule)
-        stiffness = [self._engine.parameters.stiffness]
-        for exchange in self._exchanges:
-            if exchange is not None:
-                stiffness.append(check_renderable(exchange[0]).stiffness)
-        self.stiffness = np.max(stiffness, axis=0)
-        self._frame = None
-        if poses is not None:
-            self._frame = MovingFrame(**moving)
+        later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
+        self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
+        self._frame = None if poses is None else MovingFrame(**moving)
 
         # The tick that runs next, and how many poses and events have been applied.
-        self._tick = 0
-        self._poses_applied = 0
-        self._events_applied = 0
+        self._tick = self._poses_applied = self._events_applied = 0
         self._with_previous = WithPrevious()
         self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
         self._energy = 0.0
@@ -104,19 +89,15 @@ class ChangingFixture:
 
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
         """One tick a row, at the times announced; as the engine's own."""
-        traces = []
-        micros = []
-        frames = []
+        parts = []
         start = 0
         while start < len(hips):
             self._apply_changes(float(self._times[start]))
             end = self._next_change(start, len(hips))
-            trace, tick_micros, tick_frames = self._run_unchanged(slice(start, end), hips)
-            traces.append(trace)
-            micros.append(tick_micros)
-            frames.append(tick_frames)
+            parts.append(self._run_unchanged(slice(start, end), hips))
             self._tick += end - start
             start = end
+        traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
         return concatenate_ticks(traces), np.concatenate(micros)
 
@@ -127,19 +108,17 @@ class ChangingFixture:
             i = self._poses_applied
             if poses.arrived[i] > time:
                 break
-            position = poses.pose[i, :3].copy()
-            quaternion = poses.pose[i, 3:].copy()
-            self._frame.native.pose(poses.time[i], position, quaternion)
+            position, quaternion = np.split(poses.pose[i], [3])
+            self._frame.native.pose(poses.time[i], position.copy(), quaternion.copy())
             self._poses_applied += 1
             if self._poses_applied % POSES_AT_ONCE == 0:
                 self._frame.native.at(time)
         while self._events_applied < len(self._events):
             i = self._events_applied
-            event = self._events[i]
+            event, exchange = self._events[i], self._exchanges[i]
             if event.tick > self._tick:
                 break
             with naming_place(self._place_of_event(i)):
-                exchange = self._exchanges[i]
                 if exchange is not None:
                     self._counts["exchange"] += 1
                     self._engine.exchange(self._make_engine(*exchange))
@@ -163,8 +142,7 @@ class ChangingFixture:
     def _next_change(self, start: int, end: int) -> int:
         """The row, after `start`, before which the next change is due; at most `end`."""
         if self._events_applied < len(self._events):
-            next_tick = self._events[self._events_applied].tick
-            end = min(end, start + next_tick - self._tick)
+            end = min(end, start + self._events[self._events_applied].tick - self._tick)
         if self._poses is not None and self._poses_applied < len(self._poses.time):
             arrival = self._poses.arrived[self._poses_applied]
             end = min(end, start + int(np.searchsorted(self._times[start:], arrival)))
@@ -208,23 +186,24 @@ class ChangingFixture:
         carried = hips[1:] - rotated - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
         for name in ("stale", "changing", "crossed"):
-            flag = Status[name.upper()]
-            self._counts[name] += int(np.count_nonzero(trace.status & flag))
+            self._counts[name] += int(np.count_nonzero(trace.status & Status[name.upper()]))
         return moved
 
     def report(self) -> dict[str, Any]:
         """What a replay's report says of the changes."""
-        report: dict[str, Any] = {
+        report = {
             "exchanges": self._counts["exchange"],
             "edits": self._counts["edit"],
             "changing_ticks": self._counts["changing"],
             "crossed_ticks": self._counts["crossed"],
         }
         if self._frame is not None:
-            report["fixture_energy_j"] = self._energy
-            report["pose_age_max_s"] = self._oldest_pose_s
-            report["stale_ticks"] = self._counts["stale"]
-            report["poses_refused"] = self._frame.refused
+            report |= {
+                "fixture_energy_j": self._energy,
+                "pose_age_max_s": self._oldest_pose_s,
+                "stale_ticks": self._counts["stale"],
+                "poses_refused": self._frame.refused,
+            }
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
         if self._events and np.isfinite(self._clearance):
@@ -252,9 +231,7 @@ def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | 
         )
     check_renderable(fixture)
     # A curve is rendered by its own rule only where the fixture before was.
-    if rule == "exact":
-        rule = best_rule(fixture)
-    return fixture, rule
+    return fixture, best_rule(fixture) if rule == "exact" else rule
 
 
 def to_frame(frames: Vector, vectors: Vector) -> Vector:

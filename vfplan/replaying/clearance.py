@@ -1,6 +1,4 @@
-"""The smallest distance from proxies to a fixture, computed without the engine that placed them.
-
-What is measured at each tick, as pure functions of positions, normals and forces.
+"""What is measured at each tick, and how near the proxies came to the fixture, without the engine.
 
 Tick k holds the HIP x_k, the proxy p_k, the normal n_k (pointing out of the fixture) and the force
 F_k = K (p_k - x_k) on the hand, which acts from t_k until t_{k+1}. Forward differences are written
@@ -171,7 +169,7 @@ class PairedTicks:
 
     def __init__(self) -> None:
         # The last tick and its hand, whose successor is still to come.
-        self._last: tuple[TickBlock, Array] | None = None
+        self._last = None
         self._done = 0
 
     def push(self, block: TickBlock, hand: Array | None = None) -> Steps | None:
@@ -191,15 +189,8 @@ class PairedTicks:
         return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
 
     def _steps(self, block: TickBlock, hand: Array) -> Steps:
-        steps = Steps(
-            self._done,
-            block[:-1],
-            hand[:-1],
-            np.diff(block.time),
-            np.diff(hand, axis=0),
-            np.diff(block.hip, axis=0),
-            np.diff(block.force, axis=0),
-        )
+        changes = [np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force)]
+        steps = Steps(self._done, block[:-1], hand[:-1], *changes)
         self._done += len(steps)
         return steps
 
@@ -236,7 +227,7 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
         if kind == "mesh":
             return MeshClearance(fixture.points, fixture.mesh, radius)
     points = fixture.forbidden
-    return None if not len(points) else PointClearance(points, radius, fixture.ignore_axis)
+    return PointClearance(points, radius, fixture.ignore_axis) if len(points) else None
 
 
 class Clearance:
@@ -281,8 +272,7 @@ class MeshClearance(Clearance):
         from scipy.spatial import cKDTree
 
         super().__init__(radius)
-        corners = points[triangles]
-        self._corners = corners
+        self._corners = corners = points[triangles]
         self._middle = corners.mean(axis=1)
         self._size = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -290,12 +280,8 @@ class MeshClearance(Clearance):
         # Triangles of about one size share a tree, so that a few large ones do not widen the search
         # for all others.
         size_class = np.frexp(self._size)[1]
-        self._rows = []
-        self._trees = []
-        for value in np.unique(size_class):
-            rows = np.flatnonzero(size_class == value)
-            self._rows.append(rows)
-            self._trees.append(cKDTree(self._middle[rows]))
+        self._rows = [np.flatnonzero(size_class == value) for value in np.unique(size_class)]
+        self._trees = [cKDTree(self._middle[rows]) for rows in self._rows]
 
     def update(self, proxy: Array) -> None:
         """Add the proxies of a block, (n, 3) [m]."""

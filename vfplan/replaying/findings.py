@@ -1,21 +1,19 @@
-"""What a person should look at after a replay: code, severity and a sentence each.
+"""What a replay is held against: findings, limits of a robot and of the caller, and the verdict.
 
-A replay's findings inform and decide nothing; limits do (`vfplan.replaying.findings`).
-
-Limits that a replay is held against: a robot's own, and those that the caller gives.
-
-How a replay ended: "pass", "fail", or "not-tested" where the tool never touched the fixture.
+A replay's findings inform and decide nothing; limits do.
 """
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
+from vfplan.findings import Finding
 from vfplan.geometry import ROUNDING_M
 from vfplan.replaying.clearance import Steps
 from vfplan.robot import Robot, read_robot
@@ -29,34 +27,41 @@ SLOWEST_HZ = 5.0
 FASTEST_HZ = 50_000.0
 """No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds."""
 
-Finding = dict[str, str]
+
+def finding(code: str, severity: str, text: str) -> Finding:
+    """A finding of a replay; its severity is "info", "warning" or "error"."""
+    return Finding(code, severity, text, "replay")
 
 
-def finding(code: str, severity: str, message: str) -> Finding:
-    """One finding; its severity is "info", "warning" or "error"."""
-    return {"code": code, "severity": severity, "message": message}
+def reported(finding: Finding) -> dict[str, str]:
+    """A finding of a replay as `--json` has it."""
+    return {"code": finding.code, "severity": finding.severity, "message": finding.text}
 
 
 def replay_findings(
     report: dict[str, Any], record: dict[str, Any], parameters: ProxyParameters, robot: Robot | None
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Of the recording, of the link, of the run, and where no robot was named, of a common arm.
 
     report: as `Metrics.report` gives it
     record: `session`, as `SamplingReport.report` gives it, and `link` where there is one
     """
-    findings = recording_findings(record["session"], robot)
-    if "link" in record:
-        findings += link_findings(record["link"])
-    findings += run_findings(report, parameters)
+    yield from recording_findings(record["session"], robot)
+    link = record.get("link", {})
+    if link.get("robot_stops"):
+        text = (
+            f"{link['lost_longest']} packets in a row are lost from tick "
+            f"{link['lost_longest_tick']} on, and the robot stops after {link['lost_limit']}. "
+            "Mend the link, or raise its speed."
+        )
+        yield finding("robot-stops", "error", text)
+    yield from run_findings(report, parameters)
     if robot is None:
-        findings += common_arm_findings(report, record["session"])
-    return findings
+        yield from common_arm_findings(report, record["session"])
 
 
-def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Finding]:
+def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
-    findings = []
     rate = session["rate_hz"]
     robot_rate = robot.rate_hz if robot is not None else rate
     recorded = session.get("recorded", session)
@@ -67,34 +72,17 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
             f"{recorded['dt_max_s']:.6g} s instead of {recorded['dt_nominal_s']:.6g} s. Record "
             "without gaps, or do not rely on the ticks there."
         )
-        findings.append(finding("session-gap", "warning", text))
+        yield finding("session-gap", "warning", text)
     if "jumps" in session:
         text = (
             f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
             f"highest speed is {session['speed_max_m_s']:.6g} m/s, in tick "
             f"{session['speed_max_tick']}. Check --units and the tracker."
         )
-        findings.append(finding("session-jump", "error", text))
-    findings += column_findings(session)
-    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
-        text = (
-            f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
-            f"{FASTEST_HZ:g} are usual. Is the time in seconds?"
-        )
-        findings.append(finding("session-time", "warning", text))
-    if not 0.9 < rate / robot_rate < 1.1:
-        text = (
-            f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
-            "Hz. Resample it with --rate."
-        )
-        findings.append(finding("session-rate", "warning", text))
-    return findings
+        yield finding("session-jump", "error", text)
 
-
-def column_findings(session: dict[str, Any]) -> list[Finding]:
-    """What the session's columns tell that the replay does not use."""
-    unused = list(session.get("ignored_columns", ()))
-    findings = []
+    # What its columns tell that the replay does not use.
+    unused = session.get("ignored_columns", ())
     changes = [column for column in CHANGE_COLUMNS if column in unused]
     if changes:
         text = (
@@ -102,47 +90,43 @@ def column_findings(session: dict[str, Any]) -> list[Finding]:
             f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
             "of that run: --poses, --events."
         )
-        findings.append(finding("session-changes", "warning", text))
-    others = [column for column in unused if column not in CHANGE_COLUMNS]
+        yield finding("session-changes", "warning", text)
+    others = ", ".join(column for column in unused if column not in CHANGE_COLUMNS)
     if others:
-        text = f"Some columns are not used: {', '.join(others)}. Only time and position count."
-        findings.append(finding("session-columns", "info", text))
-    return findings
+        text = f"Some columns are not used: {others}. Only time and position count."
+        yield finding("session-columns", "info", text)
+
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
+        text = (
+            f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
+            f"{FASTEST_HZ:g} are usual. Is the time in seconds?"
+        )
+        yield finding("session-time", "warning", text)
+    if not 0.9 < rate / robot_rate < 1.1:
+        text = (
+            f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
+            "Hz. Resample it with --rate."
+        )
+        yield finding("session-rate", "warning", text)
 
 
-def link_findings(link: dict[str, Any]) -> list[Finding]:
-    """What a lossy link did that a robot does not forgive."""
-    if not link.get("robot_stops"):
-        return []
-    text = (
-        f"{link['lost_longest']} packets in a row are lost from tick "
-        f"{link['lost_longest_tick']} on, and the robot stops after {link['lost_limit']}. "
-        "Mend the link, or raise its speed."
-    )
-    return [finding("robot-stops", "error", text)]
-
-
-def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list[Finding]:
+def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> Iterator[Finding]:
     """Where no robot was named: whether the forces would stop a common arm, the shipped Panda."""
     panda = read_robot("franka")
-    step = report["force_step_max_n"]
-    limit = panda.force_step_limit_n
-    if step <= limit or session["rate_hz"] < 0.9 * panda.rate_hz:
-        return []
-    text = (
-        f"The force changes by {step:.3g} N in one tick (tick "
-        f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
-        "Count such ticks with --robot, or hold them back with --governor."
-    )
-    return [finding("force-step", "warning", text)]
+    step, limit = report["force_step_max_n"], panda.force_step_limit_n
+    if step > limit and session["rate_hz"] >= 0.9 * panda.rate_hz:
+        text = (
+            f"The force changes by {step:.3g} N in one tick (tick "
+            f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
+            "Count such ticks with --robot, or hold them back with --governor."
+        )
+        yield finding("force-step", "warning", text)
 
 
-def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Finding]:
+def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
-    findings = []
     clearance_m = report.get("clearance_min_m", 0.0)
     inside_ticks = report["inside_ticks"]
-
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
         severity = "warning" if inside_ticks else "error"
@@ -150,102 +134,93 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
             f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."
         )
-        findings.append(finding("proxy-inside", severity, text))
+        yield finding("proxy-inside", severity, text)
     if clearance_m > NEVER_NEAR_M:
         text = (
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
             "units and the frame the fixture's?"
         )
-        findings.append(finding("never-near", "warning", text))
+        yield finding("never-near", "warning", text)
     if inside_ticks:
-        if "crossed_ticks" not in report:  # The fixture stood still and was not changed.
-            text = (
-                f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
-                "hand outside."
-            )
-        else:
+        text = (
+            f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
+            "hand outside."
+        )
+        if "crossed_ticks" in report:  # The fixture moved or was changed.
             text = (
                 f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it "
                 "was at the start or after a change. Start the hand outside, and change the "
                 "fixture while the tool is away."
             )
-        findings.append(finding("started-inside", "warning", text))
-    findings += change_findings(report)
-    if report["too_fast_ticks"]:
-        findings.append(too_fast_finding(report["too_fast_ticks"], parameters))
+        yield finding("started-inside", "warning", text)
+    yield from change_findings(report)
+    too_fast = report["too_fast_ticks"]
+    if too_fast and parameters.rule == "paper":
+        text = (
+            f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
+            "far as the proxy may in one. Move more slowly, or take rule 'robust'."
+        )
+        yield finding("too-fast", "warning", text)
+    elif too_fast:
+        text = (
+            f"In {too_fast} ticks the engine used up its iterations. Nothing is to be done: the "
+            "proxy is safe and follows later."
+        )
+        yield finding("too-fast", "info", text)
     if report["bad_hip_ticks"]:
         text = (
             f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
             "held its answer. Check the tracker."
         )
-        findings.append(finding("hip-out-of-range", "error", text))
-    findings += active_findings(report)
-    return findings
+        yield finding("hip-out-of-range", "error", text)
+    yield from active_findings(report)
 
 
-def change_findings(report: dict[str, Any]) -> list[Finding]:
+def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
     """What happened to a fixture that moves, is exchanged or edited."""
-    findings = []
     if report.get("crossed_ticks"):
         text = (
             f"In {report['crossed_ticks']} ticks after an exchange no way out was found on "
             "the proxy's side, so it was led out another way. Exchange fixtures while the "
             "tool is away."
         )
-        findings.append(finding("crossed", "warning", text))
+        yield finding("crossed", "warning", text)
     if report.get("stale_ticks"):
         text = (
             f"In {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or "
             "none had come. Check the pose stream's rate."
         )
-        findings.append(finding("stale", "warning", text))
+        yield finding("stale", "warning", text)
     if report.get("poses_refused"):
         text = (
             f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
             "earlier than one before. Check the pose stream."
         )
-        findings.append(finding("poses-refused", "warning", text))
+        yield finding("poses-refused", "warning", text)
     if report.get("events_left"):
         text = (
             f"{report['events_left']} events are of ticks after the session's last. Correct "
             "their ticks."
         )
-        findings.append(finding("events-left", "warning", text))
-    return findings
+        yield finding("events-left", "warning", text)
 
 
-def too_fast_finding(ticks: int, parameters: ProxyParameters) -> Finding:
-    """That the hand was too fast for the rule in so many ticks."""
-    if parameters.rule == "paper":
-        reason = (
-            f"the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
-            "proxy may in one. Move more slowly, or take rule 'robust'"
-        )
-        return finding("too-fast", "warning", f"In {ticks} ticks {reason}.")
-    reason = (
-        "the engine used up its iterations. Nothing is to be done: the proxy is safe and "
-        "follows later"
-    )
-    return finding("too-fast", "info", f"In {ticks} ticks {reason}.")
-
-
-def active_findings(report: dict[str, Any]) -> list[Finding]:
+def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
     """That episodes gave the hand energy."""
     listed = [e["index"] for e in report["episodes"] if not e["passive"]]
     unlisted = report.get("episodes_left_out", {"active": 0})["active"]
     if not listed and not unlisted:
-        return []
+        return
     first = ""
     if listed:
-        first = f" (the first is {listed[0]})"
-        if unlisted:
-            first = f" (the first of those listed is {listed[0]})"
+        of_which = " of those listed" if unlisted else ""
+        first = f" (the first{of_which} is {listed[0]})"
     text = (
         f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
         "than holding each force for a tick explains. Lower the stiffness, or move more "
         "slowly."
     )
-    return [finding("active", "warning", text)]
+    yield finding("active", "warning", text)
 
 
 # Name -> (the robot's limit, the number of the report that it bounds)
@@ -267,8 +242,10 @@ class RobotLimitCounts:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        self._over: dict[str, int] = {}
-        self._first: dict[str, int] = {}
+        self._over = {
+            name: 0 for name, (key, _) in LIMITS.items() if getattr(robot, key) is not None
+        }
+        self._first = {}
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
@@ -279,23 +256,20 @@ class RobotLimitCounts:
 
     def _count(self, name: str, values: Any, first_tick: int) -> None:
         """Count the values above the robot's limit of this name; a robot may have none."""
-        limit = getattr(self._robot, LIMITS[name][0])
-        if limit is None:
-            return
-        over = np.flatnonzero(values > limit)
-        self._over[name] = self._over.get(name, 0) + len(over)
-        if len(over):
-            self._first.setdefault(name, first_tick + int(over[0]))
+        if name in self._over:
+            over = np.flatnonzero(values > getattr(self._robot, LIMITS[name][0]))
+            self._over[name] += len(over)
+            if len(over):
+                self._first.setdefault(name, first_tick + int(over[0]))
 
     def report(self) -> dict[str, Any]:
         """The `robot` part of a replay's report; a limit the robot does not have is absent."""
         robot = self._robot
         data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
-        for name, (key, _) in LIMITS.items():
-            if getattr(robot, key) is None:
-                continue
+        for name, ticks in self._over.items():
+            key = LIMITS[name][0]
             data[key] = getattr(robot, key)
-            data[f"{name}_over_ticks"] = self._over.get(name, 0)
+            data[f"{name}_over_ticks"] = ticks
             if name in self._first:
                 data[f"{name}_over_first_tick"] = self._first[name]
         return data
@@ -303,12 +277,8 @@ class RobotLimitCounts:
 
 def robot_limits(robot: Robot) -> Limits:
     """The robot's limits as checks of a replay's report."""
-    limits = []
-    for key, number in LIMITS.values():
-        limit = getattr(robot, key)
-        if limit is not None:
-            limits.append((number, "at_most", limit))
-    return tuple(limits)
+    limits = [(number, "at_most", getattr(robot, key)) for key, number in LIMITS.values()]
+    return tuple(limit for limit in limits if limit[2] is not None)
 
 
 def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]:
@@ -321,20 +291,17 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
     for name, sense, limit in limits:
         value: Any = report
         for part in name.split("."):
-            if not isinstance(value, dict):
-                value = None
-                break
-            value = value.get(part)
+            value = value.get(part) if isinstance(value, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
             # The number that was probably meant comes first.
             similar = difflib.get_close_matches(name, numbers, 1)
             others = [number for number in numbers if number not in similar]
-            raise SettingError(
+            message = (
                 f"the report has no number {name!r} to hold against {limit:g}. Give one of "
-                f"{', '.join(similar + others)}",
-                code="no-such-number",
+                f"{', '.join(similar + others)}"
             )
+            raise SettingError(message, code="no-such-number")
         holds = value <= limit if sense == "at_most" else value >= limit
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
     return checks
@@ -355,15 +322,13 @@ def gap_words(report: dict[str, Any]) -> str:
     """
     session = report["session"]
     recorded = session.get("recorded", session)
-    if not recorded["gaps"]:
-        return ""
-    return f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
+    words = f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
+    return words if recorded["gaps"] else ""
 
 
 def change_words(report: dict[str, Any]) -> str:
     """That a "pass" is of another fixture than the recording's, to stand after it; else empty."""
-    codes = [finding["code"] for finding in report["findings"]]
-    if "session-changes" not in codes:
+    if all(finding["code"] != "session-changes" for finding in report["findings"]):
         return ""
     return ", but the fixture moved or changed during the recording, and here it did not"
 

@@ -1,8 +1,7 @@
-"""A guide in a replay: alone, or beside the forbidden region of the other strokes; forces add.
+"""What a replay steps: an engine by its rule, with a guide in it or a governor behind it.
 
-A governor behind the engine of a replay: what the hand then feels, and what was held back.
-
-The engine a replay runs: the controller's own core, or the paper's rule in NumPy.
+`Guided` adds the forces of a guide to those of the forbidden region of the other strokes;
+`GovernedForces` holds the forces to a robot's limits and measures what was held back.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import dots, row_norms
 from vfplan.replaying.metrics import timed
 from vfplan.robot import Robot
-from vfplan.session.session import WithPrevious
+from vfplan.session.session import Largest, WithPrevious
 
 BINS = 512
 """Bins of the profile along all strokes together. A picture of it is about as wide in pixels."""
@@ -50,20 +49,14 @@ class Guided:
         self._lateral = np.full(BINS, np.nan)
         self._force = np.zeros(BINS)
         self._ticks = 0
-        self._held_ticks = 0
-        self._outside_ticks = 0
-        self._moving_ticks = 0
-        self._lateral_max = 0.0
-        self._lateral_max_tick = 0
+        self._counts = {"held": 0, "outside": 0, "moving": 0}
+        self._lateral_max = Largest()
         self._lateral_squares = 0.0
-        self._arc_min = np.inf
-        self._arc_max = -np.inf
-        self._force_max = 0.0
-        self._force_step_max = 0.0
-        self._region_force_max = 0.0
+        self._arc_min, self._arc_max = np.inf, -np.inf
+        self._force_max = self._force_step_max = self._region_force_max = 0.0
         self._work = 0.0
         self._with_previous = WithPrevious()
-        self._strokes: set[int] = set()
+        self._strokes = set()
 
     @property
     def stiffness(self) -> Vector:
@@ -104,16 +97,13 @@ class Guided:
 
     def _measure(self, hips: Vector, guide: GuideTrace, region: Trace) -> None:
         held = guide.held
-        outside = held & (guide.lateral_m > self._guide.radius)
         lateral = np.where(held, guide.lateral_m, 0.0)
-        if lateral.max() > self._lateral_max:
-            self._lateral_max = float(lateral.max())
-            self._lateral_max_tick = self._ticks + int(lateral.argmax())
+        self._lateral_max.update(lateral, self._ticks)
         self._lateral_squares += float((lateral**2).sum())
         self._ticks += len(hips)
-        self._held_ticks += int(held.sum())
-        self._outside_ticks += int(outside.sum())
-        self._moving_ticks += int((held & (guide.status != 0)).sum())
+        self._counts["held"] += int(held.sum())
+        self._counts["outside"] += int((held & (guide.lateral_m > self._guide.radius)).sum())
+        self._counts["moving"] += int((held & (guide.status != 0)).sum())
         force = row_norms(guide.force)
         self._force_max = max(self._force_max, float(force.max()))
         if self.region is not None:
@@ -139,34 +129,32 @@ class Guided:
 
         `tick_s`: the session's mean interval [s].
         """
-        lateral: list[float | None] = self._lateral.tolist()
-        for k in np.flatnonzero(np.isnan(self._lateral)):
-            lateral[k] = None
+        held_ticks = self._counts["held"]
         guide = {
             "radius_m": self._guide.radius,
             "stiffness_n_per_m": self._guide.stiffness,
             "ends": self._guide.ends,
             "lengths_m": self._guide.lengths_m,
             "strokes": sorted(self._first_stroke + stroke for stroke in self._strokes),
-            "held_ticks": self._held_ticks,
-            "outside_ticks": self._outside_ticks,
-            "outside_s": self._outside_ticks * tick_s,
-            "moving_ticks": self._moving_ticks,
-            "lateral_rms_m": float(np.sqrt(self._lateral_squares / max(1, self._held_ticks))),
-            "lateral_max_tick": self._lateral_max_tick,
+            "held_ticks": held_ticks,
+            "outside_ticks": self._counts["outside"],
+            "outside_s": self._counts["outside"] * tick_s,
+            "moving_ticks": self._counts["moving"],
+            "lateral_rms_m": float(np.sqrt(self._lateral_squares / max(1, held_ticks))),
+            "lateral_max_tick": self._lateral_max.tick,
             "force_max_n": self._force_max,
             "force_step_max_n": self._force_step_max,
             "work_j": self._work,
             "profile": {
                 "arc_m": ((np.arange(BINS) + 0.5) / BINS * self._starts[-1]).tolist(),
-                "lateral_m": lateral,
+                "lateral_m": [None if np.isnan(x) else x for x in self._lateral.tolist()],
                 "force_n": self._force.tolist(),
             },
         }
         if self.region is not None:
             guide["region_force_max_n"] = self._region_force_max
-        arc = [self._arc_min, self._arc_max] if self._held_ticks else None
-        return {"arc_m": arc, "lateral_max_m": self._lateral_max, "guide": guide}
+        arc = [self._arc_min, self._arc_max] if held_ticks else None
+        return {"arc_m": arc, "lateral_max_m": self._lateral_max.value, "guide": guide}
 
 
 def trace_of_guide(guide: GuideTrace) -> Trace:
@@ -191,13 +179,10 @@ class GovernedForces:
         self._with_previous = WithPrevious()
         self._ticks = 0
         # Largest force, and change of force in a tick, that the engine wanted [N].
-        self._engine_force_max = 0.0
-        self._engine_step_max = 0.0
-        # Ticks whose force was held back, the most that was held back [N], and its tick.
-        self._held_ticks = 0
-        self._held_back_max = 0.0
-        self._held_back_max_tick = 0
-        self._overdrawn_ticks = 0
+        self._engine_force_max = self._engine_step_max = 0.0
+        # Ticks whose force was held back, and the most that was held back [N].
+        self._held_ticks = self._overdrawn_ticks = 0
+        self._held_back = Largest()
         # Energy that the hand got through what was held back [J].
         self._work = 0.0
 
@@ -208,10 +193,7 @@ class GovernedForces:
         governed = self._governor.trace(trace.force)
         force_max = float(row_norms(trace.force).max())
         self._engine_force_max = max(self._engine_force_max, force_max)
-        k = int(governed.held_back.argmax())
-        if governed.held_back[k] > self._held_back_max:
-            self._held_back_max = float(governed.held_back[k])
-            self._held_back_max_tick = self._ticks + k
+        self._held_back.update(governed.held_back, self._ticks)
         self._ticks += len(hip)
         self._held_ticks += int(np.count_nonzero(governed.held_back))
         overdrawn = governed.status & GovernorStatus.OVERDRAWN
@@ -226,8 +208,7 @@ class GovernedForces:
 
     def report(self) -> dict[str, Any]:
         """The `governor` part of a replay's report."""
-        governor = self._governor
-        robot = self._robot
+        governor, robot = self._governor, self._robot
         report = {
             "force_step_n": robot.force_step_limit_n,
             "force_max_n": robot.force_limit_n,
@@ -236,14 +217,14 @@ class GovernedForces:
             "engine_force_max_n": self._engine_force_max,
             "engine_force_step_max_n": self._engine_step_max,
             "held_ticks": self._held_ticks,
-            "held_back_max_n": self._held_back_max,
+            "held_back_max_n": self._held_back.value,
             "energy_given_j": governor.energy_given_j,
             "energy_stored_j": governor.energy_stored_j,
             "overdrawn_ticks": self._overdrawn_ticks,
             "work_j": self._work,
         }
         if self._held_ticks:
-            report["held_back_max_tick"] = self._held_back_max_tick
+            report["held_back_max_tick"] = self._held_back.tick
         return report
 
 
@@ -259,14 +240,12 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         have
     """
     if engine not in ENGINES:
-        raise SettingError(
-            f"engine is {engine!r}. Give {' or '.join(ENGINES)}", code="unknown-engine"
-        )
+        message = f"engine is {engine!r}. Give {' or '.join(ENGINES)}"
+        raise SettingError(message, code="unknown-engine")
     if fixture.guidance is None:
         return _region_engine(fixture, rule, engine)
 
     # A guide, with the region of the forbidden strokes where there are any.
-
     if fixture.region is not None:
         region = _region_engine(fixture.region, rule, engine)
         return Guided(fixture, region.parameters, region)

@@ -1,8 +1,7 @@
-"""A lossy link between hand and controller: late, uneven, coarse, and with packets lost.
+"""What a run is set beside: a lossy link, another run of the same ticks, hands along a curve.
 
-Sessions that follow a drawn curve, for the question whether an arm can do so at all.
-
-Two runs of the same ticks: where they part, and by how much.
+`LossyLink` delivers positions late, uneven, coarse, and not all; `Comparison` says where two runs
+part; `approach_sessions` are hands that press along a drawn curve.
 """
 
 from __future__ import annotations
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import arc_lengths, runs
 from vfplan.replaying.clearance import row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Session
-
-Array = NDArray[np.float64]
+from vfplan.session.session import Array, Largest, LongestRun, Session, interpolated
 
 
 @dataclass(frozen=True)
@@ -44,42 +42,26 @@ class Link:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.drop is not None and not 0 <= self.drop < 1:
-            raise _out_of_range("drop", self.drop, "0 to below 1")
-        if self.jitter_s is not None and not 0 <= self.jitter_s <= 10:
-            raise _out_of_range("jitter_s", self.jitter_s, "0 to 10 s")
-        if self.delay_ticks is not None and not 0 <= self.delay_ticks <= 100_000:
-            raise _out_of_range("delay_ticks", self.delay_ticks, "0 to 100000 ticks")
-        if self.quantum_m is not None and not 1e-12 <= self.quantum_m <= 1:
-            raise _out_of_range("quantum_m", self.quantum_m, "1e-12 to 1 m")
-        if self.seed < 0:
-            raise _out_of_range("seed", self.seed, "0 or more")
+        for name, low, high, allowed in (
+            ("drop", 0, np.nextafter(1, 0), "0 to below 1"),
+            ("jitter_s", 0, 10, "0 to 10 s"),
+            ("delay_ticks", 0, 100_000, "0 to 100000 ticks"),
+            ("quantum_m", 1e-12, 1, "1e-12 to 1 m"),
+            ("seed", 0, np.inf, "0 or more"),
+        ):
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                message = f"{name} is {value}. Give {allowed}"
+                raise SettingError(message, code="link-out-of-range", numbers={name: value})
 
     @property
     def faulty(self) -> bool:
         """Whether any fault is set."""
-        faults = (self.drop, self.jitter_s, self.delay_ticks, self.quantum_m)
-        return any(fault is not None for fault in faults)
+        return len(self.report()) > 1  # The seed is always there.
 
     def report(self) -> dict[str, Any]:
         """The faults that are set, by name."""
         return {name: value for name, value in vars(self).items() if value is not None}
-
-
-def _out_of_range(name: str, value: float, allowed: str) -> SettingError:
-    return SettingError(
-        f"{name} is {value}. Give {allowed}", code="link-out-of-range", numbers={name: value}
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Delivered:
-    """A block of ticks as the controller had them."""
-
-    # (m, 3) positions that arrived [m]
-    hip: Array
-    # (n,) for each tick the row of `hip` in force; -1: the last one of the block before
-    row: NDArray[np.intp]
 
 
 class LossyLink:
@@ -96,13 +78,14 @@ class LossyLink:
         self._latest_time = -np.inf
         self._ticks = 0
         self._lost = 0
-        # Packets lost in a row: at the end of the last block, and the longest run with its tick.
-        self._losing = 0
-        self._longest = 0
-        self._longest_tick = 0
+        self._longest_loss = LongestRun()
 
-    def deliver(self, time: Array, hip: Array) -> Delivered:
-        """The next block, as it arrives."""
+    def deliver(self, time: Array, hip: Array) -> tuple[Array, NDArray[np.intp]]:
+        """The next block, as the controller has it.
+
+        Returns the positions that arrived, (m, 3) [m], and of each tick (n,) the row of these that
+        is in force; -1: the last one of the block before.
+        """
         positions = self._delay(time, hip)
         if self._link.quantum_m is not None:
             positions = np.round(positions / self._link.quantum_m) * self._link.quantum_m
@@ -111,19 +94,10 @@ class LossyLink:
             arrived = self._loss_random.random(len(positions)) >= self._link.drop
             # A session begins when its first packet is there.
             arrived[0] |= self._ticks == 0
-
-            # Packets lost in a row lie between those that arrived; a run may go on from the last
-            # block.
             self._lost += int(np.count_nonzero(~arrived))
-            edges = np.concatenate(([-1 - self._losing], np.flatnonzero(arrived), [len(arrived)]))
-            runs = np.diff(edges) - 1
-            k = int(np.argmax(runs))
-            if runs[k] > self._longest:
-                self._longest = int(runs[k])
-                self._longest_tick = self._ticks + int(edges[k]) + 1
-            self._losing = int(runs[-1])
+            self._longest_loss.update(~arrived, self._ticks)
         self._ticks += len(positions)
-        return Delivered(positions[arrived], np.cumsum(arrived) - 1)
+        return positions[arrived], np.cumsum(arrived) - 1
 
     def _delay(self, time: Array, hip: Array) -> Array:
         """Positions as they were `delay_ticks` samples and up to `jitter_s` before each tick."""
@@ -140,9 +114,7 @@ class LossyLink:
             # A later packet never overtakes an earlier one.
             wanted = np.maximum.accumulate(np.maximum(wanted, self._latest_time))
             self._latest_time = wanted[-1]
-            positions = np.empty((len(time), 3))
-            for axis in range(3):
-                positions[:, axis] = np.interp(wanted, times, hips[:, axis])
+            positions = interpolated(wanted, times, hips)
         # Keep what the next block may ask for.
         first = max(0, len(times) - delay - 1)
         oldest = times[first] - (jitter or 0.0)
@@ -155,12 +127,12 @@ class LossyLink:
         """What was lost; with a robot's limit, whether the robot would have stopped."""
         if self._link.drop is None:
             return {}
-        data: dict[str, Any] = {"lost": self._lost, "lost_longest": self._longest}
-        if self._longest:
-            data["lost_longest_tick"] = self._longest_tick
+        longest = self._longest_loss
+        data: dict[str, Any] = {"lost": self._lost, "lost_longest": longest.length}
+        if longest.length:
+            data["lost_longest_tick"] = longest.tick
         if lost_limit is not None:
-            data["lost_limit"] = lost_limit
-            data["robot_stops"] = self._longest > lost_limit
+            data |= {"lost_limit": lost_limit, "robot_stops": longest.length > lost_limit}
         return data
 
 
@@ -189,16 +161,15 @@ def approach_sessions(
         between its ends
     """
     if fixture.curve is None or fixture.rendering is None:
-        raise InputError(
-            "the fixture has no drawn curve to follow. Give a session", code="no-curve"
-        )
+        message = "the fixture has no drawn curve to follow. Give a session"
+        raise InputError(message, code="no-curve")
     stop = fixture.contact_radius + fixture.point_radius
     sessions = []
     for number, stroke in enumerate(fixture.strokes):
         points = stroke.points
         normals = side_normals(points, fixture.ignore_axis)
         if not to_ends and not stroke.closed:
-            arc = arc_length(points)
+            arc = arc_lengths(points, closed=False)
             clear = stop + PRESS_DEPTH_M
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
             if inner.sum() < 2:
@@ -216,21 +187,13 @@ def approach_sessions(
             pressed = points + max(0.0, stop - PRESS_DEPTH_M) * side
             ends = points[[0, -1]] + START_DISTANCE * stop * side[[0, -1]]
             path = np.concatenate((ends[:1], pressed, ends[1:]))
-            arc = arc_length(path)
+            arc = arc_lengths(path, closed=False)
             ticks = max(2, int(arc[-1] * rate_hz / SPEED_M_S) + 1)
-            wanted = np.linspace(0.0, arc[-1], ticks)
-            hip = np.empty((ticks, 3))
-            for axis in range(3):
-                hip[:, axis] = np.interp(wanted, arc, path[:, axis])
+            hip = interpolated(np.linspace(0.0, arc[-1], ticks), arc, path)
             time = np.arange(ticks) / rate_hz
             title = f"stroke {number}, {name} side"
             sessions.append(Session(time, hip, frame=fixture.frame, name=title))
     return sessions
-
-
-def arc_length(points: Array) -> Array:
-    """(n,) length along a polyline from its first point to each of its points (n, 3)."""
-    return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
 
 
 def side_normals(points: Array, axis: Array | None) -> Array:
@@ -251,13 +214,10 @@ class Comparison:
     """Compare two runs, block by block."""
 
     def __init__(self) -> None:
-        self._ticks = 0
-        self._first_difference: int | None = None
-        self._parted_ticks = 0
-        self._proxy_max_m = 0.0
-        self._proxy_max_tick = 0
-        self._force_max_n = 0.0
-        self._force_max_tick = 0
+        self._ticks = self._parted_ticks = 0
+        self._first_difference = None
+        self._proxy = Largest()
+        self._force = Largest()
         self._force_squares = 0.0
         self._spans: list[dict[str, Any]] = []
 
@@ -271,35 +231,28 @@ class Comparison:
             self._first_difference = first + int(differs.argmax())
 
         proxy_gap = row_norms(a.proxy - b.proxy)
-        tick = int(proxy_gap.argmax())
-        if proxy_gap[tick] > self._proxy_max_m:
-            self._proxy_max_m = float(proxy_gap[tick])
-            self._proxy_max_tick = first + tick
-
+        self._proxy.update(proxy_gap, first)
         force_gap = row_norms(a.force - b.force)
-        tick = int(force_gap.argmax())
-        if force_gap[tick] > self._force_max_n:
-            self._force_max_n = float(force_gap[tick])
-            self._force_max_tick = first + tick
+        self._force.update(force_gap, first)
         self._force_squares += float((force_gap**2).sum())
 
         # Stretches in which the proxies are apart; one may go on from the last block.
         has_parted = proxy_gap > PART_M
         self._parted_ticks += int(np.count_nonzero(has_parted))
-        edges = np.flatnonzero(np.diff(has_parted.astype(np.int8), prepend=0, append=0))
-        for start, end in edges.reshape(-1, 2).tolist():
+        for rows in runs(has_parted, closed=False):
             span = {
-                "start_tick": first + start,
-                "end_tick": first + end - 1,
-                "start_s": float(a.time[start]),
-                "end_s": float(a.time[end - 1]),
-                "proxy_max_m": float(proxy_gap[start:end].max()),
+                "start_tick": first + int(rows[0]),
+                "end_tick": first + int(rows[-1]),
+                "start_s": float(a.time[rows[0]]),
+                "end_s": float(a.time[rows[-1]]),
+                "proxy_max_m": float(proxy_gap[rows].max()),
             }
-            if self._spans and self._spans[-1]["end_tick"] + 1 == first + start:
+            if self._spans and self._spans[-1]["end_tick"] + 1 == span["start_tick"]:
                 before = self._spans.pop()
-                span["start_tick"] = before["start_tick"]
-                span["start_s"] = before["start_s"]
-                span["proxy_max_m"] = max(span["proxy_max_m"], before["proxy_max_m"])
+                largest = max(span["proxy_max_m"], before["proxy_max_m"])
+                span |= before | {
+                    "end_tick": span["end_tick"], "end_s": span["end_s"], "proxy_max_m": largest
+                }  # fmt: skip
             self._spans.append(span)
 
     def report(self) -> dict[str, Any]:
@@ -307,19 +260,18 @@ class Comparison:
         data: dict[str, Any] = {
             "threshold_m": PART_M,
             "ticks": self._parted_ticks,
-            "proxy_max_m": self._proxy_max_m,
-            "force_max_n": self._force_max_n,
+            "proxy_max_m": self._proxy.value,
+            "force_max_n": self._force.value,
             "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),
             "spans": self._spans[:LISTED],
             "span_count": len(self._spans),
         }
-        if self._proxy_max_m > 0:
-            data["proxy_max_tick"] = self._proxy_max_tick
-        if self._force_max_n > 0:
-            data["force_max_tick"] = self._force_max_tick
+        for name, largest in (("proxy", self._proxy), ("force", self._force)):
+            if largest.value > 0:
+                data[f"{name}_max_tick"] = largest.tick
         if self._first_difference is not None:
             data["first_difference_tick"] = self._first_difference
         if self._spans:
-            data["first_tick"] = self._spans[0]["start_tick"]
-            data["first_s"] = self._spans[0]["start_s"]
+            first = self._spans[0]
+            data |= {"first_tick": first["start_tick"], "first_s": first["start_s"]}
         return data

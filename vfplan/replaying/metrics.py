@@ -1,8 +1,7 @@
-"""The numbers a replay reports, gathered block by block in memory that does not grow.
+"""The numbers that a replay reports, gathered block by block in memory that does not grow.
 
-Contact episodes: when and where on the curve the fixture pushed, how hard, and what it cost.
-
-Time per tick, in memory that does not grow.
+`NUMBERS` says how each of them is written; `Episodes` gathers the contacts, `Metrics` the whole
+session, and `StepTimes` how long a tick took.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import heapq
 import time
 from collections import defaultdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import runs
 from vfplan.io.files import to_json_types
 from vfplan.replaying.clearance import (
     PAIRS_AT_ONCE,
@@ -31,8 +31,71 @@ from vfplan.replaying.clearance import (
 from vfplan.replaying.findings import RobotLimitCounts
 from vfplan.robot import Robot
 from vfplan.session.result import STATES
+from vfplan.session.session import Largest
 
 Array = NDArray[np.float64]
+
+
+class Number(NamedTuple):
+    """A number of the report, and how a text, a page and docs/replay.md give it.
+
+    unit, decimals: as it is written; the report holds SI units
+    label: its words in a table of the whole session; empty where it is not in one
+    column: the same in a table of episodes
+    """
+
+    key: str
+    unit: str
+    decimals: int
+    label: str = ""
+    column: str = ""
+
+    def text(self, value: float | None) -> str:
+        """The value without its unit; nothing if there is none."""
+        return "" if value is None else f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
+
+
+FACTORS = {"mm": 1e3, "mm/s": 1e3, "mJ": 1e3, "µm": 1e6}
+"""How many of a unit are in the SI unit."""
+
+NUMBERS = (
+    Number("duration_s", "s", 3, "duration"),
+    Number("contact_s", "s", 3, "time in contact"),
+    Number("contact_episodes", "", 0, "contact episodes"),
+    Number("start_s", "s", 3, column="start"),
+    Number("end_s", "s", 3, column="end"),
+    Number("dwell_s", "s", 3, column="dwell"),
+    Number("penetration_max_m", "mm", 3, "penetration |proxy − HIP|, largest", "deepest"),
+    Number("penetration_rms_m", "mm", 3, "penetration, RMS over the session"),
+    Number("overlap_max_m", "mm", 3, "overlap beyond the fixture's surface, largest", "overlap"),
+    Number("force_max_n", "N", 3, "force, largest", "force"),
+    Number("force_rms_n", "N", 3, "force, RMS over the session"),
+    Number("force_step_max_n", "N", 3, "change of force in one tick, largest"),
+    Number("clearance_min_m", "µm", 2, "clearance of the proxy's ball, least"),
+    Number("band_m", "µm", 2, "band: the clearance may go down to minus this"),
+    Number("energy_j", "mJ", 4, "energy given to the hand", "energy"),
+    Number("energy_hold_j", "mJ", 4, "of it by holding the force over a tick"),
+    Number("friction", "", 5, "apparent friction"),
+    Number("slide_m", "mm", 3),
+    Number("lag_rms_m", "µm", 2, "lag of the proxy while sliding, RMS"),
+    Number("lateral_max_m", "mm", 3, "distance from the guide, largest"),
+    Number("entrenched_ticks", "", 0, "ticks entrenched"),
+    Number("too_fast_ticks", "", 0, "ticks too fast for the rule"),
+    Number("p999", "µs", 2, "time a tick, p99.9"),
+    Number("speed_at_touch_m_s", "mm/s", 1, column="touch"),
+)
+
+UNITS = {
+    "_m_s": "m/s", "_n_per_m": "N/m", "_deg": "°", "_ticks": "ticks", "_tick": "tick", "_hz": "Hz",
+    "_us": "µs", "_mm": "mm", "_nm": "N·m", "_j": "J", "_n": "N", "_s": "s", "_m": "m",
+}  # fmt: skip
+"""The last words of a number's key and its unit in the report, the longest first."""
+
+
+def unit_of(key: str) -> str:
+    """The unit that a number has in the report, by the ending of its key; empty for none."""
+    return next((unit for ending, unit in UNITS.items() if key.endswith(ending)), "")
+
 
 JOIN_S = 0.01
 """Runs of contact closer than this [s] are one episode. A touch that flickers is one touch, and no
@@ -59,32 +122,26 @@ class Episodes:
         self._slack_m = slack_m
         # Of the step that led to the next tick: the speed, and the energy by holding (0 within a
         # contact).
-        self._speed: float | None = None
+        self._speed = None
         self._hold_j = 0.0
         # The latest episode, which the next ticks may continue.
         self._latest: dict[str, Any] | None = None
         # A heap of (depth, minus the number, episode): the least deep, latest, first.
-        self._deepest: list[tuple[float, int, dict[str, Any]]] = []
-        self._unlisted: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
+        self._deepest = []
+        self._unlisted = {"count": 0, "penetration_max_m": 0.0, "active": 0}
         self.count = 0
 
     def update(self, steps: Steps) -> None:
         """Add the next ticks."""
-        in_contact = steps.held.astype(np.int8)
-        edges = np.diff(in_contact, prepend=0, append=0)
-        starts = np.flatnonzero(edges == 1).tolist()
-        ends = np.flatnonzero(edges == -1).tolist()
-        for start, end in zip(starts, ends, strict=True):
-            run = self._measure(steps, start, end)
+        for rows in runs(steps.held, closed=False):
+            run = self._measure(steps, int(rows[0]), int(rows[-1]) + 1)
             if self._latest is not None and run["start_s"] - self._latest["end_s"] <= JOIN_S:
                 self._extend_latest(run)
             else:
                 self._finish_latest()
                 self._latest = run
         self._speed = float(steps.speed[-1])
-        self._hold_j = 0.0
-        if not steps.held[-1]:
-            self._hold_j = float(steps.hold_j[-1])
+        self._hold_j = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
 
     def report(self, ruler: CurveRuler | None) -> dict[str, Any]:
         """`episodes`, in the order of time, and `episodes_left_out` where there were more."""
@@ -92,42 +149,39 @@ class Episodes:
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
             described: dict[str, Any] = {"index": -minus_number}
-            for name, value in episode.items():
-                if name not in UNREPORTED and value is not None:
-                    described[name] = value
+            described |= {
+                name: value
+                for name, value in episode.items()
+                if name not in UNREPORTED and value is not None
+            }
             described["passive"] = self._is_passive(episode)
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
             if ruler is not None:
-                described["start_along"] = ruler.locate(episode["touch"])
-                described["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
-                described["end_along"] = ruler.locate(episode["leave"])
+                described |= {
+                    "start_along": ruler.locate(episode["touch"]),
+                    "deepest_along": ruler.locate(episode["deepest"]["proxy_m"]),
+                    "end_along": ruler.locate(episode["leave"]),
+                }
             listed.append(to_json_types(described))
-        report: dict[str, Any] = {"episodes": listed}
-        if self._unlisted["count"]:
-            report["episodes_left_out"] = dict(self._unlisted)
-        return report
+        left_out = {"episodes_left_out": dict(self._unlisted)} if self._unlisted["count"] else {}
+        return {"episodes": listed, **left_out}
 
     def _is_passive(self, episode: dict[str, Any]) -> bool:
         """Whether its energy is what holding each force for a tick explains."""
-        slack = self._slack_m * episode["force_max_n"]
-        return bool(episode["energy_j"] <= episode["energy_hold_j"] + slack)
+        explained = episode["energy_hold_j"] + self._slack_m * episode["force_max_n"]
+        return bool(episode["energy_j"] <= explained)
 
     def _extend_latest(self, run: dict[str, Any]) -> None:
         """Join a run of contact to the latest episode."""
         assert self._latest is not None
-        episode = dict(self._latest)
+        episode = self._latest
         peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
-        if run["penetration_max_m"] > episode["penetration_max_m"]:
-            episode["deepest"] = run["deepest"]
-        for name in ("end_s", "end_tick", "leave"):
-            episode[name] = run[name]
-        for name in ("ticks", *SUMS):
-            episode[name] = episode[name] + run[name]
-        for name in PEAKS:
-            episode[name] = max(episode[name], run[name])
-        episode["energy_peak_j"] = peak
-        self._latest = episode
+        deepest = max(episode, run, key=lambda part: part["penetration_max_m"])["deepest"]
+        episode |= {name: run[name] for name in ("end_s", "end_tick", "leave")}
+        episode |= {name: episode[name] + run[name] for name in ("ticks", *SUMS)}
+        episode |= {name: max(episode[name], run[name]) for name in PEAKS}
+        episode |= {"energy_peak_j": peak, "deepest": deepest}
 
     def _finish_latest(self) -> None:
         """Put the latest episode to the others; nothing is joined to it any more."""
@@ -142,8 +196,7 @@ class Episodes:
         depth, _, unlisted = heapq.heappushpop(self._deepest, entry)
         self._unlisted["count"] += 1
         self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
-        if not self._is_passive(unlisted):
-            self._unlisted["active"] += 1
+        self._unlisted["active"] += not self._is_passive(unlisted)
 
     def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
         """A run of contact from row `start` to before row `end`."""
@@ -151,22 +204,17 @@ class Episodes:
         ticks = steps.ticks
         deepest = start + int(np.argmax(ticks.penetration[rows]))
         # The step into contact loads the spring, though its force was still 0.
-        speed_at_touch = self._speed
-        hold_before = self._hold_j
-        if start:
-            speed_at_touch = steps.speed[start - 1]
-            hold_before = steps.hold_j[start - 1]
-        run: dict[str, Any] = {
+        speed_at_touch = steps.speed[start - 1] if start else self._speed
+        hold_before = steps.hold_j[start - 1] if start else self._hold_j
+        run = {
             "start_s": float(ticks.time[start]),
             "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
             "start_tick": steps.first + start,
             "end_tick": steps.first + end - 1,
             "ticks": end - start,
+            **{name: float(values[rows].max()) for name, values in steps.peaks.items()},
+            **{name: values[rows].sum(axis=0) for name, values in steps.sums.items()},
         }
-        for name, values in steps.peaks.items():
-            run[name] = float(values[rows].max())
-        for name, values in steps.sums.items():
-            run[name] = values[rows].sum(axis=0)
         run["energy_hold_j"] += hold_before
         # The sum over all ticks is one of the partial sums, but for its rounding.
         highest = float(np.cumsum(steps.work_j[rows]).max())
@@ -239,25 +287,21 @@ class Metrics:
     def __init__(
         self, fixture: Fixture, parameters: ProxyParameters, robot: Robot | None = None
     ) -> None:
-        self._robot = None
-        if robot is not None:
-            self._robot = RobotLimitCounts(robot)
+        self._robot = None if robot is None else RobotLimitCounts(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = clearance_of(fixture, parameters.rule)
         # A passive episode moves the proxy by no more than what the rule leaves open: the band, or
         # how far lines and arcs are from the curve.
-        slack_m = parameters.band
-        if parameters.rule == "exact" and fixture.pieces:
-            slack_m = fixture.pieces.error
-        self._episodes = Episodes(slack_m)
+        has_pieces = parameters.rule == "exact" and fixture.pieces
+        self._episodes = Episodes(fixture.pieces.error if has_pieces else parameters.band)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
         self._sums: defaultdict[str, float] = defaultdict(float)
         self._peaks: defaultdict[str, float] = defaultdict(float)
         self._start_s: float | None = None
         self._end_s = 0.0
-        self._force_step_max_tick = 0
+        self._force_step = Largest()
         self._status = dict.fromkeys(("inside", "limit", "bad_hip"), 0)
 
     def note_status(self, status: NDArray[np.uint8]) -> None:
@@ -268,8 +312,7 @@ class Metrics:
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
         ticks = steps.ticks
-        if self._start_s is None:
-            self._start_s = float(ticks.time[0])
+        self._start_s = float(ticks.time[0]) if self._start_s is None else self._start_s
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._clearance is not None:
             self._clearance.update(ticks.proxy)
@@ -278,33 +321,34 @@ class Metrics:
         self._episodes.update(steps)
         self._states += np.bincount(ticks.state + 1, minlength=len(STATES))
         self._state_s += np.bincount(ticks.state + 1, steps.dt, minlength=len(STATES))
-        k = int(np.argmax(steps.force_step_n))
-        if steps.force_step_n[k] > self._peaks["force_step_max_n"]:
-            # The step from tick k to k + 1 belongs to the tick that shows it.
-            self._force_step_max_tick = steps.first + k + 1
+        # The step from tick k to k + 1 belongs to the tick that shows it.
+        self._force_step.update(steps.force_step_n, steps.first + 1)
         for name, values in steps.peaks.items():
             self._peaks[name] = max(self._peaks[name], float(values.max()))
-        summands = dict(steps.sums)
-        summands["contact_ticks"] = steps.held
-        summands["contact_s"] = steps.dt[steps.held]
-        summands["fast"] = row_norms(steps.dhip) > self._parameters.r1
-        summands["penetration2"] = steps.ticks.penetration**2
-        summands["force2"] = steps.force_n**2
-        summands["lag2_path"] = steps.lag_m**2 * steps.sums["slide_m"]
+        summands = {
+            **steps.sums,
+            "contact_ticks": steps.held,
+            "contact_s": steps.dt[steps.held],
+            "fast": row_norms(steps.dhip) > self._parameters.r1,
+            "penetration2": steps.ticks.penetration**2,
+            "force2": steps.force_n**2,
+            "lag2_path": steps.lag_m**2 * steps.sums["slide_m"],
+        }
         for name, values in summands.items():
             self._sums[name] += float(values.sum())
 
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""
-        sums = self._sums
-        peaks = self._peaks
+        sums, peaks = self._sums, self._peaks
         ticks = int(self._states.sum())
         contact_ticks = max(1.0, sums["contact_ticks"])
+
+        def rms(squares: str, count: float) -> float:
+            return float(np.sqrt(sums[squares] / count))
+
         # The paper's proxy moves at most r1 a tick (eq. 5); the robust rule says when its
         # iterations ran out.
-        too_fast_ticks = self._status["limit"]
-        if self._parameters.rule == "paper":
-            too_fast_ticks = int(sums["fast"])
+        is_paper = self._parameters.rule == "paper"
         data: dict[str, Any] = {
             "ticks": ticks,
             "duration_s": self._end_s - (self._start_s or 0.0),
@@ -312,31 +356,33 @@ class Metrics:
             "contact_s": sums["contact_s"],
             **self._episodes.report(self._ruler),
             "penetration_max_m": peaks["penetration_max_m"],
-            "penetration_rms_m": float(np.sqrt(sums["penetration2"] / ticks)),
-            "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / contact_ticks)),
+            "penetration_rms_m": rms("penetration2", ticks),
+            "penetration_contact_rms_m": rms("penetration2", contact_ticks),
             "force_max_n": peaks["force_max_n"],
-            "force_rms_n": float(np.sqrt(sums["force2"] / ticks)),
-            "force_contact_rms_n": float(np.sqrt(sums["force2"] / contact_ticks)),
+            "force_rms_n": rms("force2", ticks),
+            "force_contact_rms_n": rms("force2", contact_ticks),
             "force_step_max_n": peaks["force_step_max_n"],
-            "force_step_max_tick": self._force_step_max_tick,
+            "force_step_max_tick": self._force_step.tick,
             "bad_hip_ticks": self._status["bad_hip"],
             "inside_ticks": self._status["inside"],
-            "too_fast_ticks": too_fast_ticks,
+            "too_fast_ticks": int(sums["fast"]) if is_paper else self._status["limit"],
             "energy_j": sums["energy_j"],
             "energy_hold_j": sums["energy_hold_j"],
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
             "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
         }
         if self._clearance is not None:
-            data["overlap_max_m"] = peaks["overlap_max_m"]
-            data["clearance_min_m"] = self._clearance.minimum_m
-            data["entrenched_ticks"] = int(self._states[STATES.index(2)])
+            data |= {
+                "overlap_max_m": peaks["overlap_max_m"],
+                "clearance_min_m": self._clearance.minimum_m,
+                "entrenched_ticks": int(self._states[STATES.index(2)]),
+            }
         if sums["press_path"] > 0:
             data["friction"] = sums["drag_work"] / sums["press_path"]
         if sums["slide_m"] > 0:
             data["slide_m"] = sums["slide_m"]
             data["lag_max_m"] = peaks["lag_max_m"]
-            data["lag_rms_m"] = float(np.sqrt(sums["lag2_path"] / sums["slide_m"]))
+            data["lag_rms_m"] = rms("lag2_path", sums["slide_m"])
         if self._robot is not None:
             data["robot"] = self._robot.report()
         return data

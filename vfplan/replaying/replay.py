@@ -17,30 +17,186 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import as_rendered, best_rule
+from vfplan.engine.proxy import Trace, as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.changing import ChangingFixture
+from vfplan.replaying.clearance import CONTACT_M, PairedTicks, overlap, penetration
 from vfplan.replaying.findings import (
     Limits,
     check_limits,
     replay_findings,
+    reported,
     robot_limits,
     verdict_of,
 )
-from vfplan.replaying.guiding import RULES
-from vfplan.replaying.link import Comparison, Link
-from vfplan.replaying.metrics import episode_count
-from vfplan.replaying.run import EngineRun
+from vfplan.replaying.guiding import RULES, GovernedForces, Guided, make_engine
+from vfplan.replaying.link import Comparison, Link, LossyLink
+from vfplan.replaying.metrics import Metrics, StepTimes, episode_count
 from vfplan.robot import Robot
 from vfplan.session.events import CHANGE_COLUMNS, Event, Poses, as_the_loop_saw
 from vfplan.session.read import open_session
-from vfplan.session.result import TickBlock
-from vfplan.session.session import SamplingReport, SessionSource
+from vfplan.session.result import TABLE, TickBlock, concatenate_ticks, select_ticks
+from vfplan.session.session import Array, SamplingReport, SessionSource
 
 Sink = Callable[[str, TickBlock], None]
+
+
+class ThinnedTicks:
+    """Keep at most `capacity` ticks; every tick while the session is that short.
+
+    capacity: ticks kept, 2 at least; 0: none; `None`: all of them
+    """
+
+    def __init__(self, capacity: int | None = 65536) -> None:
+        self._capacity = capacity
+        columns = [np.empty((0, *row), dtype) for row, dtype, _ in TABLE.values()]
+        self._blocks = [TickBlock(*columns)]
+        self.stride = 1
+
+    def update(self, block: TickBlock) -> None:
+        """Take in the next ticks."""
+        if self._capacity == 0:
+            return
+        self._blocks.append(thinned(block, self.stride))
+        while self._capacity is not None and len(self.ticks) > self._capacity:
+            self._blocks = [thinned(self.ticks, 2)]
+            self.stride *= 2
+
+    @property
+    def ticks(self) -> TickBlock:
+        """What was kept, in order."""
+        if len(self._blocks) > 1:
+            self._blocks = [concatenate_ticks(self._blocks)]
+        return self._blocks[0]
+
+
+def thinned(block: TickBlock, stride: int) -> TickBlock:
+    """Of every `stride` ticks in a row the one with the deepest penetration (the first)."""
+    if stride == 1:
+        return block
+    n = len(block)
+    depth = np.full(-(-n // stride) * stride, -1.0)
+    depth[:n] = block.penetration
+    rows = depth.reshape(-1, stride)
+    picks = rows.argmax(axis=1) + np.arange(len(rows)) * stride
+    return block[picks]
+
+
+def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
+    slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
+    in_contact = np.flatnonzero(ticks.penetration > CONTACT_M)
+    _, first = np.unique(slot[in_contact], return_index=True)
+    return in_contact[first]
+
+
+class EngineRun:
+    """Feed a session through one engine, block by block, and measure it.
+
+    fixture, rule, engine: as for `make_engine`
+    robot: whose limits to watch, or `None`
+    link: the link between hand and controller; `None`: a perfect one
+    governed_robot: whose limits a governor holds the forces to; `None`: there is no governor
+    keep: how many ticks are kept for pictures; `None`: all
+    changing: what happens to the fixture meanwhile; it then takes the engine's place
+    """
+
+    def __init__(
+        self, fixture: Fixture, rule: str, engine: str, *, robot: Robot | None = None,
+        link: Link | None = None, governed_robot: Robot | None = None, keep: int | None = None,
+        changing: ChangingFixture | None = None,
+    ) -> None:  # fmt: skip
+        self.rule = rule
+        self.changing = changing
+        self.engine: Any = make_engine(fixture, rule, engine) if changing is None else changing
+        self.link = None if link is None else LossyLink(link)
+        self.kept = ThinnedTicks(keep)
+        self._governor = None
+        if governed_robot is not None:
+            stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
+            self._governor = GovernedForces(governed_robot, stiffness)
+        # From this depth on the HIP is beyond the points themselves; a guide has no surface.
+        self._surface_depth = np.inf if fixture.region is None else fixture.contact_radius
+        self._pairs = PairedTicks()
+        self._metrics = Metrics(fixture, self.engine.parameters, robot)
+        self._times = StepTimes()
+        # HIP of the last packet that arrived, and the engine's answer to it.
+        self._last_packet: tuple[Array, Trace] | None = None
+
+    def feed(self, time: Array, hand: Array) -> TickBlock:
+        """Run the engine over the next samples, measure them, and give them back as ticks.
+
+        time: (n,) [s]
+        hand: (n, 3) where the tool truly was [m]
+        """
+        if self.changing is not None:
+            self.changing.apply_until(time)
+
+        hip, trace = self._answers(time, hand)
+        ticks = self._ticks(time, hip, trace)
+
+        measured, hand_in_frame = ticks, hand
+        if self.changing is not None and len(hand):
+            hand_in_frame, in_frame = self.changing.in_fixture_frame(hip, trace)
+            measured = self._ticks(time, hand_in_frame, in_frame)
+
+        self._metrics.note_status(trace.status)
+        steps = self._pairs.push(measured, hand_in_frame)
+        if steps is not None:
+            self._metrics.update(steps)
+        self.kept.update(ticks)
+        return ticks
+
+    def _answers(self, time: Array, hand: Array) -> tuple[Array, Trace]:
+        """(n, 3) the HIP that the controller had at each tick [m], and what it answered.
+
+        Behind a lossy link the engine steps on the packets that arrive. A tick without one repeats
+        the answer to the last packet, which may be of an earlier block.
+        """
+        if self.link is None:
+            return hand, self._run(hand)
+        hip, row = self.link.deliver(time, hand)
+        # The last packet of this block. Where none arrived this is -1, the packet before.
+        last = len(hip) - 1
+        trace = self._run(hip)
+        if self._last_packet is not None:
+            # Rows: the packets of this block, 0 to n - 1, and then the packet before them. A tick
+            # before this block's first packet has row -1, which NumPy reads as that last row.
+            hip = np.concatenate((hip, self._last_packet[0]))
+            trace = concatenate_ticks([trace, self._last_packet[1]])
+        self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
+        return hip[row], select_ticks(trace, row)
+
+    def _run(self, hip: Array) -> Trace:
+        """The engine's answers, with the forces that a governor lets through."""
+        if self._last_packet is None and not self._times.ticks and len(hip):
+            self.engine.reset(hip[0])
+        trace = self._times.run(self.engine, hip)
+        return trace if self._governor is None else self._governor.run(hip, trace)
+
+    def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
+        depth = penetration(hip, trace.proxy)
+        beyond = overlap(hip, trace.proxy, trace.normal, self._surface_depth)
+        rendered = trace.proxy, trace.normal, trace.force, trace.state
+        return TickBlock(time, hip, *rendered, depth, beyond)
+
+    def finish(self) -> dict[str, Any]:
+        """The numbers of the whole session."""
+        self._metrics.update(self._pairs.finish())
+        report = self._metrics.report() | {"step_us": self._times.report()}
+        if self.changing is not None:
+            report |= self.changing.report()
+        if isinstance(self.engine, Guided):
+            report |= self.engine.report(report["duration_s"] / report["ticks"])
+        if self._governor is not None:
+            report["governor"] = self._governor.report()
+        return report
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +323,7 @@ def replay(
 
     # Fixture and session, which must be in one frame. `common` is what every report will hold.
     path = None
-    common: dict[str, Any] = {}
+    common = {}
     if not isinstance(fixture, Fixture):
         from vfplan.bundle.read import read_sealed
 
@@ -180,12 +336,11 @@ def replay(
         poses, events = as_the_loop_saw(session, poses, events)
         session = open_session(session)
     if session.frame != fixture.frame:
-        raise SessionError(
+        message = (
             f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
-            "Give both in one frame",
-            where=session.name,
-            code="frame-differs",
+            "Give both in one frame"
         )
+        raise SessionError(message, where=session.name, code="frame-differs")
 
     # One run for each rule. With a lossy link one more run has a perfect link, to compare.
     rules = chosen_rules(rule, fixture)
@@ -204,23 +359,19 @@ def replay(
                 )
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
         settings = {"robot": robot, "governed_robot": governor, "changing": changing}
-        runs = []
-        for name in rules:
-            runs.append(EngineRun(fixture, name, engine, link=link, keep=keep, **settings))
+        more = {"link": link, "keep": keep, **settings}
+        runs = [EngineRun(fixture, name, engine, **more) for name in rules]
         perfect = None
         if link is not None:
             perfect = EngineRun(fixture, rules[0], engine, keep=0, **settings)
 
     # The session, block by block through each run.
     recording = SamplingReport()
-    between_rules = Comparison()
-    between_links = Comparison()
+    between_rules, between_links = Comparison(), Comparison()
     for times, positions in session.blocks():
         recording.update(times, positions)
-        blocks = []
-        for run in runs:
-            block = run.feed(times, positions)
-            blocks.append(block)
+        blocks = [run.feed(times, positions) for run in runs]
+        for run, block in zip(runs, blocks, strict=True):
             for sink in sinks:
                 sink(run.rule, block)
         if rule == "both":
@@ -255,7 +406,7 @@ def replay(
             "scene": scene_report(fixture, parameters),
             "left_out": dict(run.engine.left_out),
             **common,
-            "findings": replay_findings(numbers, common, parameters, robot),
+            "findings": list(map(reported, replay_findings(numbers, common, parameters, robot))),
             "real_time_factor": numbers["duration_s"] / common["elapsed_s"],
         }
         if limits:
@@ -269,24 +420,18 @@ def replay(
     # Rule "both": the report of rule "robust", with that of rule "paper" inside, and how far apart
     # the two were.
     robust, paper = results
-    paper_numbers = dict(paper.metrics)
-    for name in ("session", "fixture", "link"):
-        paper_numbers.pop(name, None)
-    metrics = {
-        **robust.metrics, "rule": "both", "paper": paper_numbers, "apart": between_rules.report(),
-    }  # fmt: skip
+    shared = ("session", "fixture", "link")
+    paper_numbers = {name: part for name, part in paper.metrics.items() if name not in shared}
+    beside = {"rule": "both", "paper": paper_numbers, "apart": between_rules.report()}
+    metrics = robust.metrics | beside
     return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
 
 
 def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
     """The rules to run: the one that is asked for, "robust" and "paper" for "both", or the best."""
-    if rule is None:
-        return [best_rule(fixture)]
-    if rule == "both":
-        return ["robust", "paper"]
-    if rule not in RULES:
+    if rule is not None and rule not in RULES:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
-    return [rule]
+    return ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
 
 
 def link_report(
@@ -294,16 +439,14 @@ def link_report(
 ) -> dict[str, Any]:
     """What the lossy link did, and the numbers of the same session over a perfect one."""
     assert run.link is not None
-    over_perfect = perfect.finish()
-    numbers = {
-        name: value for name, value in over_perfect.items() if isinstance(value, (int, float))
-    }
+    report = perfect.finish()
+    numbers = {name: value for name, value in report.items() if isinstance(value, (int, float))}
     lost_limit = robot.lost_packets_limit if robot is not None else None
     return {
         **link.report(),
         **run.link.report(lost_limit),
         "apart": comparison.report(),
-        "perfect": {**numbers, "episodes": episode_count(over_perfect)},
+        "perfect": {**numbers, "episodes": episode_count(report)},
     }
 
 

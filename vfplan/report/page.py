@@ -36,8 +36,7 @@ from vfplan.io.writing import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.findings import change_words, gap_words, has_touched
-from vfplan.replaying.replay import Replay
-from vfplan.replaying.run import thinned
+from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 from vfplan.session.result import TickBlock
 
@@ -111,10 +110,7 @@ def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
-    data: dict[str, Any] = {
-        "span": list(span),
-        "time": np.round(ticks.time[starts], 6).tolist(),
-    }
+    data: dict[str, Any] = {"span": list(span), "time": np.round(ticks.time[starts], 6).tolist()}
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * ticks.penetration)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
             parts = extreme.reduceat(values[:last], starts)

@@ -1,9 +1,7 @@
-"""Sessions from ROS 1 and ROS 2 bags, through the `rosbags` library (extra `[ros]`).
+"""Sessions from ROS bags (extra `[ros]`), and a controller's ticks as MCAP, to the bit, and back.
 
-Every tick of a controller as MCAP, to the bit, and back as a session.
-
-One channel, `/vfplan/tick`, of ROS 2 messages (CDR) with their own definition in the file, so that
-Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: https://mcap.dev.
+The MCAP file has one channel, `/vfplan/tick`, of ROS 2 messages (CDR) with their own definition, so
+that Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: https://mcap.dev.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, BinaryIO, Self
 
 import numpy as np
@@ -58,11 +56,8 @@ def bag_files(path: Path) -> list[Path]:
 
 def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
     """Name, inode, size and time of change of each of a bag's files."""
-    stamps = []
-    for part in bag_files(path):
-        status = part.stat()
-        stamps.append((part.name, status.st_ino, status.st_size, status.st_mtime_ns))
-    return stamps
+    stamps = [(part.name, part.stat()) for part in bag_files(path)]
+    return [(name, stamp.st_ino, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
 
 
 def bag_sha256(path: Path) -> str:
@@ -101,21 +96,16 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
         connection = _choose_connection(reader, ros.topic, ros.field, path.name)
         first = next(reader.messages(connections=[connection]), None)
         if first is None:
-            raise SessionError(
-                f"topic {connection.topic!r} has no messages. Choose another",
-                where=path.name,
-                code="topic-empty",
-            )
+            message = f"topic {connection.topic!r} has no messages. Choose another"
+            raise SessionError(message, where=path.name, code="topic-empty")
         message = reader.deserialize(first[2], connection.msgtype)
     field = _choose_field(message, ros.field, path.name)
-    notes: dict[str, object] = {
+    notes = {
         "topic": connection.topic,
         "message": connection.msgtype,
         "field": field,
-        "stamp": "bag",
+        "stamp": "bag" if _header_stamp(message) is None else "header",
     }
-    if _header_stamp(message) is not None:
-        notes["stamp"] = "header"
     if getattr(getattr(message, "header", None), "frame_id", ""):
         notes["ros_frame_id"] = message.header.frame_id
     if ros.tool_tip is not None:
@@ -128,25 +118,21 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
     path = Path(place)
     ros = RosOptions(*options)
     tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
-    start: int | None = None
-    times: list[float] = []
-    hips: list[Array] = []
+    start = None
+    times, hips = [], []
     with _opened_bag(path) as reader:
         connection = _choose_connection(reader, ros.topic, ros.field, path.name)
         for _, recorded, raw in reader.messages(connections=[connection]):
             message = reader.deserialize(raw, connection.msgtype)
             stamp = _header_stamp(message)
-            if stamp is None:
-                stamp = recorded
-            if start is None:
-                start = stamp
+            stamp = recorded if stamp is None else stamp
+            start = stamp if start is None else start
             times.append((stamp - start) * 1e-9)
             value = _value_at(message, ros.field or "")
             hips.append(tip_position(value, tip, factor, path.name))
             if len(times) == BLOCK:
                 yield np.array(times), np.array(hips)
-                times = []
-                hips = []
+                times, hips = [], []
     if times:
         yield np.array(times), np.array(hips)
 
@@ -164,12 +150,11 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
         matrix = np.asarray(value, float).reshape(4, 4).T
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            raise SessionError(
+            message = (
                 f"16 numbers have the last row {matrix[3].tolist()}, read column-major, "
-                "where a transform has 0, 0, 0, 1. Choose another field",
-                where=where,
-                code="not-a-transform",
+                "where a transform has 0, 0, 0, 1. Choose another field"
             )
+            raise SessionError(message, where=where, code="not-a-transform")
         position = matrix[:3, 3]
         rotation = matrix[:3, :3]
     elif hasattr(value, "position"):
@@ -183,11 +168,10 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
     if tip is None:
         return position * factor
     if rotation is None:
-        raise SettingError(
-            "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out",
-            where=where,
-            code="tip-without-orientation",
+        message = (
+            "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
         )
+        raise SettingError(message, where=where, code="tip-without-orientation")
     return position * factor + rotation @ tip
 
 
@@ -196,11 +180,8 @@ def _coordinates(value: Any, where: str) -> Array:
         return np.asarray(value, float)
     if all(hasattr(value, axis) for axis in "xyz"):
         return np.array([value.x, value.y, value.z], float)
-    raise SessionError(
-        f"{type(value).__name__} holds no position. Choose another topic or field",
-        where=where,
-        code="no-position",
-    )
+    message = f"{type(value).__name__} holds no position. Choose another topic or field"
+    raise SessionError(message, where=where, code="no-position")
 
 
 def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
@@ -212,11 +193,8 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
     xyzw = [float(getattr(quaternion, axis)) for axis in "xyzw"]
     length = np.linalg.norm(xyzw)
     if not abs(length - 1) < UNIT_ROUNDED:
-        raise SessionError(
-            f"a quaternion has length {length:.6g}. Record it with length 1",
-            where=where,
-            code="quaternion-not-unit",
-        )
+        message = f"a quaternion has length {length:.6g}. Record it with length 1"
+        raise SessionError(message, where=where, code="quaternion-not-unit")
     return Rotation.from_quat(xyzw).as_matrix()
 
 
@@ -247,45 +225,37 @@ def _choose_field(message: Any, field: str | None, where: str) -> str:
                 name = f"{name}.pose"
                 value = value.pose
             tip_position(value, None, 1.0, where)
+            return name
         except (AttributeError, TypeError):
             continue
         except SessionError:
             if field is not None:
                 raise
-            continue
-        return name
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
-    raise SessionError(
+    message = (
         f"no field {field or ''!r} holds a point, a pose, a transform or 16 numbers. Choose "
-        f"one of {present}",
-        where=where,
-        code="field-missing",
+        f"one of {present}"
     )
+    raise SessionError(message, where=where, code="field-missing")
 
 
 def _choose_connection(reader: Any, topic: str | None, field: str | None, where: str) -> Any:
     """The topic that is named, or the only one whose messages hold a position."""
-    fitting = []
-    for connection in reader.connections:
-        if topic not in (None, connection.topic) or connection.msgcount == 0:
-            continue
-        if topic is not None or holds_position(reader, connection, field):
-            fitting.append(connection)
+    fitting = [
+        connection
+        for connection in reader.connections
+        if topic in (None, connection.topic) and connection.msgcount
+        if topic is not None or holds_position(reader, connection, field)
+    ]
     topics = sorted({connection.topic for connection in fitting})
     if len(topics) == 1:
         return fitting[0]
     if topics:
-        raise SessionError(
-            f"several topics hold positions: {', '.join(topics)}. Choose one",
-            where=where,
-            code="several-topics",
-        )
+        message = f"several topics hold positions: {', '.join(topics)}. Choose one"
+        raise SessionError(message, where=where, code="several-topics")
     present = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
-    raise SessionError(
-        f"there is no topic {topic or 'with a position'}. Choose one of {present}",
-        where=where,
-        code="topic-missing",
-    )
+    message = f"there is no topic {topic or 'with a position'}. Choose one of {present}"
+    raise SessionError(message, where=where, code="topic-missing")
 
 
 def holds_position(reader: Any, connection: Any, field: str | None) -> bool:
@@ -293,11 +263,10 @@ def holds_position(reader: Any, connection: Any, field: str | None) -> bool:
     first = next(reader.messages(connections=[connection]), None)
     if first is None:
         return False
-    try:
+    with suppress(SessionError):
         _choose_field(reader.deserialize(first[2], connection.msgtype), field, "")
-    except SessionError:
-        return False
-    return True
+        return True
+    return False
 
 
 @functools.cache
@@ -318,11 +287,8 @@ def _opened_bag(path: Path) -> Iterator[Any]:
         raise
     except Exception as error:  # Each module of rosbags has its own class, and others come through.
         reason = str(error) or type(error).__name__
-        raise SessionError(
-            f"cannot be read as a ROS bag: {reason}. Record or copy it again",
-            where=path.name,
-            code="bag-broken",
-        ) from None
+        message = f"cannot be read as a ROS bag: {reason}. Record or copy it again"
+        raise SessionError(message, where=path.name, code="bag-broken") from None
 
 
 TICK = np.dtype([
@@ -332,8 +298,6 @@ TICK = np.dtype([
 """A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes."""
 
 TOPIC = "/vfplan/tick"
-SCHEMA = "vfplan_msgs/msg/Tick"
-ENCODING = "cdr"
 DEFINITION = b"""# One tick of a haptic loop. Lengths in m, time in s, force in N on the hand.
 uint64 index
 float64 t
@@ -399,8 +363,8 @@ class McapWriter:
         self._file = io.BufferedWriter(self._raw_file)
         self._writer = writer_module.Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library="vfplan")
-        schema = self._writer.register_schema(SCHEMA, "ros2msg", DEFINITION)
-        self._channel = self._writer.register_channel(TOPIC, ENCODING, schema)
+        schema = self._writer.register_schema("vfplan_msgs/msg/Tick", "ros2msg", DEFINITION)
+        self._channel = self._writer.register_channel(TOPIC, "cdr", schema)
 
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`."""
@@ -424,10 +388,7 @@ class McapWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def __exit__(self, *failure: object) -> None:
         self.close()
 
 
@@ -457,16 +418,13 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
 
     Raises SessionError: damaged, or of another layout
     """
-    messages: list[bytes] = []
+    messages = []
     try:
         reader = _mcap_module("reader").make_reader(stream, validate_crcs=True)
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
-            if channel.message_encoding != ENCODING or len(message.data) != MESSAGE_BYTES + 4:
-                raise SessionError(
-                    f"{TOPIC} is of another layout. Record it with this version of vfplan",
-                    where=name,
-                    code="layout-unknown",
-                )
+            if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
+                message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
+                raise SessionError(message, where=name, code="layout-unknown")
             messages.append(message.data[4:] + PADDING)
             if len(messages) == BLOCK:
                 yield np.frombuffer(b"".join(messages), TICK)
@@ -474,11 +432,8 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
     except (MissingExtra, SessionError):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
-        raise SessionError(
-            f"cannot be read as MCAP: {error}. Record or copy it again",
-            where=name,
-            code="mcap-broken",
-        ) from None
+        message = f"cannot be read as MCAP: {error}. Record or copy it again"
+        raise SessionError(message, where=name, code="mcap-broken") from None
     if messages:
         yield np.frombuffer(b"".join(messages), TICK)
 

@@ -79,14 +79,12 @@ def read_poses(path: str | Path) -> Poses:
     good[1:] &= np.diff(arrived) >= 0
     if not good.all():
         i = int(np.argmin(good))
-        raise SessionError(
+        message = (
             f"pose {i + 1} is {pose[i].tolist()} at {time[i]} s and arrived at {arrived[i]} s. A "
             "pose has finite numbers, a place within 1e6 m, a unit quaternion, and arrives after "
-            "the pose before it",
-            where=str(path),
-            code="pose-invalid",
-            numbers={"pose": i + 1},
+            "the pose before it"
         )
+        raise SessionError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
     return Poses(time, pose, arrived)
 
 
@@ -145,12 +143,11 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
         if event.fixture is not None:
             line += "," + relative_path(folder, event.fixture)
         lines.append(line)
-        for number in np.asarray(event.remove, np.uint32).tolist():
-            lines.append(f"{event.tick},remove,{number}")
-        for x, y, z in np.asarray(event.add, np.float64).reshape(-1, 3).tolist():
-            lines.append(f"{event.tick},add,{x!r},{y!r},{z!r}")
-    text = "\n".join(lines) + "\n"
-    write_whole(Path(path), [text.encode()], overwrite=overwrite)
+        numbers = np.asarray(event.remove, np.uint32).tolist()
+        lines += [f"{event.tick},remove,{number}" for number in numbers]
+        points = np.asarray(event.add, np.float64).reshape(-1, 3).tolist()
+        lines += [f"{event.tick},add,{x!r},{y!r},{z!r}" for x, y, z in points]
+    write_whole(Path(path), ["\n".join([*lines, ""]).encode()], overwrite=overwrite)
 
 
 def relative_path(folder: Path, bundle: Any) -> str:
@@ -179,11 +176,8 @@ def read_events(path: str | Path) -> list[Event]:
     text, _ = read_text(path, MAX_TEXT_BYTES, SessionError)
     rows = split_rows(text, str(path), SessionError)
     if not rows or rows[0][1] != HEADER:
-        raise SessionError(
-            f"the first line does not name the columns. Begin with {','.join(HEADER)}",
-            where=f"{path}, line 1",
-            code="no-events",
-        )
+        message = f"the first line does not name the columns. Begin with {','.join(HEADER)}"
+        raise SessionError(message, where=f"{path}, line 1", code="no-events")
     events: list[Event] = []
     for line, row in rows[1:]:
         cells = [cell.strip() for cell in row]
@@ -193,19 +187,14 @@ def read_events(path: str | Path) -> list[Event]:
         try:
             add_row(cells, events, Path(path).parent, where)
         except ValueError as error:
-            raise SessionError(
-                f"row {','.join(row)[:60]!r} cannot be used: {error}",
-                where=where,
-                code="event-invalid",
-            ) from None
+            message = f"row {','.join(row)[:60]!r} cannot be used: {error}"
+            raise SessionError(message, where=where, code="event-invalid") from None
     return events
 
 
 def add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> None:
     """Add a row's event, or what the row adds to the edit above it."""
-    if len(cells) < 2:
-        cells = [*cells, ""]
-    tick_text, what, *values = cells
+    tick_text, what, *values = cells if len(cells) > 1 else (*cells, "")
     tick = _whole_number(tick_text, "tick", MAX_TICK)
     if events and tick < events[-1].tick:
         raise ValueError(f"tick {tick} comes after tick {events[-1].tick}. Put the rows in order")
@@ -215,18 +204,18 @@ def add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> 
         events.append(Event(tick, remove=[], add=[], remake=what == "remake", where=where))
     elif what in ("remove", "add"):
         if not events or events[-1].kind != "edit" or events[-1].tick != tick:
-            raise ValueError(
-                f"{what} has no edit of its tick above it. Write a row TICK,edit first"
-            )
+            message = f"{what} has no edit of its tick above it. Write a row TICK,edit first"
+            raise ValueError(message)
         edit = events[-1]
         if what == "remove" and len(values) == 1 and not len(edit.add):
             edit.remove.append(_whole_number(values[0], "number", MAX_POINT_NUMBER))
         elif what == "add" and len(values) == 3:
             edit.add.append([parse_decimal(value) for value in values])
         else:
-            raise ValueError(
+            message = (
                 "it does not fit the edit. Write remove,NUMBER, and after all of these add,X,Y,Z"
             )
+            raise ValueError(message)
     else:
         raise ValueError(
             "its kind is unknown. Write exchange,BUNDLE.h5, edit, remake, remove,NUMBER or "
@@ -266,9 +255,8 @@ def as_the_loop_saw(
     rows = np.concatenate([np.empty((0, 3)), *table.blocks(LOOP_COLUMNS)])
     time, pose_count, event_count = rows.T
 
-    if poses is None:
-        accepted = np.zeros(1)
-    else:
+    accepted = np.zeros(1)
+    if poses is not None:
         # The loop refuses a pose that is not younger than all before it.
         youngest = np.maximum.accumulate(poses.time)
         accepted = np.cumsum(np.diff(youngest, prepend=-np.inf) > 0)
@@ -283,20 +271,16 @@ def as_the_loop_saw(
         poses = Poses(poses.time[taken], poses.pose[taken], arrived)
     if events is not None:
         ticks = np.searchsorted(event_count, np.arange(len(events)), side="right").tolist()
-        moved = []
-        for event, tick in zip(events, ticks, strict=True):
-            if tick < len(time):
-                moved.append(replace(event, tick=tick))
-        events = moved
+        pairs = zip(events, ticks, strict=True)
+        events = [replace(event, tick=tick) for event, tick in pairs if tick < len(time)]
     return poses, events
 
 
 def _check_counts(column: str, counts: NDArray[np.float64], largest: int, where: str) -> None:
     rises = (np.diff(counts, prepend=0) >= 0).all()
     if not rises or (len(counts) and counts[-1] > largest):
-        raise SessionError(
+        message = (
             f"column {column!r} ends with {counts[-1]:g} and has to rise, to at most "
-            f"{largest}. Write it again",
-            where=where,
-            code="loop-counts-invalid",
+            f"{largest}. Write it again"
         )
+        raise SessionError(message, where=where, code="loop-counts-invalid")

@@ -1,7 +1,5 @@
 """Open a session file by what it is: CSV, HDF5, `.npz`, MCAP of `vfplan live` or a ROS bag.
 
-Sessions as `time` (T,) and `hip` (T, 3): in HDF5, and in NumPy's `.npz`.
-
 The generator functions run in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5,
 or unpack without end.
 """
@@ -32,11 +30,7 @@ ZIP_SIGNATURE = b"PK\x03\x04"
 
 
 def read_session(
-    path: str | Path,
-    *,
-    units: str = "m",
-    frame: str = "robot_base",
-    ros: RosOptions | None = None,
+    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None
 ) -> Session:
     """Read a whole recording of HIP positions.
 
@@ -64,11 +58,7 @@ def read_session(
 
 
 def open_session(
-    path: str | Path,
-    *,
-    units: str = "m",
-    frame: str = "robot_base",
-    ros: RosOptions | None = None,
+    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None
 ) -> SessionStream:
     """Open a recording to be read block by block; as `read_session` otherwise."""
     path = Path(path)
@@ -90,11 +80,8 @@ def open_session(
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, factor, units, frame, ros)
     if ros is not None:
-        raise SettingError(
-            "topic, field and tool tip are for ROS bags, and this is none. Leave them out",
-            where=name,
-            code="ros-options-unused",
-        )
+        message = "topic, field and tool tip are for ROS bags, and this is none. Leave them out"
+        raise SettingError(message, where=name, code="ros-options-unused")
 
     notes: dict[str, object] = {"units": units}
     length = None
@@ -112,12 +99,11 @@ def open_session(
         expected = {"units": units, "frame": frame, "time unit": "s"}
         for statement, value, place in statements:
             if value != expected[statement]:
-                raise SessionError(
+                message = (
                     f"the file says {statement} = {value!r} ({place}), the call "
-                    f"{expected[statement]!r}. Correct one of them",
-                    where=name,
-                    code="units-or-frame-differ",
+                    f"{expected[statement]!r}. Correct one of them"
                 )
+                raise SessionError(message, where=name, code="units-or-frame-differ")
         read = functools.partial(
             run_in_sandbox, f"vfplan.session.read:read_{kind}", name, factor, **source
         )
@@ -148,33 +134,18 @@ def _open_bag(
     name = path.name
     stamp = bag_stamp(path)
     sha256 = bag_sha256(path)
-    if ros is None:
-        ros = RosOptions()
-    chosen, notes = run_once(
-        "vfplan.session.bags:bag_header",
-        str(path.resolve()),
-        *dataclasses.astuple(ros),
-        where=name,
-        kind=SessionError,
-    )
+    place = str(path.resolve())
+    told = {"where": name, "kind": SessionError}
+    options = dataclasses.astuple(ros or RosOptions())
+    chosen, notes = run_once("vfplan.session.bags:bag_header", place, *options, **told)
 
     def require_unchanged() -> None:
         if bag_stamp(path) != stamp:
-            raise SessionError(
-                "was changed while it was read. Try again when it is complete",
-                where=name,
-                code="file-changed",
-            )
+            message = "was changed while it was read. Try again when it is complete"
+            raise SessionError(message, where=name, code="file-changed")
 
-    read = functools.partial(
-        run_in_sandbox,
-        "vfplan.session.bags:read_bag",
-        str(path.resolve()),
-        factor,
-        *chosen,
-        where=name,
-        kind=SessionError,
-    )
+    job = "vfplan.session.bags:read_bag"
+    read = functools.partial(run_in_sandbox, job, place, factor, *chosen, **told)
     read = functools.partial(_read_unchanged, read, require_unchanged)
     return SessionStream(read, name, frame, sha256, {"format": "ros", "units": units, **notes})
 
@@ -201,27 +172,22 @@ def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     """
     with opened_hdf5(stream, name) as file:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
-            raise SessionError(
+            message = (
                 "is a fixture, not a recording of positions. Give the fixture first, and the "
-                "recording after it",
-                where=name,
-                code="fixture-as-session",
+                "recording after it"
             )
+            raise SessionError(message, where=name, code="fixture-as-session")
         time = plain_dataset(file, "time", name)
         hip = plain_dataset(file, "hip", name)
         length = _check_shapes(time, hip, name)
-        statements = []
-        for place in (file, hip, time):
-            for attribute in ("units", "unit", "frame"):
-                if attribute not in place.attrs or (place is time and attribute == "frame"):
-                    continue
-                meaning = "units"
-                if attribute == "frame":
-                    meaning = "frame"
-                elif place is time:
-                    meaning = "time unit"
-                text = plain_attribute(place.attrs[attribute])
-                statements.append((meaning, str(text), f"attribute {attribute} of {place.name}"))
+        lengths = {"units": "units", "unit": "units", "frame": "frame"}
+        times = {"units": "time unit", "unit": "time unit"}
+        statements = [
+            (meaning, str(plain_attribute(place.attrs[name])), f"attribute {name} of {place.name}")
+            for place, meanings in ((file, lengths), (hip, lengths), (time, times))
+            for name, meaning in meanings.items()
+            if name in place.attrs
+        ]
     yield [length, statements]
 
 
@@ -260,9 +226,8 @@ def opened_hdf5(
         with h5py.File(stream, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        raise kind(
-            f"cannot be read as HDF5: {error}. Write the file again", where=name, code="hdf5-broken"
-        ) from None
+        message = f"cannot be read as HDF5: {error}. Write the file again"
+        raise kind(message, where=name, code="hdf5-broken") from None
 
 
 def plain_dataset(
@@ -280,11 +245,8 @@ def plain_dataset(
     # A link to another file is never followed: a session is one file.
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         present = ", ".join(sorted(file)) or "nothing"
-        raise kind(
-            f"has no dataset {name!r} (it holds {present[:80]}). {wanted}",
-            where=where,
-            code="dataset-missing",
-        )
+        message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
+        raise kind(message, where=where, code="dataset-missing")
     dataset = file[name]
     is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
     if not is_plain or dataset.external or dataset.is_virtual:
@@ -302,18 +264,14 @@ def plain_attribute(value: Any) -> Any:
 def _check_shapes(time: Any, hip: Any, where: str) -> int:
     """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
     if len(time.shape) != 1 or tuple(hip.shape) != (*time.shape, 3):
-        raise SessionError(
-            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)",
-            where=where,
-            code="shape-wrong",
+        message = (
+            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)"
         )
+        raise SessionError(message, where=where, code="shape-wrong")
     for name, array in (("time", time), ("hip", hip)):
         if array.dtype.kind not in "fiu":
-            raise SessionError(
-                f"{name} has type {array.dtype}. Give real numbers",
-                where=where,
-                code="type-wrong",
-            )
+            message = f"{name} has type {array.dtype}. Give real numbers"
+            raise SessionError(message, where=where, code="type-wrong")
     return int(time.shape[0])
 
 
@@ -324,15 +282,11 @@ class _NpzMember:
         try:
             self.shape, by_columns, self.dtype = npy_header(stream)
         except ValueError as error:
-            raise SessionError(
-                f"cannot be read as .npz: {name}: {error}. Save the arrays again",
-                where=where,
-                code="npz-broken",
-            ) from None
+            message = f"cannot be read as .npz: {name}: {error}. Save the arrays again"
+            raise SessionError(message, where=where, code="npz-broken") from None
         if by_columns and len(self.shape) > 1:
-            raise SessionError(
-                f"{name} is stored by columns. Save it in C order", where=where, code="order-wrong"
-            )
+            message = f"{name} is stored by columns. Save it in C order"
+            raise SessionError(message, where=where, code="order-wrong")
         self._stream = stream
         self._where = where
 
@@ -341,11 +295,8 @@ class _NpzMember:
         size = count * self.dtype.itemsize
         data = self._stream.read(size)
         if len(data) != size:
-            raise SessionError(
-                "ends before its last sample. Copy the file again",
-                where=self._where,
-                code="file-cut",
-            )
+            message = "ends before its last sample. Copy the file again"
+            raise SessionError(message, where=self._where, code="file-cut")
         return np.frombuffer(data, self.dtype).astype(np.float64)
 
 
@@ -356,20 +307,16 @@ def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _Np
             present = sorted(name.removesuffix(".npy") for name in archive.namelist())
             for name in NAMES:
                 if name not in present:
-                    raise SessionError(
+                    message = (
                         f"has no array {name!r} (it holds "
-                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip",
-                        where=where,
-                        code="dataset-missing",
+                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip"
                     )
+                    raise SessionError(message, where=where, code="dataset-missing")
             time = _NpzMember(archive.open("time.npy"), "time", where)
             yield time, _NpzMember(archive.open("hip.npy"), "hip", where)
     except (SessionError, MemoryError, GeneratorExit):
         raise
     except Exception as error:
         # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
-        raise SessionError(
-            f"cannot be read as .npz: {error}. Save the arrays again",
-            where=where,
-            code="npz-broken",
-        ) from None
+        message = f"cannot be read as .npz: {error}. Save the arrays again"
+        raise SessionError(message, where=where, code="npz-broken") from None

@@ -1,19 +1,14 @@
-"""Replay results: a row a tick, read back from a file, and whether one belongs to a bundle.
-
-Replay results written as they come, a row a tick: HDF5, and CSV for spreadsheets.
-"""
+"""Replay results, a row a tick: written as they come, as HDF5 and CSV, and read back."""
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, Self, TypeVar
+from typing import Any, BinaryIO, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +17,7 @@ from vfplan.errors import InputError, VersionError
 from vfplan.io.files import OpenedFile
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
-from vfplan.io.writing import require_same, whole_file
+from vfplan.io.writing import whole_file
 from vfplan.session.read import opened_hdf5, plain_attribute, plain_dataset
 from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 
@@ -73,32 +68,15 @@ class TickBlock:
         return select_ticks(self, rows)
 
 
-class Result(Protocol):
-    """What `write_result` writes; a `Replay` is one."""
-
-    @property
-    def ticks(self) -> TickBlock:
-        """One row a tick."""
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The root attributes."""
-
-
 def concatenate_ticks(blocks: Sequence[Ticks]) -> Ticks:
     """Blocks, or traces of an engine, one after the other, as one."""
-    columns = []
-    for field in fields(blocks[0]):  # type: ignore[arg-type]
-        columns.append(np.concatenate([getattr(block, field.name) for block in blocks]))
-    return type(blocks[0])(*columns)
+    rows = [[getattr(block, field.name) for field in fields(block)] for block in blocks]
+    return type(blocks[0])(*map(np.concatenate, zip(*rows, strict=True)))
 
 
 def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     """These ticks of a block, or of an engine's trace."""
-    columns = []
-    for field in fields(block):  # type: ignore[arg-type]
-        columns.append(getattr(block, field.name)[rows])
-    return type(block)(*columns)
+    return type(block)(*(getattr(block, field.name)[rows] for field in fields(block)))
 
 
 def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
@@ -127,22 +105,17 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         "vfplan.session.result:stored_ticks", where, group, file=file, where=where
     )
     attrs = next(answers)
-    blocks: list[TickBlock] = []
-    count = 0
-    last_time = -np.inf
+    blocks = []
+    count, last_time = 0, -np.inf
     for arrays in answers:
         block = TickBlock(*arrays)
         check_values(block, count, last_time, where)
         blocks.append(block)
-        count += len(block)
-        last_time = block.time[-1]
+        count, last_time = count + len(block), block.time[-1]
     file.require_unchanged()
     if not blocks:
-        raise InputError(
-            "the result holds no ticks. Replay a session that has some",
-            where=where,
-            code="result-empty",
-        )
+        message = "the result holds no ticks. Replay a session that has some"
+        raise InputError(message, where=where, code="result-empty")
     return concatenate_ticks(blocks), attrs
 
 
@@ -154,12 +127,11 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
     with opened_hdf5(stream, where, InputError) as file:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
-            raise InputError(
+            message = (
                 f"format is {attrs.get('format')!r}, not {RESULT_FORMAT!r}. Give a result of "
-                "vfplan replay",
-                where=where,
-                code="not-a-result",
+                "vfplan replay"
             )
+            raise InputError(message, where=where, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
             raise VersionError(
@@ -169,33 +141,26 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
             )
         yield attrs
 
-        place: h5py.Group = file
-        if group:
-            if not isinstance(file.get(group, getlink=True), h5py.HardLink):
-                raise InputError(
-                    f"has no group {group!r}. Replay the session again",
-                    where=where,
-                    code="group-missing",
-                )
-            place = file[group]
+        if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
+            message = f"has no group {group!r}. Replay the session again"
+            raise InputError(message, where=where, code="group-missing")
+        place = file[group] if group else file
         datasets = []
         for name, (columns, _, _) in TABLE.items():
             dataset = plain_dataset(place, name, where, TABLE, InputError)
             datasets.append(dataset)
             if dataset.shape != (*datasets[0].shape[:1], *columns):
                 wanted = ", ".join(map(str, ("T", *columns)))
-                raise InputError(
-                    f"{name} has shape {dataset.shape}, not ({wanted}). Replay the session again",
-                    where=where,
-                    code="shape-wrong",
+                message = (
+                    f"{name} has shape {dataset.shape}, not ({wanted}). Replay the session again"
                 )
+                raise InputError(message, where=where, code="shape-wrong")
             if dataset.dtype.kind not in "fiu":
-                raise InputError(
+                message = (
                     f"{name} has type {dataset.dtype}, and no real numbers. Replay the "
-                    "session again",
-                    where=where,
-                    code="type-wrong",
+                    "session again"
                 )
+                raise InputError(message, where=where, code="type-wrong")
         for start in range(0, len(datasets[0]), BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
@@ -228,12 +193,8 @@ def check_values(block: TickBlock, first: int, last_time: float, where: str) -> 
     increases = np.diff(block.time, prepend=last_time) > 0
     if not increases.all():
         tick = first + int(np.argmin(increases))
-        raise InputError(
-            f"time does not increase at tick {tick}. Replay the session again",
-            where=where,
-            code="time-not-increasing",
-            numbers={"tick": tick},
-        )
+        message = f"time does not increase at tick {tick}. Replay the session again"
+        raise InputError(message, where=where, code="time-not-increasing", numbers={"tick": tick})
 
 
 def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
@@ -256,28 +217,24 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
     try:
         made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
     except (ValueError, TypeError, AttributeError):
-        raise InputError(
-            "attribute fixture is no record of a fixture. Replay the session again",
-            where=where,
-            code="record-broken",
-        ) from None
+        message = "attribute fixture is no record of a fixture. Replay the session again"
+        raise InputError(message, where=where, code="record-broken") from None
     if made_with != sha256:
-        raise InputError(
+        message = (
             f"was replayed against the fixture with SHA-256 {made_with[:12]}..., and this "
-            f"one has {sha256[:12]}.... Give the same fixture",
-            where=where,
-            code="fixture-differs",
+            f"one has {sha256[:12]}.... Give the same fixture"
         )
+        raise InputError(message, where=where, code="fixture-differs")
 
 
 CSV_HEADER = (
-    "t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
-    "state,penetration,overlap"
+    b"t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
+    b"state,penetration,overlap"
 )
 
 
 class WholeFileWriter:
-    """A context manager whose file appears, read back, when the `with` statement ends well.
+    """A context manager whose file appears when the `with` statement ends well.
 
     Otherwise there is no file. Subclasses fill it. Raises `OutputError` when the file exists
     already, or cannot be written.
@@ -285,26 +242,16 @@ class WholeFileWriter:
 
     def __init__(self, path: str | Path) -> None:
         with ExitStack() as stack:
-            file = stack.enter_context(whole_file(Path(path), overwrite=False))
-            self.begin(file)
-            stack.push(self._finish)
+            self.begin(stack.enter_context(whole_file(Path(path), overwrite=False)))
+            stack.push(self.finish)
             self._stack = stack.pop_all()
 
     def begin(self, file: BinaryIO) -> None:
         """Write the beginning of the file."""
         raise NotImplementedError
 
-    def close(self) -> None:
-        """Close what else is open; called also after an error."""
-
-    def verify(self) -> None:
-        """Read the file back; raises `OSError` where it is not what was written."""
-        raise NotImplementedError
-
-    def _finish(self, failure: type | None, *_: object) -> None:
-        self.close()
-        if failure is None:
-            self.verify()
+    def finish(self, *failure: object) -> None:
+        """Close what else is open, also after an error; raises `OSError` where a write failed."""
 
     def __enter__(self) -> Self:
         return self
@@ -316,8 +263,7 @@ class WholeFileWriter:
 class ResultWriter(WholeFileWriter):
     """Write a result file block by block; use as a context manager.
 
-    The file appears under its name when the `with` statement ends well: on the disk, and read back
-    to what was written. Otherwise there is none.
+    The file appears under its name when the `with` statement ends well. Otherwise there is none.
 
     Parameters
     ----------
@@ -346,12 +292,9 @@ class ResultWriter(WholeFileWriter):
         self._bytes = FailureTolerantFile(file)
         self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
         self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
-        # CRC-32 of the rows written so far, by group and dataset.
-        self._checksums: dict[tuple[str, str], int] = {}
         for group in self._groups:
             place = self._file.require_group(group) if group else self._file
             for name, (columns, dtype, unit) in TABLE.items():
-                self._checksums[group, name] = 0
                 dataset = place.create_dataset(
                     name,
                     (0, *columns),
@@ -374,37 +317,20 @@ class ResultWriter(WholeFileWriter):
         """Add a block of ticks."""
         for name in TABLE:
             dataset = self._file[f"/{group}/{name}"]
-            rows = getattr(block, name)
             size = len(dataset)
             dataset.resize(size + len(block), axis=0)
-            dataset[size:] = rows
-            checksum = self._checksums[group, name]
-            self._checksums[group, name] = _extend_checksum(checksum, rows, name)
+            dataset[size:] = getattr(block, name)
         self._bytes.check()
 
-    def close(self) -> None:
+    def finish(self, *failure: object) -> None:
         """Let libhdf5 write what it still holds."""
         self._file.close()
-
-    def verify(self) -> None:
-        """Compare the checksums of all datasets, read back."""
-        self._bytes.check()
-        self._bytes.seek(0)
-        with h5py.File(self._bytes, "r") as file:
-            for (group, name), written in self._checksums.items():
-                dataset = file[f"/{group}/{name}"]
-                checksum = 0
-                for start in range(0, len(dataset), BLOCK):
-                    checksum = _extend_checksum(checksum, dataset[start : start + BLOCK], name)
-                require_same(checksum, written)
+        if failure[0] is None:
+            self._bytes.check()
 
 
-def _extend_checksum(checksum: int, rows: NDArray, name: str) -> int:
-    return zlib.crc32(np.ascontiguousarray(rows, TABLE[name][1]), checksum)
-
-
-def write_result(replayed: Result, path: str | Path) -> None:
-    """Write a whole result at once: its ticks, and what `ResultWriter` takes as attributes."""
+def write_result(replayed: Any, path: str | Path) -> None:
+    """Write the ticks of a `Replay` at once, with its record as attributes."""
     with ResultWriter(path, replayed.record) as writer:
         writer.append(replayed.ticks)
 
@@ -419,32 +345,15 @@ class CsvWriter(WholeFileWriter):
     def begin(self, file: BinaryIO) -> None:
         """Write the header."""
         self._file = file
-        self._checksum = 0
-        self._write(CSV_HEADER + "\n")
+        file.write(CSV_HEADER + b"\n")
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
-        columns: list[list[Any]] = []
-        for name in TABLE:
-            columns.extend(np.atleast_2d(getattr(block, name).T).tolist())
+        columns = [
+            column for name in TABLE for column in np.atleast_2d(getattr(block, name).T).tolist()
+        ]
         lines = [",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True)]
-        self._write("".join(lines))
-
-    def verify(self) -> None:
-        """Compare the file's checksum, read back."""
-        self._file.seek(0)
-        checksum = 0
-        while True:
-            data = self._file.read(io.DEFAULT_BUFFER_SIZE)
-            if not data:
-                break
-            checksum = zlib.crc32(data, checksum)
-        require_same(checksum, self._checksum)
-
-    def _write(self, text: str) -> None:
-        data = text.encode("ascii")
-        self._checksum = zlib.crc32(data, self._checksum)
-        self._file.write(data)
+        self._file.write("".join(lines).encode("ascii"))
 
 
 class FailureTolerantFile:
@@ -460,7 +369,7 @@ class FailureTolerantFile:
         self._size = 0
         self._failure: OSError | None = None
         # (offset, bytes) of what could not be written.
-        self._unwritten: list[tuple[int, bytes]] = []
+        self._unwritten = []
 
     def check(self) -> None:
         """Raise the `OSError` of the first write that failed."""

@@ -1,8 +1,6 @@
-"""A recording of HIP positions: in memory, or as a stream of blocks; also at another rate.
+"""A recording of HIP positions, in memory or as a stream of blocks: how it was sampled, resampled.
 
-How a session was sampled: its rate, gaps, jitter, repeats and speed.
-
-Consecutive blocks of rows, and the differences between rows of two blocks.
+What is measured block by block, `WithPrevious`, `Largest` and `LongestRun`, serves a replay too.
 """
 
 from __future__ import annotations
@@ -29,12 +27,42 @@ class WithPrevious:
 
     def __call__(self, *rows: Array) -> tuple[Array, ...]:
         """The arrays, a row longer from the second block on."""
-        extended = list(rows)
         if self._last is not None:
-            for i, last in enumerate(self._last):
-                extended[i] = np.concatenate((last, rows[i]))
-        self._last = tuple(array[-1:] for array in extended)
-        return tuple(extended)
+            rows = tuple(map(np.concatenate, zip(self._last, rows, strict=True)))
+        self._last = tuple(array[-1:] for array in rows)
+        return rows
+
+
+class Largest:
+    """The largest value so far that is above 0, and its tick."""
+
+    def __init__(self) -> None:
+        self.value = 0.0
+        self.tick = 0
+
+    def update(self, values: Array, first_tick: int) -> None:
+        """Take in the values of the next ticks (n,), of which the first is `first_tick`."""
+        k = int(np.argmax(values))
+        if values[k] > self.value:
+            self.value = float(values[k])
+            self.tick = first_tick + k
+
+
+class LongestRun:
+    """The longest run of flags, which may go on from block to block, and its first tick."""
+
+    def __init__(self) -> None:
+        self.length = self.tick = self._open = 0
+
+    def update(self, flags: NDArray[np.bool_], first_tick: int) -> None:
+        """Take in the flags of the next ticks (n,), of which the first is `first_tick`."""
+        edges = np.concatenate(([-1 - self._open], np.flatnonzero(~flags), [len(flags)]))
+        lengths = np.diff(edges) - 1
+        k = int(np.argmax(lengths))
+        if lengths[k] > self.length:
+            self.length = int(lengths[k])
+            self.tick = first_tick + int(edges[k]) + 1
+        self._open = int(lengths[-1])
 
 
 GAP = 1.5
@@ -58,18 +86,13 @@ class SamplingReport:
         self._longest_s = 0.0
         self._jitter_squares = 0.0
         self._intervals_without_gap = 0
-        self._missing = 0
-        self._gap_count = 0
-        self._gap_s = 0.0
-        self._gaps: list[dict[str, float]] = []
-        self._repeats = 0
-        # Repeats in a row: at the end of the last block, and the longest run.
-        self._repeating = 0
-        self._repeats_longest = 0
-        self._speed_max = 0.0
-        self._speed_max_tick = 0
+        # As they are reported.
+        self._counts = {"gaps": 0, "gap_s": 0.0, "missing_samples": 0, "repeats": 0}
+        self._gaps = []
+        self._repeats = LongestRun()
+        self._speed = Largest()
         self._jump_count = 0
-        self._jumps: list[int] = []
+        self._jumps = []
 
     def update(self, time: Array, hip: Array) -> None:
         """Add the next samples."""
@@ -91,28 +114,20 @@ class SamplingReport:
         self._longest_s = max(self._longest_s, float(dt.max()))
         for k in np.flatnonzero(is_gap):
             missing = int(round(dt[k] / self._nominal_s) - 1)
-            self._missing += missing
-            self._gap_count += 1
-            self._gap_s += float(dt[k])
+            gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
+            self._counts["missing_samples"] += missing
+            self._counts["gaps"] += 1
+            self._counts["gap_s"] += gap["length_s"]
             if len(self._gaps) < MAX_LISTED:
-                gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
                 self._gaps.append(gap)
 
         # Positions: repeats and jumps.
         step = np.diff(hip, axis=0)
         is_repeat = (step == 0).all(axis=1)
-        self._repeats += int(np.count_nonzero(is_repeat))
-        # Repeats in a row lie between moves; a run may go on from the last block.
-        moves = np.flatnonzero(~is_repeat)
-        edges = np.concatenate(([-1 - self._repeating], moves, [len(is_repeat)]))
-        runs = np.diff(edges) - 1
-        self._repeats_longest = max(self._repeats_longest, int(runs.max()))
-        self._repeating = int(runs[-1])
+        self._counts["repeats"] += int(np.count_nonzero(is_repeat))
+        self._repeats.update(is_repeat, first)
         speed = np.linalg.norm(step, axis=1) / dt
-        k = int(np.argmax(speed))
-        if speed[k] > self._speed_max:
-            self._speed_max = float(speed[k])
-            self._speed_max_tick = first + k + 1
+        self._speed.update(speed, first + 1)
         jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
         self._jump_count += len(jumps)
         self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
@@ -126,13 +141,10 @@ class SamplingReport:
             "dt_nominal_s": self._nominal_s,
             "dt_max_s": self._longest_s,
             "jitter_rms_s": float(np.sqrt(jitter_squares)),
-            "gaps": self._gap_count,
-            "gap_s": self._gap_s,
-            "missing_samples": self._missing,
-            "repeats": self._repeats,
-            "repeats_longest": self._repeats_longest,
-            "speed_max_m_s": self._speed_max,
-            "speed_max_tick": self._speed_max_tick,
+            **self._counts,
+            "repeats_longest": self._repeats.length,
+            "speed_max_m_s": self._speed.value,
+            "speed_max_tick": self._speed.tick,
         }
         if self._gaps:
             data["gap_list"] = self._gaps
@@ -197,11 +209,8 @@ class Session:
         time = np.ascontiguousarray(self.time, dtype=np.float64)
         hip = np.ascontiguousarray(self.hip, dtype=np.float64)
         if time.ndim != 1 or hip.shape != (*time.shape, 3):
-            raise SessionError(
-                f"time has shape {time.shape} and hip {hip.shape}. Give (T,) and (T, 3)",
-                where=self.name,
-                code="shape-wrong",
-            )
+            message = f"time has shape {time.shape} and hip {hip.shape}. Give (T,) and (T, 3)"
+            raise SessionError(message, where=self.name, code="shape-wrong")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "hip", hip)
         for _ in check_samples([(time, hip)], self.name):
@@ -244,19 +253,8 @@ class SessionStream:
 
     def load(self) -> Session:
         """Everything in memory."""
-        times = []
-        hips = []
-        for time, hip in self.blocks():
-            times.append(time)
-            hips.append(hip)
-        return Session(
-            np.concatenate(times),
-            np.concatenate(hips),
-            self.frame,
-            self.name,
-            self.sha256,
-            self.notes,
-        )
+        time, hip = map(np.concatenate, zip(*self.blocks(), strict=True))
+        return Session(time, hip, self.frame, self.name, self.sha256, self.notes)
 
 
 # What can be replayed.
@@ -265,24 +263,20 @@ SessionSource = Session | SessionStream
 
 def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
-    if units == "m":
-        return 1.0
-    if units == "mm":
-        return 1e-3
-    raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
+    if units not in ("m", "mm"):
+        raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
+    return 1.0 if units == "m" else 1e-3
 
 
 def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
     """The same samples in blocks of exactly `size`, the last one shorter."""
-    time = np.empty(0)
-    hip = np.empty((0, 3))
+    time, hip = np.empty(0), np.empty((0, 3))
     for more_time, more_hip in portions:
         time = np.concatenate((time, more_time))
         hip = np.concatenate((hip, more_hip))
         while len(time) >= size:
             yield time[:size], hip[:size]
-            time = time[size:]
-            hip = hip[size:]
+            time, hip = time[size:], hip[size:]
     if len(time):
         yield time, hip
 
@@ -300,18 +294,14 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         if not good.all():
             k = int(np.argmin(good))
             x, y, z = hip[k]
-            fault = "is out of range"
-            code = "sample-out-of-range"
-            if not (np.isfinite(time[k]) and np.isfinite(hip[k]).all()):
-                fault = "is not finite"
-                code = "sample-not-finite"
-            raise SessionError(
+            is_finite = np.isfinite([time[k], x, y, z]).all()
+            fault = "is out of range" if is_finite else "is not finite"
+            message = (
                 f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Give "
-                f"finite positions within {MAX_COORDINATE:g} m",
-                where=where,
-                code=code,
-                numbers={"sample": count + k},
+                f"finite positions within {MAX_COORDINATE:g} m"
             )
+            code = "sample-out-of-range" if is_finite else "sample-not-finite"
+            raise SessionError(message, where=where, code=code, numbers={"sample": count + k})
         with_last = np.concatenate(([last_time], time))
         increases = np.diff(with_last) >= MIN_STEP_S
         if not increases.all():
@@ -328,12 +318,13 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         last_time = time[-1]
         yield time, hip
     if count < 2:
-        raise SessionError(
-            f"the session has too few samples: {count}. Give at least 2",
-            where=where,
-            code="too-few-samples",
-            numbers={"samples": count},
-        )
+        message = f"the session has too few samples: {count}. Give at least 2"
+        raise SessionError(message, where=where, code="too-few-samples", numbers={"samples": count})
+
+
+def interpolated(wanted: Array, at: Array, places: Array) -> Array:
+    """(n, 3) places at the wanted parameters (n,), on straight lines between places (m, 3)."""
+    return np.column_stack([np.interp(wanted, at, column) for column in places.T])
 
 
 def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
@@ -355,39 +346,29 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
         A rate that is not above 0 and at most 1 MHz.
     """
     if not 0 < rate_hz <= MAX_RATE_HZ:
-        raise SettingError(
-            f"rate is {rate_hz:g} Hz. Give more than 0 and at most {MAX_RATE_HZ:g} Hz",
-            code="rate-out-of-range",
-            numbers={"rate_hz": rate_hz},
-        )
+        message = f"rate is {rate_hz:g} Hz. Give more than 0 and at most {MAX_RATE_HZ:g} Hz"
+        raise SettingError(message, code="rate-out-of-range", numbers={"rate_hz": rate_hz})
 
     notes = {**session.notes, "resampled_hz": rate_hz}
 
     def samples() -> Iterator[Samples]:
         recorded = SamplingReport()
+        # The first interval of a block begins at the last sample of the block before.
+        with_previous = WithPrevious()
         start = None
         # Samples given so far; sample k stands at start + k / rate.
         done = 0
-        # The last sample of the block before, from which the first interval of a block begins.
-        last_time = np.empty(0)
-        last_hip = np.empty((0, 3))
         for block_time, block_hip in session.blocks(BLOCK):
             recorded.update(block_time, block_hip)
             if start is None:
                 start = block_time[0]
-            time = np.concatenate((last_time, block_time))
-            hip = np.concatenate((last_hip, block_hip))
+            time, hip = with_previous(block_time, block_hip)
             # 1e-9 of a sample keeps the last one when T * rate is a whole number but for rounding.
             last = int(np.floor((time[-1] - start) * rate_hz + 1e-9))
             for first in range(done, last + 1, BLOCK):
                 new_time = start + np.arange(first, min(first + BLOCK, last + 1)) / rate_hz
-                new_hip = np.empty((len(new_time), 3))
-                for axis in range(3):
-                    new_hip[:, axis] = np.interp(new_time, time, hip[:, axis])
-                yield new_time, new_hip
+                yield new_time, interpolated(new_time, time, hip)
             done = max(done, last + 1)
-            last_time = time[-1:]
-            last_hip = hip[-1:]
         notes["recorded"] = recorded.report()
 
     return SessionStream(samples, session.name, session.frame, session.sha256, notes)
