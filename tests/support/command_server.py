@@ -51,6 +51,12 @@ def load() -> None:
     for name in LIBRARIES:
         with suppress(ImportError):
             importlib.import_module(name)
+    # The folder of this file is on no path, since commands shall not find it.
+    sys.path.append(os.path.dirname(__file__))
+    import codes
+
+    sys.path.pop()
+    codes.watch()
     import click
     import cv2
     from vfplan.cli.main import COMMANDS, cli
@@ -86,6 +92,7 @@ def run(request: dict) -> None:
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
+        sys.modules["codes"].tell()
         os._exit(code)
 
 
