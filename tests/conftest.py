@@ -122,6 +122,14 @@ def need_program(program: str, package: str) -> str:
     return shutil.which(program) or missing_package(package, program)
 
 
+def output(*command: Any, code: int = 0, **more: Any) -> str:
+    """What a program printed that ended with this code; `more` is for `subprocess.run`."""
+    words = [str(word) for word in command]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **more)
+    assert done.returncode == code, (words, done.stdout, done.stderr)
+    return done.stdout
+
+
 def quick_compiler() -> str:
     """What compiles soonest, for programs whose answers count and not their speed."""
     return shutil.which("clang++") or need_program("g++", "g++")

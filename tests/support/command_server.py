@@ -20,27 +20,12 @@ import traceback
 from contextlib import suppress
 
 LIBRARIES = (
-    "cv2",
-    "h5py",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.pyplot",
-    "pydicom",
-    "scipy.linalg",
-    "scipy.ndimage",
-    "scipy.optimize",
-    "scipy.spatial",
-    "scipy.stats",
-    "skimage.measure",
-    "skimage.morphology",
-    "vfplan._core",
-    "vfplan.bundle",
-    "vfplan.figures.slice",
-    "vfplan.planning",
-    "vfplan.registration",
-    "vfplan.replaying",
-    "vfplan.review.sheet",
-    "vfplan.session",
-)
+    "cv2", "h5py", "matplotlib.backends.backend_agg", "matplotlib.pyplot", "pydicom",
+    "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.spatial", "scipy.stats",
+    "skimage.measure", "skimage.morphology", "vfplan._core", "vfplan.bundle",
+    "vfplan.figures.slice", "vfplan.planning", "vfplan.registration", "vfplan.replaying",
+    "vfplan.review.sheet", "vfplan.session",
+)  # fmt: skip
 
 
 def load() -> None:
