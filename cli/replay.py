@@ -218,21 +218,12 @@ def replay_with_outputs(
             done(len(block))
 
         replayed = replay(
-            fixture,
-            source,
-            rule=rule,
-            engine=arguments["engine"],
-            robot=robot,
-            link=settings_from_options(Link, arguments),
-            governor=governed_robot,
-            limits=tuple(limits),
+            fixture, source, rule=rule, engine=arguments["engine"], robot=robot,
+            link=settings_from_options(Link, arguments), governor=governed_robot,
+            limits=tuple(limits), sinks=[take], trust=options.trust(arguments),
             keep=TICKS_OF_REPORT if arguments["report"] is not None else 0,
-            sinks=[take],
-            trust=options.trust(arguments),
-            poses=poses,
-            events=events,
-            moving=moving,
-        )
+            poses=poses, events=events, moving=moving_frame_settings(arguments),
+        )  # fmt: skip
         if writer is not None:
             writer.set(replayed.record)
     return replayed

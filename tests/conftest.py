@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import codes
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,6 +43,28 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason="slow: run with --all"))
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Watch the codes that are raised, in this process and in those below it."""
+    if codes.RAISED not in os.environ:
+        os.environ[codes.RAISED] = tempfile.mkstemp(prefix="vfplan-codes-")[1]
+        config.add_cleanup(Path(os.environ[codes.RAISED]).unlink)
+    codes.watch()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """After all tests: fail where a code in the sources was neither named nor raised by one."""
+    codes.tell()
+    config = session.config
+    if hasattr(config, "workerinput"):
+        return
+    is_whole = config.args_source is config.ArgsSource.TESTPATHS and not config.option.keyword
+    if is_whole and (config.getoption("--all") or config.getoption("--full")):
+        _codes_left.extend(codes.left())
+        if _codes_left and os.environ.get("VFPLAN_REQUIRE_PACKAGES"):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+_codes_left: list[str] = []
 _cpu_s: dict[str, float] = {}
 
 
@@ -56,7 +79,10 @@ def pytest_runtest_protocol(item: pytest.Item):
 
 
 def pytest_terminal_summary(terminalreporter, config: pytest.Config) -> None:
-    """Print the processor time of each file, the largest first."""
+    """Print the codes that no test raised, and the processor time of each file."""
+    if _codes_left:
+        terminalreporter.section("codes that no test names or raises", red=True)
+        terminalreporter.write_line(" ".join(_codes_left))
     if config.getoption("--cpu-times"):
         terminalreporter.section("processor time")
         for name, seconds in sorted(_cpu_s.items(), key=lambda row: -row[1]):
@@ -94,6 +120,14 @@ def missing_package(package: str, what: str) -> NoReturn:
 def need_program(program: str, package: str) -> str:
     """The program's path; skips the test, naming the apt package, where it is absent."""
     return shutil.which(program) or missing_package(package, program)
+
+
+def output(*command: Any, code: int = 0, **more: Any) -> str:
+    """What a program printed that ended with this code; `more` is for `subprocess.run`."""
+    words = [str(word) for word in command]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **more)
+    assert done.returncode == code, (words, done.stdout, done.stderr)
+    return done.stdout
 
 
 def quick_compiler() -> str:

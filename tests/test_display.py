@@ -8,16 +8,10 @@ from vfplan.display import duration, length, three_digits
 @pytest.mark.parametrize(
     ("metres", "text"),
     [
-        (0.0, "0 nm"),
-        (3e-13, "< 1 nm"),
-        (-3e-10, "> -1 nm"),
-        (2.5e-9, "2.50 nm"),
-        (-4.02e-6, "-4.02 µm"),
-        (1.354e-3, "1.35 mm"),
-        (0.96356, "964 mm"),
-        (12.0, "12.0 m"),
+        (0.0, "0 nm"), (3e-13, "< 1 nm"), (-3e-10, "> -1 nm"), (2.5e-9, "2.50 nm"),
+        (-4.02e-6, "-4.02 µm"), (1.354e-3, "1.35 mm"), (0.96356, "964 mm"), (12.0, "12.0 m"),
     ],
-)
+)  # fmt: skip
 def test_lengths(metres, text):
     assert length(metres) == text
 

@@ -1,4 +1,4 @@
-"""The documentation is true: the reference is current, links lead somewhere, names exist."""
+"""The documentation is true: it is current, links lead somewhere, names exist, pages are short."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import pytest
 from conftest import ROOT
 from docs_modules import load
 
+words = load(ROOT / "docs" / "count_words.py")
+MOST_WORDS = 20_000
+"""Of prose on all pages together."""
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 
 
@@ -77,10 +80,34 @@ def test_words_of_the_glossary_are_used_in_the_code():
     code = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", code)
     code = re.sub(r"[_\-\s]+", " ", code).lower()
     page = (ROOT / "docs" / "glossary.md").read_text()
-    words = re.findall(r"^\| ((?!word)[^|-][^|]*) \| ", page, re.MULTILINE)
-    assert 50 < len(words) < 80
-    assert len(words) == len(set(words))
-    for entry in words:
+    entries = re.findall(r"^\| ((?!word)[^|-][^|]*) \| ", page, re.MULTILINE)
+    assert 50 < len(entries) < 80
+    assert len(entries) == len(set(entries))
+    for entry in entries:
         for word in entry.split(", "):
             plain = re.sub(r"[_-]", " ", word).lower()
             assert re.search(rf"\b{re.escape(plain)}s?\b", code), word
+
+
+@pytest.mark.parametrize("page", words.pages(), ids=lambda page: page.stem)
+def test_sentences_are_short(page):
+    counted = words.count(page.read_text())
+    assert counted.words_a_sentence <= words.MAX_WORDS_A_SENTENCE
+
+
+def test_all_pages_together_are_no_more_than_a_book():
+    assert sum(words.count(page.read_text()).words for page in words.pages()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("One two. Three `a b` four.", (5, 2)),
+        ("# No heading\n\n| no | table |\n\n    no code\n\nOne [two](x.md).", (2, 1)),
+        ("- One\n- Two three", (3, 2)),
+        ("```text\nno code. None.\n```\n<!-- none -->", (0, 0)),
+        ("One e.g. two: three 4 µm.", (6, 1)),
+    ],
+)
+def test_only_prose_is_counted(text, expected):
+    assert words.count(text) == expected

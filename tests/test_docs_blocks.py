@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 from docs_modules import load
 
 import vfplan
@@ -63,6 +62,16 @@ engine.reset(hip)
 """What the blocks of a page take for granted, as the sentences before them say."""
 
 
+def link_sources(folder):
+    for name in ("samples", "tests"):
+        (folder / name).symlink_to(ROOT / name)
+
+
+def run_shell(script, folder):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return output("bash", "-e", "-c", script, cwd=folder, env={**os.environ, "PATH": path})
+
+
 def with_python(page):
     return PYTHON.search(page.read_text())
 
@@ -74,27 +83,14 @@ def with_transcripts(page):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", list(filter(with_python, PAGES)), ids=lambda page: page.stem)
 def test_blocks_of_python_run(page, tmp_path):
-    for name in ("samples", "tests"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    plan = subprocess.run(
-        ["bash", "-c", transcripts.PLAN.replace("vfplan ", f"{sys.executable} -m vfplan ", 1)],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert plan.returncode == 0, plan.stderr
+    link_sources(tmp_path)
+    run_shell(transcripts.PLAN, tmp_path)
     code = "\n".join(PYTHON.findall(page.read_text()))
-    run = subprocess.run(
-        [sys.executable, "-c", BEFORE.get(page.stem, "") + code],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    printed = output(sys.executable, "-c", BEFORE.get(page.stem, "") + code, cwd=tmp_path)
     if page.stem == "README":  # its block stands above what it prints
-        shown = re.search(
-            r"^```python\n[^`]*```\n\n((?: {4}.*\n)+)", page.read_text(), re.MULTILINE
-        )
-        assert run.stdout.split() == shown[1].split()
+        block = r"^```python\n[^`]*```\n\n((?: {4}.*\n)+)"
+        shown = re.search(block, page.read_text(), re.MULTILINE)
+        assert printed.split() == shown[1].split()
 
 
 @pytest.mark.slow
@@ -145,23 +141,8 @@ CPP_PAGES = {
 """A page with blocks of C++: the header and the names that its sentences take for granted."""
 
 
-def run_shell(script, folder):
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        ["bash", "-e", "-c", script],
-        cwd=folder,
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr + done.stdout
-    return done.stdout
-
-
 def make_files(folder):
-    for name in ("samples", "tests"):
-        (folder / name).symlink_to(ROOT / name)
+    link_sources(folder)
     run_shell(transcripts.PLAN + SIGNED, folder)
 
 
@@ -183,10 +164,8 @@ def test_blocks_of_cpp_run(name, tmp_path):
         body = [line for line in lines if not line.startswith("#include")]
         if name == "docs/controller.md":  # its second block goes on with the engine of the first
             code += [re.sub(r"for \(;;\) \{.*", "{", line) for line in body]
-        elif "{stroke}" in block:
-            code += ["{", CPP_OF_STROKE, *body, "}"]
         else:
-            code += ["{", *body, "}"]
+            code += ["{", *[CPP_OF_STROKE] * ("{stroke}" in block), *body, "}"]
     source = tmp_path / "blocks.cpp"
     source.write_text("\n".join([*includes, before, "int main() {", *code, "}"]) + "\n")
     flags = f"-std=c++20 -O0 -ffp-contract=off -I{INCLUDE}"
@@ -203,10 +182,8 @@ def test_blocks_of_cmake_configure_and_build(name, tmp_path):
         head = "cmake_minimum_required(VERSION 3.20)\nproject(controller CXX)\n"
         target = "add_executable(my_controller main.cpp)\n"
         (tmp_path / "CMakeLists.txt").write_text(head + target + block)
-        run_shell(
-            f"cmake -S . -B {number} -Dvfplan_DIR=$(vfplan --cmake-dir) && cmake --build {number}",
-            tmp_path,
-        )
+        script = f"cmake -S . -B {number} -Dvfplan_DIR=$(vfplan --cmake-dir)"
+        run_shell(f"{script} && cmake --build {number}", tmp_path)
 
 
 @pytest.mark.slow

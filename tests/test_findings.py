@@ -1,22 +1,68 @@
-"""Findings: which of them are open, and how `--json` reports them."""
+"""Errors and findings: their tree, their JSON, and docs/findings.md, which holds every code."""
 
+from __future__ import annotations
+
+import ast
+import inspect
 import json
+import re
+import tomllib
 
 import pytest
+from conftest import ROOT
+from docs_modules import load
 
+from vfplan import errors
 from vfplan.findings import Finding, doubt, note
 
+CODES = {
+    "InputError": 3, "BundleError": 4, "CheckFailed": 1,
+    "SettingError": 2, "OutputError": 2, "MissingExtra": 2,
+}  # fmt: skip
+
+
+def tree():
+    return [
+        c for _, c in inspect.getmembers(errors, inspect.isclass) if c.__module__ == errors.__name__
+    ]
+
+
+@pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
+def test_every_error_descends_from_vfplan_error_and_stands_in_the_drawing(error):
+    assert issubclass(error, errors.VfplanError)
+    assert error.__name__ in errors.__doc__
+
+
+@pytest.mark.parametrize(("name", "code"), CODES.items())
+def test_exit_code_holds_for_the_whole_branch(name, code):
+    base = getattr(errors, name)
+    assert all(c.exit_code == code for c in tree() if issubclass(c, base))
+
+
+def test_text_names_the_place_first():
+    error = errors.MarkerError("three markers lie on a line", where="x1")
+    assert str(error) == "x1: three markers lie on a line"
+    assert (error.kind, error.where) == ("MarkerError", "x1")
+
+
+@pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
+def test_every_class_has_a_code_of_its_own(error):
+    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", error.code)
+    assert [c.__name__ for c in tree() if c.code == error.code] == [error.__name__]
+
+
+def test_a_code_and_numbers_of_the_fault_take_the_place_of_the_class_s():
+    plain = errors.CurveError("no line")
+    assert (plain.code, plain.numbers) == ("curve", {})
+    forked = errors.CurveError("the line forks", code="line-forks", numbers={"branches": 3})
+    assert (forked.code, forked.numbers) == ("line-forks", {"branches": 3})
+    assert errors.CurveError.code == "curve"
+
+
 DOUBT = doubt("end-unsure", "extract", "The end is known to 2 px only.", place_px=(12.5, 40.0))
-KEYS = {
-    "code",
-    "severity",
-    "text",
-    "stage",
-    "place_px",
-    "place_m",
-    "answered_by",
-    "answered_utc",
-}
+KEYS = [
+    "code", "severity", "text", "stage", "place_px", "place_m", "answered_by", "answered_utc",
+]  # fmt: skip
 
 
 def test_a_doubt_is_open_until_somebody_answers_it():
@@ -39,7 +85,7 @@ def test_its_text_is_its_string():
 )
 def test_json_has_the_keys_that_scripts_rely_on(finding):
     reported = json.loads(json.dumps(finding.as_dict()))
-    assert set(reported) == KEYS
+    assert list(reported) == KEYS
     assert reported["severity"] in ("note", "doubt")
     assert reported["answered_by"] is None
     for name in ("place_px", "place_m"):
@@ -50,3 +96,64 @@ def test_json_has_the_keys_that_scripts_rely_on(finding):
 def test_a_finding_cannot_be_changed():
     with pytest.raises(AttributeError):
         DOUBT.severity = "note"
+
+
+page = load(ROOT / "docs" / "make_findings.py")
+PAGE = ROOT / "docs" / "findings.md"
+LITERAL = re.compile(r'\bcode="([a-z][a-z.-]+)"|\b(?:doubt|note|_finding)\(\s*"([a-z-]+)"')
+# The kit's findings are made up, and commands that answer findings name a code as an example.
+ELSEWHERE = ("conformance",)
+
+
+def test_the_page_is_current():
+    assert PAGE.read_text() == page.page(), "run python docs/make_findings.py"
+
+
+def test_every_code_written_in_the_source_stands_on_the_page():
+    text = PAGE.read_text()
+    missing = set()
+    for path in [*(ROOT / "vfplan").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
+        if path.parent.name in ELSEWHERE:
+            continue
+        for match in LITERAL.finditer(path.read_text()):
+            code = match[1] or match[2]
+            if f"`{code}`" not in text:
+                missing.add(f"{path.name}: {code}")
+    assert not missing
+
+
+def test_every_class_of_error_stands_on_the_page():
+    text = PAGE.read_text()
+    for value in vars(errors).values():
+        if isinstance(value, type) and issubclass(value, errors.VfplanError):
+            assert f"| `{value.code}` | {value.__name__} | {value.exit_code} |" in text
+
+
+def test_every_code_of_the_frozen_documents_stands_on_the_page():
+    text = PAGE.read_text()
+    documents = (ROOT / "tests" / "data" / "oracle" / "documents.txt").read_text()
+    codes = set(re.findall(r'\.code = "([^"]+)"', documents))
+    assert codes
+    for code in codes:
+        assert f"`{code}`" in text
+
+
+def test_no_advice_is_left_of_a_code_that_is_gone():
+    advice = tomllib.loads((ROOT / "docs" / "findings.toml").read_text())
+    assert set(advice) <= {entry.code for entry in page.collect()}
+
+
+@pytest.mark.parametrize(
+    ("source", "codes", "sentence"),
+    [
+        ('raise CurveError(f"is {x} px long", code="short")', ["short"], "is … px long"),
+        ('code = "a" if x else "b"\nfail = doubt(code, "plan", "One." + x)', ["a", "b"], "One.…"),
+        ('text = f"{x} m"\nfail = note("far", "plan", text)', ["far"], "… m"),
+    ],
+)
+def test_codes_and_sentences_are_read_from_the_source(source, codes, sentence):
+    lines = "".join(f"    {line}\n" for line in source.splitlines())
+    tree = ast.parse(f"def f(x):\n{lines}")
+    entries = list(page.entries_of(tree, "planning"))
+    assert [entry.code for entry in entries] == codes
+    assert {entry.sentence for entry in entries} == {sentence}

@@ -50,31 +50,38 @@ def layer(module):
 
 
 def sources():
+    """(module, path, tree) of every file of Python that is installed."""
     for folder, prefix in (("vfplan", ()), ("cli", ("cli",)), ("samples", ("samples",))):
         for path in sorted((ROOT / folder).rglob("*.py")):
             inner = path.relative_to(ROOT / folder).with_suffix("").parts
             if "native" not in inner:
-                yield path, ".".join((*prefix, *inner)).removesuffix(".__init__")
+                module = ".".join((*prefix, *inner)).removesuffix(".__init__")
+                yield module, path, ast.parse(path.read_text())
 
 
-def imports(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+def imported(nodes):
+    """The dotted names that the imports among some nodes name."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            if node.module == "vfplan":
-                yield from (f"vfplan.{alias.name}" for alias in node.names)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-@pytest.mark.parametrize(("path", "module"), list(sources()), ids=lambda v: getattr(v, "name", v))
-def test_module_keeps_to_its_layer(path, module):
-    if module in {"__init__", "__main__"}:
-        return
+def ours(nodes):
+    """The same of our own modules, without `vfplan.`."""
+    return {n.removeprefix("vfplan.") for n in imported(nodes) if n.startswith("vfplan.")}
+
+
+MODULES = [source for source in sources() if source[0] not in ("__init__", "__main__")]
+
+
+@pytest.mark.parametrize(("module", "path", "tree"), MODULES, ids=[row[0] for row in MODULES])
+def test_module_keeps_to_its_layer(module, path, tree):
     owner = layer(module)
     assert owner, f"{path}: name its layer in LAYERS"
     room = owner.split(".")[0]
-    for name in imports(path):
+    for name in imported(ast.walk(tree)):
         top, _, rest = name.partition(".")
         if top in ONLY:
             assert room in ONLY[top], f"{path} imports {name}"
@@ -87,12 +94,8 @@ def test_module_keeps_to_its_layer(path, module):
 
 def test_nobody_imports_a_leaf_room():
     """But for the command line, where an option or a command's name asks for one."""
-    for path, module in sources():
-        tree = ast.parse(path.read_text())
-        top = [n for n in tree.body if isinstance(n, (ast.Import, ast.ImportFrom))]
-        at_once = {layer(n.removeprefix("vfplan.")) for node in top for n in _names(node)
-                   if n.startswith("vfplan.")}  # fmt: skip
-        ever = {layer(n.removeprefix("vfplan.")) for n in imports(path) if n.startswith("vfplan.")}
+    for module, path, tree in sources():
+        at_once, ever = (set(map(layer, ours(nodes))) for nodes in (tree.body, ast.walk(tree)))
         own = {layer(module)}
         assert not (at_once & LEAF_ROOMS) - own, path
         reached = {(module, room) for room in (ever & LEAF_ROOMS) - own}
@@ -100,19 +103,15 @@ def test_nobody_imports_a_leaf_room():
 
 
 def test_the_click_commands_of_leaf_rooms_are_in_one_file():
-    for path, module in sources():
-        if layer(module) in LEAF_ROOMS and "click" in {n.split(".")[0] for n in imports(path)}:
+    for module, path, tree in sources():
+        tops = {name.split(".")[0] for name in imported(ast.walk(tree))}
+        if layer(module) in LEAF_ROOMS and "click" in tops:
             assert path.name == "command.py"
 
 
 def test_no_circle_of_imports():
     """Inside packages too: modules that import each other cannot be understood one at a time."""
-    graph = {}
-    for path, module in sources():
-        tree = ast.parse(path.read_text())
-        top = [n for n in tree.body if isinstance(n, (ast.Import, ast.ImportFrom))]
-        names = {n for node in top for n in _names(node)}
-        graph[module] = {n.removeprefix("vfplan.") for n in names if n.startswith("vfplan.")}
+    graph = {module: ours(tree.body) for module, _, tree in sources()}
     known = set(graph)
     graph = {m: {_module(n, known) for n in uses} - {m, None} for m, uses in graph.items()}
     done: set[str] = set()
@@ -126,12 +125,6 @@ def test_no_circle_of_imports():
 
     for module in sorted(graph):
         visit(module, [])
-
-
-def _names(node):
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    return [f"{node.module}.{alias.name}" for alias in node.names]
 
 
 def _module(name, known):

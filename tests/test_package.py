@@ -9,7 +9,7 @@ import tomllib
 from itertools import chain
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 
 import vfplan
 
@@ -19,10 +19,7 @@ HEAVY = {"cv2", "skimage", "scipy", "matplotlib", "pyvista", "vtk", "vtkmodules"
 def loaded_by(code, tmp_path):
     """Top-level modules that are loaded after running `code` in a fresh interpreter."""
     code += "; import sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    return set(done.stdout.splitlines()[-1].split())
+    return set(output(sys.executable, "-c", code, cwd=tmp_path).splitlines()[-1].split())
 
 
 @pytest.mark.parametrize("name", vfplan.__all__)
@@ -30,11 +27,12 @@ def test_public_name_exists(name):
     assert getattr(vfplan, name) is not None
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["ProxyEngine", "read_fixture", "write_fixture", "extract_curve", "fit_registration", "plan",
-     "replay", "VfplanError"],
-)  # fmt: skip
+PROMISED = (
+    "ProxyEngine read_fixture write_fixture extract_curve fit_registration plan replay VfplanError"
+)
+
+
+@pytest.mark.parametrize("name", PROMISED.split())
 def test_promised_name_is_public_and_callable(name):
     assert name in vfplan.__all__
     assert callable(getattr(vfplan, name))
@@ -64,18 +62,15 @@ def test_help_is_cheap(tmp_path):
 
 def test_cmake_folder_holds_the_package_file(tmp_path):
     assert (vfplan.cmake_dir() / "vfplan-config.cmake").is_file()
-    command = [sys.executable, "-m", "vfplan", "--cmake-dir"]  # as the command does
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout.strip() == str(vfplan.cmake_dir())
+    printed = output(sys.executable, "-m", "vfplan", "--cmake-dir", cwd=tmp_path)
+    assert printed.strip() == str(vfplan.cmake_dir())
 
 
 def test_the_source_tree_says_that_it_is_not_the_installed_package():
     """Where no package is installed; where one is, it is taken: see below."""
     code = "import sys; sys.path = [p for p in sys.path if 'site-packages' not in p]; import vfplan"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}; vfplan._core"],
-        capture_output=True, text=True, check=False, cwd=ROOT,
-    )  # fmt: skip
+    words = [sys.executable, "-c", f"{code}; vfplan._core"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 1
     assert "that is the source tree" in done.stderr.splitlines()[-1]
 
@@ -114,7 +109,4 @@ def test_the_lock_holds_what_every_extra_asks_for(lock):
      ["-m", "vfplan", "--cmake-dir"]],
 )  # fmt: skip
 def test_a_clones_root_does_not_shadow_the_installed_package(words):
-    done = subprocess.run(
-        [sys.executable, *words], capture_output=True, text=True, check=False, cwd=ROOT
-    )
-    assert done.stdout == f"{vfplan.cmake_dir()}\n", done.stderr
+    assert output(sys.executable, *words, cwd=ROOT) == f"{vfplan.cmake_dir()}\n"

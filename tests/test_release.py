@@ -66,12 +66,8 @@ def test_the_same_commit_gives_the_same_wheel(tmp_path):
         ignored = shutil.ignore_patterns(".git", ".venv*", "build", "dist", "__pycache__", "tests")
         shutil.copytree(ROOT, source, ignore=ignored)
         command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-build-isolation", "--no-deps"]
-        subprocess.run(
-            [*command, "-w", "out", "."],
-            cwd=source,
-            env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"},
-            check=True,
-        )
+        env = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}
+        subprocess.run([*command, "-w", "out", "."], cwd=source, env=env, check=True)
         (wheel,) = (source / "out").glob("*.whl")
         wheels.append(wheel.read_bytes())
     assert wheels[0] == wheels[1]

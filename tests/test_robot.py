@@ -37,22 +37,6 @@ def test_the_fr3_stands_beside_the_panda():
     assert (fr3.name, fr3.speed_limit_m_s) == ("fr3", 3.0)
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("torque_limit_nm = 87.0", "robot-value"),
-        ("torque_limit_nm = []", "robot-value"),
-        ("torque_limit_nm = [1.0, 0.0]", "robot-value"),
-        ("torque_limit_nm = [1.0, 2.0]\njoint_speed_limit_rad_s = [1.0]", "robot-joints"),
-    ],
-)
-def test_lists_of_joints(tmp_path, line, code):
-    path = tmp_path / "robot.toml"
-    path.write_text(GOOD.replace('"1.0"', '"1.1"') + line)
-    with refuses(InputError, code):
-        read_robot(path)
-
-
 def test_a_file_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
@@ -65,44 +49,42 @@ def test_schema_and_type_name_the_same_things():
     assert names == {field.name for field in dataclasses.fields(Robot)}
 
 
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("mass_kg = 0", "robot-value"),
-        ("mass_kg = nan", "robot-value"),
-        ('mass_kg = "1"', "robot-value"),
-        ("delay_ticks = 1.5", "robot-value"),
-        ("delay_ticks = -1", "robot-value"),
-        ("delay_ticks = true", "robot-value"),
-        ("weight = 1", "robot-name-unknown"),
-        ('version = "2.0"', "robot-version"),
-        ("torque_limit_nm = [1.0]", "robot-name-unknown"),  # 1.0 has none
-        ('name = ""', "robot-value"),
-    ],
-)
+LINES = [
+    ("mass_kg = 0", "robot-value"),
+    ("mass_kg = nan", "robot-value"),
+    ('mass_kg = "1"', "robot-value"),
+    ("delay_ticks = 1.5", "robot-value"),
+    ("delay_ticks = -1", "robot-value"),
+    ("delay_ticks = true", "robot-value"),
+    ("weight = 1", "robot-name-unknown"),
+    ('version = "2.0"', "robot-version"),
+    ("torque_limit_nm = [1.0]", "robot-name-unknown"),  # 1.0 has none
+    ('name = ""', "robot-value"),
+    # Lists of joints.
+    ('version = "1.1"\ntorque_limit_nm = 87.0', "robot-value"),
+    ('version = "1.1"\ntorque_limit_nm = []', "robot-value"),
+    ('version = "1.1"\ntorque_limit_nm = [1.0, 0.0]', "robot-value"),
+    (
+        'version = "1.1"\ntorque_limit_nm = [1.0, 2.0]\njoint_speed_limit_rad_s = [1.0]',
+        "robot-joints",
+    ),
+    # A key that is missing, no TOML, and tables within tables without end.
+    ("rate_hz", "robot-incomplete"),
+    ("= 3", "robot-not-toml"),
+    ("a = " + "[" * 20_000 + "]" * 20_000, "robot-not-toml"),
+]
+
+
+@pytest.mark.parametrize(("line", "code"), LINES, ids=[line[:60] for line, _ in LINES])
 def test_what_the_schema_does_not_allow(tmp_path, line, code):
     key = line.split()[0]
     lines = [kept for kept in GOOD.splitlines() if not kept.startswith(f"{key} ")]
     path = tmp_path / "robot.toml"
-    path.write_text("\n".join([*lines, line]))
+    path.write_text("\n".join([*lines, *[line] * (code != "robot-incomplete")]))
     with refuses(InputError, code):
         read_robot(path)
 
 
-def test_missing_key_file_and_bad_toml(tmp_path):
-    path = tmp_path / "robot.toml"
-    path.write_text(GOOD.replace("rate_hz = 500.0\n", ""))
-    with refuses(InputError, "robot-incomplete"):
-        read_robot(path)
-    path.write_text("= 3")
-    with refuses(InputError, "robot-not-toml"):
-        read_robot(path)
+def test_a_file_that_is_not_there(tmp_path):
     with refuses(InputError, "file-missing"):
         read_robot(tmp_path / "no.toml")
-
-
-def test_tables_within_tables_without_end_are_refused(tmp_path):
-    path = tmp_path / "deep.toml"
-    path.write_text(GOOD + "a = " + "[" * 20_000 + "]" * 20_000)
-    with refuses(InputError, "robot-not-toml"):
-        read_robot(path)

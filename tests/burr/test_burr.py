@@ -12,6 +12,7 @@ from vfplan.burr.burr import burr, burr_figure
 from vfplan.errors import SettingError
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
+SPACE = {"axis": None, "curve": False, "band": BAND, "stiffness": K}
 
 
 def scene():
@@ -21,9 +22,7 @@ def scene():
     t = 1e-3 * np.arange(2500)
     z = np.where(t < 0.5, 10e-3 - 14e-3 * t, 3e-3 - 1e-3 * (t - 0.5))
     hip = np.stack((4e-3 * np.sin(4 * t), 3e-3 * np.cos(3 * t), z), axis=1)
-    return fixture_of(points, axis=None, curve=False, band=BAND, stiffness=K), vfplan.Session(
-        t, hip
-    )
+    return fixture_of(points, **SPACE), vfplan.Session(t, hip)
 
 
 def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
@@ -53,7 +52,7 @@ def test_a_round_bone_is_burred_towards_its_middle():
     height, turn = 1 - (2 * np.arange(n) + 1) / n, np.pi * (1 + 5**0.5) * np.arange(n)
     flat = np.sqrt(1 - height**2)
     points = 20e-3 * np.stack((flat * np.cos(turn), flat * np.sin(turn), height), axis=1)
-    fixture = fixture_of(points, axis=None, curve=False, band=BAND, stiffness=K)
+    fixture = fixture_of(points, **SPACE)
     t = 1e-3 * np.arange(3000)
     angle, away = np.pi * np.clip(t - 0.5, 0, 2.5) / 2.5, 25e-3 - 2e-3 * np.minimum(t / 0.5, 1)
     hip = away[:, None] * np.stack((np.sin(angle), 0 * t, np.cos(angle)), axis=1)

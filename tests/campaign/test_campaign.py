@@ -10,17 +10,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refuses
+from replays import fixture_of
 from scipy.stats import binom, norm
 
-from vfplan.campaign.statistics import clopper_pearson, margin_for, margins, quantile
+from vfplan.bundle.write import write_fixture
+from vfplan.campaign.statistics import (
+    clopper_pearson,
+    margin_for,
+    margins,
+    quantile,
+    require_same_plan,
+)  # fmt: skip
 from vfplan.campaign.store import BLOCK, read_campaign, run_campaign
 from vfplan.campaign.trial import CampaignSettings, Trials
-from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
-from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering
+from vfplan.errors import CheckFailed, InputError, OutputError, SceneError, SettingError
+from vfplan.fixture import Curve, RegistrationRecord
 from vfplan.replaying.link import approach_sessions
 from vfplan.session.session import Session
 
-pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
+pyarrow = pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
 
 K, HAND, R, PRESS, FLE = 1000.0, 500.0, 5e-3, 3e-3, 6e-4
 SHARE = K / (K + HAND)
@@ -36,16 +45,12 @@ def line_fixture():
     def carried(p):
         return np.column_stack([p, np.ones(len(p))]) @ T.T
 
+    targets = carried(source)
+    labels = tuple(f"m{k}" for k in range(9))
     record = RegistrationRecord(
-        "affine", "image", T, tuple(f"m{k}" for k in range(9)), source, carried(source),
-        np.full(9, 1e-4), 1e-4,
-    )  # fmt: skip
-    return Fixture(
-        "robot_base", carried(pixels), Provenance("2026-01-01T00:00:00Z", "vfplan 0"),
-        curve=Curve(np.zeros(301, np.int32), np.array([False])),
-        rendering=Rendering(np.full(3, K), R, 5e-6, ignore_axis=np.array([0.0, 0.0, 1.0])),
-        registration=record,
-    )  # fmt: skip
+        "affine", "image", T, labels, source, targets, np.full(9, 1e-4), 1e-4
+    )
+    return replace(fixture_of(carried(pixels), stiffness=K, band=5e-6), registration=record)
 
 
 def pressing(ticks=400):
@@ -74,9 +79,19 @@ MEAN = PRESS - R  # depth beyond the true curve of a hand that presses as record
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    where = tmp_path_factory.mktemp("campaign") / "c"
-    run_campaign(line_fixture(), [pressing()], where, 1000, settings())
+    return campaign(tmp_path_factory.mktemp("campaign") / "c", 1000)
+
+
+def campaign(where, trials=BLOCK, asked=None, **more):
+    """As many trials of the pressed line in a folder, which is given back."""
+    run_campaign(line_fixture(), [pressing()], where, trials, asked or settings(), **more)
     return where
+
+
+def same_files(one, other):
+    names = sorted(path.name for path in one.iterdir())
+    assert names == sorted(path.name for path in other.iterdir())
+    assert all((one / name).read_bytes() == (other / name).read_bytes() for name in names)
 
 
 def test_a_line_pressed_at_one_place_is_a_normal_distribution(folder):
@@ -129,22 +144,18 @@ def test_a_hand_of_no_session_does_not_slip_round_open_ends(fle):
 def test_a_stroke_too_short_to_press_on_is_refused():
     f = line_fixture()
     short = replace(f, points=f.points[:39], curve=Curve(np.zeros(39, np.int32), f.curve.closed))
-    with pytest.raises(InputError, match=r"19 mm long.*within 10 mm of it"):
+    with refuses(InputError, "stroke-too-short"):
         approach_sessions(short, to_ends=False)
 
 
-@pytest.mark.parametrize("workers", [2])
-def test_the_same_bits_for_any_workers_and_after_a_stop(tmp_path, workers):
+def test_the_same_bits_for_any_workers_and_after_a_stop(tmp_path):
     told = []
     few, rest = tmp_path / "few", tmp_path / "rest"
-    run_campaign(line_fixture(), [pressing()], few, 3 * BLOCK, settings(), workers=workers,
-                 done=told.append)  # fmt: skip
+    campaign(few, 3 * BLOCK, workers=2, done=told.append)
     assert sum(told) == 3 * BLOCK
     assert run_campaign(line_fixture(), [pressing()], rest, BLOCK, settings()) == BLOCK
     assert run_campaign(line_fixture(), [pressing()], rest, 3 * BLOCK, settings()) == 2 * BLOCK
-    files = sorted(path.name for path in few.iterdir())
-    assert files == sorted(path.name for path in rest.iterdir())
-    assert all((few / name).read_bytes() == (rest / name).read_bytes() for name in files)
+    same_files(few, rest)
 
 
 def test_a_trial_alone_is_the_trial_of_the_campaign(folder):
@@ -168,8 +179,6 @@ def test_no_deepest_place_is_passed_over(monkeypatch):
 
 
 def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
-    from vfplan.bundle.write import write_fixture
-
     line = line_fixture()
     exact = replace(line.registration, residuals_m=np.zeros(9))  # as a bundle wants them
     write_fixture(replace(line, registration=exact), tmp_path / "line.h5")
@@ -195,72 +204,58 @@ def test_intervals_against_their_definitions():
 
 
 def test_another_question_or_a_foreign_folder_is_refused(folder, tmp_path):
-    with pytest.raises(OutputError, match="differs in settings"):
-        run_campaign(line_fixture(), [pressing()], folder, 64, settings(seed=1))
-    with pytest.raises(OutputError, match="differs in session_sha256"):
+    with refuses(OutputError, "another-campaign"):
+        campaign(folder, asked=settings(seed=1))
+    with refuses(OutputError, "another-campaign"):
         run_campaign(line_fixture(), [pressing(300)], folder, 64, settings())
     (tmp_path / "mine.txt").write_text("x")
-    with pytest.raises(OutputError) as foreign:
-        run_campaign(line_fixture(), [pressing()], tmp_path, 64, settings())
-    assert foreign.value.code == "folder-not-empty"
-    with pytest.raises(InputError) as few:
+    with refuses(OutputError, "folder-not-empty"):
+        campaign(tmp_path)
+    with refuses(InputError, "too-few-trials", trials=1024, wanted=2000):
         read_campaign(folder, 2000)
-    assert few.value.code == "too-few-trials"
-    assert few.value.numbers == {"trials": 1024, "wanted": 2000}
 
 
 def test_a_damaged_block_is_refused_by_name(tmp_path):
-    run_campaign(line_fixture(), [pressing()], tmp_path / "c", BLOCK, settings())
-    block = tmp_path / "c" / "block-00000000.parquet"
+    block = campaign(tmp_path / "c") / "block-00000000.parquet"
     whole = block.read_bytes()
     for data in (whole[:100], b"", whole[:200] + b"\xff" * 50 + whole[250:]):
         block.write_bytes(data)
-        with pytest.raises(InputError, match="block") as found:
+        with refuses(InputError, "damaged-block") as found:
             read_campaign(tmp_path / "c")
         assert found.value.where == str(block)
 
 
 def test_a_fixture_without_a_registration_is_refused(tmp_path):
-    from vfplan.errors import SceneError
-
-    with pytest.raises(SceneError, match="no registration"):
-        run_campaign(
-            replace(line_fixture(), registration=None), [pressing()], tmp_path / "c", 64, settings()
-        )
-    with pytest.raises(SettingError, match="stiffness range"):
+    bare = replace(line_fixture(), registration=None)
+    with refuses(SceneError, "no-registration"):
+        run_campaign(bare, [pressing()], tmp_path / "c", 64, settings())
+    with refuses(SettingError, "stiffness-range"):
         settings(stiffness_range=(2.0, 1.0))
     assert not (tmp_path / "c").exists()
 
 
 def test_margin_from_a_campaign(folder, tmp_path):
     assert margin_for(folder, 0.05) == 0.0, "a press that stays 2 mm away needs none"
-    run_campaign(line_fixture(), [pressing()], tmp_path / "c", BLOCK, settings())
-    with pytest.raises(CheckFailed) as few:
-        margin_for(tmp_path / "c", 0.001)
-    assert few.value.numbers == {"trials": BLOCK, "needed": 3700}
+    with refuses(CheckFailed, "too-few-trials", trials=BLOCK, needed=3700):
+        margin_for(campaign(tmp_path / "c"), 0.001)
 
 
 def test_a_margin_of_another_plan_or_on_a_margin_is_refused(folder):
-    from vfplan.campaign.statistics import require_same_plan
-    from vfplan.errors import SceneError
-
     plan = line_fixture()
     require_same_plan(folder, plan)
     record = replace(plan.registration, target=0.5 * plan.registration.target)
-    with pytest.raises(CheckFailed, match="another plan"):
+    with refuses(CheckFailed, "campaign-of-another-plan"):
         require_same_plan(folder, replace(plan, registration=record))
     margined = replace(plan, provenance=replace(plan.provenance, settings={"margin": "tre95"}))
-    with pytest.raises(SceneError, match="has a margin"):
+    with refuses(SceneError, "has-margin"):
         Trials(margined, [pressing()], settings())
 
 
 @pytest.mark.parametrize("change", ["nan", "column", "share"])
 def test_a_folder_with_numbers_that_no_campaign_gives_is_refused(tmp_path, change):
-    import pyarrow
     import pyarrow.parquet
 
-    where = tmp_path / "c"
-    run_campaign(line_fixture(), [pressing()], where, BLOCK, settings())
+    where = campaign(tmp_path / "c")
     block, question = where / "block-00000000.parquet", where / "campaign.json"
     table = pyarrow.parquet.read_table(block)
     k = table.column_names.index("depth_m")
@@ -278,38 +273,30 @@ def test_a_folder_with_numbers_that_no_campaign_gives_is_refused(tmp_path, chang
 @pytest.mark.full
 def test_a_dask_cluster_makes_the_same_bits_though_workers_are_killed(tmp_path):
     distributed = pytest.importorskip("distributed")
-    here, there = tmp_path / "here", tmp_path / "there"
-    run_campaign(line_fixture(), [pressing()], here, 20 * BLOCK, settings())
+    here, there = campaign(tmp_path / "here", 20 * BLOCK), tmp_path / "there"
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         killed = []
 
         def kill(trials):
-            if len(killed) < 1:
-                victim = next(iter(cluster.workers.values()))
-                killed.append(victim.process.pid)
-                os.kill(victim.process.pid, signal.SIGKILL)
+            if not killed:
+                victim = next(iter(cluster.workers.values())).process.pid
+                killed.append(victim)
+                os.kill(victim, signal.SIGKILL)
 
-        run_campaign(line_fixture(), [pressing()], there, 20 * BLOCK, settings(),
-                     scheduler=cluster.scheduler_address, done=kill)  # fmt: skip
+        campaign(there, 20 * BLOCK, scheduler=cluster.scheduler_address, done=kill)
     assert killed
-    files = sorted(path.name for path in here.iterdir())
-    assert files == sorted(path.name for path in there.iterdir())
-    assert all((here / name).read_bytes() == (there / name).read_bytes() for name in files)
+    same_files(here, there)
 
 
 def test_a_killed_campaign_goes_on(tmp_path):
     """SIGKILL in the middle: what stands are whole blocks, and the rest is made by the next run."""
     where = tmp_path / "c"
-    code = (
-        "import sys; sys.path[:0] = sys.argv[2:]\n"
-        "from test_campaign import *\n"
-        "run_campaign(line_fixture(), [pressing()], __import__('pathlib').Path(sys.argv[1]),"
-        " 40 * BLOCK, settings())"
-    )
-    command = [sys.executable, "-c", code, str(where), os.path.dirname(__file__)]
-    process = subprocess.Popen(command, cwd=tmp_path)
+    code = "import pathlib, sys; sys.path[:0] = sys.argv[2:]; from test_campaign import *"
+    code += "\ncampaign(pathlib.Path(sys.argv[1]), 40 * BLOCK)"
+    folders = [os.path.dirname(__file__), *sys.path]
+    process = subprocess.Popen([sys.executable, "-c", code, str(where), *folders], cwd=tmp_path)
     while len(list(where.glob("block-*"))) < 3 and process.poll() is None:
         time.sleep(0.01)
     process.kill()
@@ -317,7 +304,7 @@ def test_a_killed_campaign_goes_on(tmp_path):
     made = read_campaign(where)[1]["trial"]
     assert np.array_equal(made, np.arange(len(made)))
     target = len(made) // BLOCK + 1
-    run_campaign(line_fixture(), [pressing()], where, target * BLOCK, settings())
+    campaign(where, target * BLOCK)
     assert len(read_campaign(where)[1]["trial"]) >= target * BLOCK
     assert json.loads((where / "campaign.json").read_text())["settings"]["fle_robot_m"] == FLE
 

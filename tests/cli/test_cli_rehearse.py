@@ -13,9 +13,7 @@ from replays import fixture_of
 import vfplan
 
 SAMPLES = files("vfplan.samples")
-PLANNED = [
-    SAMPLES / f"elbow{name}" for name in (".png", "_markers_image.csv", "_markers_robot.csv")
-]
+PLANNED = [SAMPLES / f"elbow{x}" for x in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +32,8 @@ def scene(tmp_path_factory):
 
 def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_path):
     out, page, png = tmp_path / "r.h5", tmp_path / "page", tmp_path / "arm.png"
-    done = vfplan_cli(
-        "rehearse", *scene, "-o", out, "--report", page, "--picture-out", png, "--json"
-    ).sound
+    outputs = ("-o", out, "--report", page, "--picture-out", png)
+    done = vfplan_cli("rehearse", *scene, *outputs, "--json").sound
     found = done.json
     for key in (
         "ticks", "duration_s", "reflexes", "torque_step_max_nm", "torque_max_nm", "elapsed_s",

@@ -1,10 +1,9 @@
 """`vfplan surface`: from outlines to a fixture that a controller samples, and nobody's name."""
 
-import json
-
 import bones
 import numpy as np
 import pytest
+import slicer_files
 from bones import BENT
 from refusals import refuses
 from vfplan.cli.register import registered_text
@@ -15,14 +14,10 @@ from vfplan.surface.build import SurfaceSettings, surface
 
 NAME, NUMBER, UID = "Zacharias^Quint", "PID-778899", "1.2.826.0.1.3680043.99.123456"
 WHO = {
-    "PatientName": NAME,
-    "PatientID": NUMBER,
-    "PatientBirthName": "Yldefons",
-    "StudyInstanceUID": UID,
-    "SeriesInstanceUID": UID,
-    "FrameOfReferenceUID": UID,
+    "PatientName": NAME, "PatientID": NUMBER, "PatientBirthName": "Yldefons",
+    "StudyInstanceUID": UID, "SeriesInstanceUID": UID, "FrameOfReferenceUID": UID,
     "StudyDate": "19871231",
-}
+}  # fmt: skip
 SECRETS = ("Zacharias", "Quint", NUMBER, "Yldefons", UID, "1.2.826.99.7", "19871231")
 MARKS = np.array([[20, 0, -30], [-20, 5, -10], [10, 25, 20], [-12, -20, 36], [14, -22, 8.0]])
 
@@ -41,23 +36,28 @@ def struct(tmp_path):
 @pytest.fixture
 def markers(tmp_path):
     """(Slicer's file, the robot's) of five markers around the bone."""
-    points = [{"id": str(k), "label": f"m{k}", "position": p.tolist()} for k, p in enumerate(MARKS)]
-    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
-              "controlPoints": points}  # fmt: skip
-    schema = "https://x/Schema/markups-schema-v1.0.3.json#"
-    (tmp_path / "m.mrk.json").write_text(json.dumps({"@schema": schema, "markups": [markup]}))
+    points = [(f"m{k}", place.tolist(), "defined") for k, place in enumerate(MARKS)]
+    units = {"coordinateSystem": "LPS", "coordinateUnits": "mm"}
+    (tmp_path / "m.mrk.json").write_text(slicer_files.mrk(points, **units))
     rows = [f"m{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(moved(MARKS).tolist())]
     (tmp_path / "m.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]) + "\n")
     return tmp_path / "m.mrk.json", tmp_path / "m.csv"
 
 
-def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
-    struct, markers, vfplan_cli, tmp_path
-):
-    run = vfplan_cli("surface", struct, "-o", "s.h5", "--picture-out", "s.png", "--json",
-                     cwd=tmp_path)  # fmt: skip
-    assert run.code == 0, run.stderr
-    report = run.json
+@pytest.fixture
+def called(vfplan_cli, tmp_path):
+    """Call a command in the test's folder; it ends with this code."""
+
+    def call(*words, code=0, **more):
+        run = vfplan_cli(*words, cwd=tmp_path, **more)
+        assert run.code == code, run.stderr
+        return run
+
+    return call
+
+
+def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers, called, tmp_path):
+    report = called("surface", struct, "-o", "s.h5", "--picture-out", "s.png", "--json").json
     assert report["slices"] == 16
     assert report["spacing_mm"] == pytest.approx(5)
     assert report["structures"] == [{"number": 1, "name": "bone", "chosen": True}]
@@ -69,23 +69,21 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
     assert planned.frame == "patient_lps"
     assert (len(planned.points), len(planned.mesh)) == (report["points"], report["triangles"])
 
-    run = vfplan_cli("register", "s.h5", *markers, "--model", "rigid", "-o", "f.h5", "--json",
-                     cwd=tmp_path)  # fmt: skip
-    assert run.code == 0, run.stderr
+    register = ("register", "s.h5", *markers, "--model", "rigid")
+    called(*register, "-o", "f.h5", "--json")
     fixture = vfplan.read_fixture(tmp_path / "f.h5")
     assert fixture.frame == "robot_base"
     assert np.array_equal(fixture.mesh, planned.mesh)
     assert np.abs(fixture.points - moved(1e3 * planned.points)).max() < 1e-9
-    assert vfplan_cli("validate", "f.h5", cwd=tmp_path).code == 0
+    called("validate", "f.h5")
 
     # A hand that pushes through the bone's flank: the proxy stays R outside the true surface.
     along = np.linspace(40, -5, 900)
     session = np.c_[np.arange(900) * 1e-3, moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])]
     np.savetxt(tmp_path / "h.csv", session, delimiter=",", header="t,x,y,z", comments="")
-    run = vfplan_cli("replay", "f.h5", "h.csv", "-o", "r.h5", "--json", cwd=tmp_path)
-    assert run.code == 0, run.stderr
-    assert run.json["contact_ticks"] > 300
-    assert run.json["entrenched_ticks"] == 0
+    replayed = called("replay", "f.h5", "h.csv", "-o", "r.h5", "--json").json
+    assert replayed["contact_ticks"] > 300
+    assert replayed["entrenched_ticks"] == 0
     trace = vfplan.replay(fixture, vfplan.Session(session[:, 0], session[:, 1:])).trace
     c, s = np.cos(0.4), np.sin(0.4)
     back = 1e3 * (trace.proxy - [0.5, 0.1, 0.3]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -100,9 +98,8 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
     centres = 1e3 * (mesh[rows].mean(axis=1) + 1e-3 * normal) + [0.8, 0, 0]
     rows = [f"{x!r},{y!r},{z!r}" for x, y, z in moved(centres).tolist()]
     (tmp_path / "t.csv").write_text("\n".join(["x_m,y_m,z_m", *rows]))
-    run = vfplan_cli("register", "s.h5", *markers, "--model", "rigid", "--touched", "t.csv",
-                     "--tip-radius", "1", "-o", "t.h5", "--json", cwd=tmp_path)  # fmt: skip
-    assert run.code == 0, run.stderr
+    touched = (*register, "--touched", "t.csv")
+    run = called(*touched, "--tip-radius", "1", "-o", "t.h5", "--json")
     assert run.json["touched"]["moved_max_m"] == pytest.approx(8e-4, rel=0.02)
     assert run.json["touched"]["rms_m"] < 5e-5
     assert "Did a marker move, or is something else touched?" in run.stderr
@@ -113,22 +110,14 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
     worst = run.json["tre"]
     assert refined.points[worst["worst_point"]] == pytest.approx(worst["worst_target_m"], abs=1e-9)
     (tmp_path / "t.csv").write_text("a,b\n1,2\n")
-    run = vfplan_cli("register", "s.h5", *markers, "--model", "rigid", "--touched", "t.csv",
-                     "-o", "u.h5", cwd=tmp_path)  # fmt: skip
-    assert run.code == 3
-    assert "its columns are 'a,b'" in run.error_line
+    assert "its columns are 'a,b'" in called(*touched, "-o", "u.h5", code=3).error_line
     assert not (tmp_path / "u.h5").exists()
 
 
-def test_the_same_outlines_give_the_same_bits(struct, vfplan_cli, tmp_path):
-    epoch = {"SOURCE_DATE_EPOCH": "1700000000"}
+def test_the_same_outlines_give_the_same_bits(struct, called, tmp_path):
     for name in ("a.h5", "b.h5"):
-        assert (
-            vfplan_cli(
-                "surface", struct, "-o", name, "--tolerance", "2", cwd=tmp_path, env=epoch
-            ).code
-            == 0
-        )
+        epoch = {"SOURCE_DATE_EPOCH": "1700000000"}
+        called("surface", struct, "-o", name, "--tolerance", "2", env=epoch)
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
@@ -154,12 +143,11 @@ def test_no_output_names_the_patient(struct, vfplan_cli, tmp_path):
         assert secret.encode() not in written, secret
 
 
-def test_pydicoms_own_samples_are_read_or_refused_by_name(vfplan_cli, tmp_path):
+def test_pydicoms_own_samples_are_read_or_refused_by_name(called, tmp_path):
     """An RTSTRUCT without preamble is plainly DICOM; its structures hold 1 to 4 points each."""
     from pydicom.data import get_testdata_file
 
-    run = vfplan_cli("surface", get_testdata_file("rtstruct.dcm"), "-o", "s.h5", cwd=tmp_path)
-    assert run.code == 3
+    called("surface", get_testdata_file("rtstruct.dcm"), "-o", "s.h5", code=3)
     with refuses(InputError, "structure-several", structures=3):
         surface(get_testdata_file("rtstruct.dcm"))
     with refuses(CurveError, "slices-too-few", slices=1):
@@ -201,15 +189,13 @@ def test_drawn_dicom_slices_become_a_surface(tmp_path):
     assert UID not in str(caught.value)
 
 
-def test_what_is_no_source_is_refused(vfplan_cli, tmp_path):
+def test_what_is_no_source_is_refused(called, tmp_path):
     (tmp_path / "a.txt").write_text("hello")
-    run = vfplan_cli("surface", "a.txt", "-o", "s.h5", cwd=tmp_path)
-    assert run.code == 3
+    called("surface", "a.txt", "-o", "s.h5", code=3)
     with refuses(InputError, "source-unknown"):
         surface(tmp_path / "a.txt")
     with refuses(InputError, "file-missing"):
         surface(tmp_path / "none.dcm")
-    run = vfplan_cli("surface", "a.txt", "-o", "s.h5", "--tolerance", "6", cwd=tmp_path)
-    assert run.code == 2
+    called("surface", "a.txt", "-o", "s.h5", "--tolerance", "6", code=2)
     with refuses(SettingError, "out-of-range", tolerance_max_mm=5):
         SurfaceSettings(tolerance_m=6e-3).step_m  # noqa: B018 - the property raises

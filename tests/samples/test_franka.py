@@ -12,12 +12,13 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, missing
+from conftest import ROOT, missing, output
 
 import vfplan
 from vfplan.arm.model import Arm
@@ -38,22 +39,26 @@ print(json.dumps([[governed, dataclasses.asdict(run)] for *_, governed, run in r
 """
 
 
-def runs(scene):
-    """One raw run and two governed ones over the protocol."""
+def need_environment():
     if not PYTHON.exists():
         missing("no .venv-franka: `make franka-env` makes it")
+
+
+def stored(folder, fixture, name="f"):
+    path = str(folder / f"{name}.h5")
+    vfplan.write_fixture(fixture, path)
+    return path
+
+
+def runs(scene):
+    """One raw run and two governed ones over the protocol."""
+    need_environment()
     for attempt in range(3):  # a busy machine loses packets; what counts are the arm's limits
-        done = subprocess.run(
-            [PYTHON, "-P", "-c", RUN, FOLDER, scene], capture_output=True, text=True, timeout=300
-        )
-        assert done.returncode == 0, done.stderr
-        rows = json.loads(done.stdout)
+        rows = json.loads(output(PYTHON, "-P", "-c", RUN, FOLDER, scene, timeout=300))
         errors = [run["error"] or "" for _, run in rows]
         if attempt == 2 or not any("communication" in error for error in errors):
             break
-    return [run for governed, run in rows if not governed], [
-        run for governed, run in rows if governed
-    ]
+    return [[run for is_governed, run in rows if is_governed == wanted] for wanted in (False, True)]
 
 
 def test_the_governor_keeps_the_arm_from_stopping():
@@ -82,15 +87,11 @@ def test_a_new_engine_and_a_reset_do():
 @pytest.fixture
 def simulator():
     """The address of an arm's simulator, as docs/howto/franka.md starts it."""
-    if not PYTHON.exists():
-        missing("no .venv-franka: `make franka-env` makes it")
+    need_environment()
     model = ROOT / "vfplan" / "arm" / "models" / "fr3.xml"
     address = f"127.0.0.{2 + os.getpid() % 250}"
-    server = subprocess.Popen(
-        [PYTHON, FOLDER / "simulator.py", model, address],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    words = [PYTHON, FOLDER / "simulator.py", model, address]
+    server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     yield address
     server.terminate()
     server.wait(30)
@@ -98,9 +99,7 @@ def simulator():
 
 def test_over_the_protocol_the_loop_starts_free_and_not_inside(simulator, tmp_path):
     def run_loop(name, points):
-        path = tmp_path / f"{name}.h5"
-        count = len(points)
-        vfplan.write_fixture(replace(bundles.large(count), points=points), path)
+        path = stored(tmp_path, replace(bundles.large(len(points)), points=points), name)
         words = [PYTHON, "-P", FOLDER / "loop.py", path, "--robot", simulator, "--unsigned"]
         words += ["--seconds", "0.2", "--log", tmp_path / f"{name}.csv"]
         for _ in range(60):
@@ -127,10 +126,8 @@ def test_over_the_protocol_the_loop_starts_free_and_not_inside(simulator, tmp_pa
 
 def test_the_simulator_says_how_it_is_called():
     words = [sys.executable, str(FOLDER / "simulator.py")]
-    helped = subprocess.run([*words, "--help"], capture_output=True, text=True)
-    assert helped.returncode == 0
-    assert helped.stdout.startswith("usage: ")
-    assert subprocess.run(words, capture_output=True).returncode == 2
+    assert output(*words, "--help").startswith("usage: ")
+    output(*words, code=2)
 
 
 class FakeArm:
@@ -197,127 +194,122 @@ def loop(monkeypatch):
 
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SHORT = ("--robot", "arm", "--seconds", "0.02")
+SHORT = ("--seconds", "0.02")
 
 
-def test_the_loop_refuses_open_findings_unless_told(loop, tmp_path, capsys):
+@pytest.fixture
+def call(loop, capsys):
+    """Call the loop, which ends with this code: what it says, and the torques it gave."""
+
+    def run(*words, code=0, told=("--unsigned",)):
+        loop.arm.torques.clear()
+        try:
+            ended = loop.main([*map(str, words), "--robot", "arm", *told])
+        except SystemExit as stopped:  # how argparse ends
+            ended = stopped.code
+        out, err = capsys.readouterr()
+        assert ended == code, err
+        assert code in (0, 1) or code > 128 or not loop.arm.torques
+        return out + err, np.array(loop.arm.torques)
+
+    return run
+
+
+def test_the_loop_refuses_open_findings_unless_told(call, tmp_path):
     open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
-    path = str(tmp_path / "open.h5")
-    vfplan.write_fixture(replace(bundles.small(), findings=(open_one,)), path)
-    assert loop.main([path, *SHORT, "--unsigned"]) == 4
-    assert "end-other-colour" in capsys.readouterr().err
-    assert loop.arm.torques == []
-    assert loop.main([path, *SHORT, "--unsigned", "--despite-findings"]) == 0
-    assert len(loop.arm.torques) == 20
+    path = stored(tmp_path, replace(bundles.small(), findings=(open_one,)))
+    assert "end-other-colour" in call(path, *SHORT, code=4)[0]
+    assert len(call(path, *SHORT, "--despite-findings")[1]) == 20
 
 
-def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
+def test_the_loop_demands_a_signature_unless_told(call, tmp_path):
     from vfplan.bundle.seal import keygen, sign
 
-    path, signed = tmp_path / "plain.h5", str(tmp_path / "signed.h5")
-    vfplan.write_fixture(bundles.small(), path)
+    path, signed = stored(tmp_path, bundles.small()), str(tmp_path / "signed.h5")
     keys = str(keygen(tmp_path / "k")[0])
     sign(path, signed, tmp_path / "k", case="17", despite_findings=True)
     for words in (
-        [str(path), *SHORT],
-        [str(path), *SHORT, "--unsigned", "--case", "17"],
-        [str(path), *SHORT, "--unsigned", "--max-age", "60s"],
-        [str(path), *SHORT, "--require-signature", keys, "--max-age", "43200"],
-        [str(path), "--robot", "arm", "--unsigned", "--seconds", "0"],
-        [str(path), *SHORT, "--unsigned", "--require-signature", keys],
+        SHORT,
+        (*SHORT, "--unsigned", "--case", "17"),
+        (*SHORT, "--unsigned", "--max-age", "60s"),
+        (*SHORT, "--require-signature", keys, "--max-age", "43200"),
+        ("--unsigned", "--seconds", "0"),
+        (*SHORT, "--unsigned", "--require-signature", keys),
     ):
-        with pytest.raises(SystemExit) as stopped:
-            loop.main(words)
-        assert stopped.value.code == 2
-    demands = ["--keys", keys, "--max-age", "2d"]
-    refused = SignatureError.exit_code
-    assert loop.main([str(path), *SHORT, *demands]) == refused
-    assert loop.main([signed, *SHORT, *demands, "--case", "18"]) == refused
-    assert loop.arm.torques == []
-    assert loop.main([signed, *SHORT, *demands, "--case", "17"]) == 0
-    assert len(loop.arm.torques) == 20
+        call(path, *words, told=(), code=2)
+    demands = (*SHORT, "--keys", keys, "--max-age", "2d")
+    call(path, *demands, told=(), code=SignatureError.exit_code)
+    call(signed, *demands, "--case", "18", told=(), code=SignatureError.exit_code)
+    assert len(call(signed, *demands, "--case", "17", told=())[1]) == 20
 
 
-def test_the_loop_refuses_a_fixture_in_another_frame(loop, tmp_path, capsys):
-    path = str(tmp_path / "patient.h5")
-    fixture = replace(bundles.small(), frame="patient_lps", rendering=None, registration=None)
-    vfplan.write_fixture(fixture, path)
-    assert loop.main([path, *SHORT, "--unsigned"]) == 3
-    assert (
-        capsys.readouterr().err.splitlines()[-1].startswith(f"{path}: the fixture is in the frame")
-    )
-    assert loop.arm.torques == []
+def test_the_loop_takes_no_guide_no_other_frame_and_no_bare_points(call, tmp_path):
+    patient = replace(bundles.small(), frame="patient_lps", rendering=None, registration=None)
+    for name, fixture in {
+        "guide": bundles.guided(), "bare": bundles.minimal(), "patient": patient,
+    }.items():  # fmt: skip
+        path = stored(tmp_path, fixture, name)
+        said, _ = call(path, *SHORT, "--despite-findings", code=3)
+    assert said.splitlines()[-1].startswith(f"{path}: the fixture is in the frame")
 
 
-def test_the_loop_takes_no_guide_and_no_fixture_without_rendering(loop, tmp_path, capsys):
-    for name, fixture in (("guide", bundles.guided()), ("bare", bundles.minimal())):
-        vfplan.write_fixture(fixture, tmp_path / f"{name}.h5")
-        words = [str(tmp_path / f"{name}.h5"), *SHORT, "--unsigned", "--despite-findings"]
-        assert loop.main(words) == 3, name
-    assert loop.arm.torques == []
-
-
-@pytest.mark.parametrize("governed", [True, False])
-def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, tmp_path, capsys):
-    """The tip presses, and from tick 5 on its position is not a number."""
-    path = str(tmp_path / "f.h5")
-    vfplan.write_fixture(bundles.small(), path)
-
-    def live(tick):
-        loop.arm.press(0.0006)
-        if tick >= 5:
-            loop.arm.state.O_T_EE[12] = float("nan")
-
-    loop.arm.lives = live
-    words = [] if governed else ["--no-governor"]
-    assert loop.main([path, *SHORT, "--unsigned", *words]) == 1
-    assert "In tick 5 the arm's position was not finite" in capsys.readouterr().err
-    torques = np.array(loop.arm.torques)
-    assert 6 <= len(torques) < 20
-    assert not torques[-1].any()
-    assert torques[4].any()
-
-
-def test_a_bad_bundle_is_told_before_a_missing_binding(loop, monkeypatch, tmp_path, capsys):
-    monkeypatch.setitem(sys.modules, "pylibfranka", None)
-    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
-    vfplan.write_fixture(bundles.small(), whole)
-    broken.write_bytes(whole.read_bytes()[:-5])
-    for code, path in ((3, tmp_path / "none.h5"), (4, broken)):
-        assert loop.main([str(path), *SHORT, "--unsigned"]) == code
-        assert capsys.readouterr().err.startswith(f"{path}: ")
-    assert loop.main([str(whole), *SHORT, "--unsigned"]) == 2
-    assert "pylibfranka is not installed. " in capsys.readouterr().err
-
-
-def test_an_arm_that_does_not_answer_ends_with_a_line(loop, monkeypatch, tmp_path, capsys):
-    def refuse(host, config):
-        raise RuntimeError("libfranka: Connection refused.")
-
-    monkeypatch.setattr(sys.modules["pylibfranka"], "Robot", refuse)
-    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
-    assert loop.main([str(tmp_path / "f.h5"), *SHORT, "--unsigned"]) == 1
-    assert capsys.readouterr().err.splitlines()[-1].startswith("arm: the arm is not ready: ")
-
-
-@pytest.mark.parametrize("number", STOP_SIGNALS)
-def test_a_signal_ends_the_loop_and_its_torque(number, loop, tmp_path, capsys):
-    """The tip presses, and in tick 5 somebody presses Ctrl-C."""
-    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
+def press_until_tick_5(loop, then):
+    """Let the tip press, and call `then` in tick 5."""
 
     def live(tick):
         loop.arm.press(0.0006 if tick < 5 else 0)
         if tick == 5:
-            signal.raise_signal(number)
+            then()
 
     loop.arm.lives = live
-    words = [str(tmp_path / "f.h5"), "--robot", "arm", "--seconds", "1", "--unsigned"]
-    assert loop.main(words) == 128 + number
-    assert "in tick 5" in capsys.readouterr().err
-    torques = np.array(loop.arm.torques)
-    assert 6 <= len(torques) < 100
-    assert torques[4].any()
-    assert not torques[-1].any()
+
+
+def fades(torques, ticks):
+    """Whether torques pressed in tick 4, and ended with none before that many ticks."""
+    return 6 <= len(torques) < ticks and torques[4].any() and not torques[-1].any()
+
+
+@pytest.mark.parametrize("governed", [True, False])
+def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, call, tmp_path):
+    """The tip presses, and from tick 5 on its position is not a number."""
+
+    def lose():
+        loop.arm.state.O_T_EE[12] = float("nan")
+
+    press_until_tick_5(loop, lose)
+    words = [] if governed else ["--no-governor"]
+    said, torques = call(stored(tmp_path, bundles.small()), *SHORT, *words, code=1)
+    assert "In tick 5 the arm's position was not finite" in said
+    assert fades(torques, 20)
+
+
+def test_a_bad_bundle_is_told_before_a_missing_binding(call, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pylibfranka", None)
+    whole, broken = stored(tmp_path, bundles.small()), tmp_path / "broken.h5"
+    broken.write_bytes(Path(whole).read_bytes()[:-5])
+    for code, path in ((3, tmp_path / "none.h5"), (4, broken)):
+        assert call(path, *SHORT, code=code)[0].startswith(f"{path}: ")
+    assert "pylibfranka is not installed. " in call(whole, *SHORT, code=2)[0]
+
+
+def test_an_arm_that_does_not_answer_ends_with_a_line(call, monkeypatch, tmp_path):
+    def refuse(host, config):
+        raise RuntimeError("libfranka: Connection refused.")
+
+    monkeypatch.setattr(sys.modules["pylibfranka"], "Robot", refuse)
+    said, _ = call(stored(tmp_path, bundles.small()), *SHORT, code=1)
+    assert said.splitlines()[-1].startswith("arm: the arm is not ready: ")
+
+
+@pytest.mark.parametrize("number", STOP_SIGNALS)
+def test_a_signal_ends_the_loop_and_its_torque(number, loop, call, tmp_path):
+    """The tip presses, and in tick 5 somebody presses Ctrl-C."""
+
+    press_until_tick_5(loop, lambda: signal.raise_signal(number))
+    path = stored(tmp_path, bundles.small())
+    said, torques = call(path, "--seconds", "1", code=128 + number)
+    assert "in tick 5" in said
+    assert fades(torques, 100)
 
 
 def stop_at_tick_5(loop, engine=None, governor=None):
@@ -331,24 +323,27 @@ def small_governor():
     return vfplan.Governor.of(vfplan.read_robot("fr3"), 1000.0, torques=True)
 
 
+class Pushing:
+    """An engine that pushes along y, with a force [N] and a status a tick."""
+
+    def __init__(self, force, status=lambda tick: vfplan.Status.OK):
+        self.ticks, self.force, self.status = 0, force, status
+
+    def reset(self, hip):
+        pass
+
+    def step(self, hip):
+        force, status = np.array([0.0, self.force(self.ticks), 0.0]), self.status(self.ticks)
+        self.ticks += 1
+        return vfplan.Step(np.array(hip), np.array([0.0, 1.0, 0.0]), force, 1, status)
+
+
 @pytest.mark.parametrize("is_governed", [True, False])
 @pytest.mark.parametrize("bit", list(vfplan.Status))
 def test_the_loop_stops_at_the_bits_of_the_page_and_lets_the_torque_fade(bit, is_governed, loop):
     """An engine that pushes by 8 N, and sets one bit from tick 5 on."""
-
-    class Pushing:
-        ticks = 0
-
-        def reset(self, hip):
-            pass
-
-        def step(self, hip):
-            status = bit if self.ticks >= 5 else vfplan.Status.OK
-            self.ticks += 1
-            force = np.array([0.0, 8.0, 0.0])
-            return vfplan.Step(np.array(hip), np.array([0.0, 1.0, 0.0]), force, 1, status)
-
-    run = stop_at_tick_5(loop, Pushing(), small_governor() if is_governed else None)
+    pushing = Pushing(lambda tick: 8.0, lambda tick: bit if tick >= 5 else vfplan.Status.OK)
+    run = stop_at_tick_5(loop, pushing, small_governor() if is_governed else None)
     torques = np.array(loop.arm.torques)
     assert np.abs(torques[4]).max() > 1
     stops = vfplan.Status.BAD_HIP | vfplan.Status.STALE | vfplan.Status.CROSSED
@@ -368,82 +363,64 @@ def test_the_loop_stops_at_the_bits_of_the_page_and_lets_the_torque_fade(bit, is
 
 @pytest.mark.parametrize("is_governed", [True, False])
 def test_the_loop_stops_at_a_bad_jacobian(is_governed, loop):
-    def live(tick):
-        loop.arm.press(0.0006 if tick < 5 else 0)
-        if tick == 5:
-            loop.arm.jacobian = np.full((6, 7), np.nan)
+    def lose():
+        loop.arm.jacobian = np.full((6, 7), np.nan)
 
-    loop.arm.lives = live
+    press_until_tick_5(loop, lose)
     run = stop_at_tick_5(loop, governor=small_governor() if is_governed else None)
     torques = np.array(loop.arm.torques)
     assert "In tick 5 the arm's Jacobian" in run.error
     assert np.isfinite(torques).all()
-    assert torques[4].any()
-    assert not torques[-1].any()
+    assert fades(torques, 100)
     assert run.ticks < 100
     if is_governed:
         assert run.bits["bad_jacobian"] == run.ticks - 5
 
 
 def test_the_loop_stops_at_a_bad_force(loop):
-    class Bad:
-        def reset(self, hip):
-            pass
-
-        def step(self, hip):
-            force = np.array([0.0, np.nan, 0.0])
-            status = vfplan.Status.OK
-            return vfplan.Step(np.array(hip), np.array([0.0, 1.0, 0.0]), force, 1, status)
-
-    run = stop_at_tick_5(loop, Bad(), small_governor())
+    run = stop_at_tick_5(loop, Pushing(lambda tick: np.nan), small_governor())
     assert "In tick 0 the force was not finite" in run.error
     assert run.ticks == 1
     assert not np.any(loop.arm.torques)
 
 
 @pytest.mark.parametrize("beside", [0.002, -0.002, 0.0])
-def test_the_loop_does_not_start_inside(beside, loop, tmp_path, capsys):
-    path = str(tmp_path / "f.h5")
-    vfplan.write_fixture(bundles.small(), path)
+def test_the_loop_does_not_start_inside(beside, loop, call, tmp_path):
     loop.arm.press(0.006 - beside)
     log = tmp_path / "log.csv"
-    assert loop.main([path, *SHORT, "--unsigned", "--log", str(log)]) == 1
-    assert "is inside the fixture" in capsys.readouterr().err
-    assert loop.arm.torques == []
+    said, torques = call(stored(tmp_path, bundles.small()), *SHORT, "--log", log, code=1)
+    assert "is inside the fixture" in said
+    assert len(torques) == 0
     assert not log.exists()
 
 
 @pytest.mark.parametrize("is_governed", [True, False])
-def test_the_log_is_a_session_that_a_replay_repeats_to_the_bit(is_governed, loop, tmp_path, capsys):
-    path, log = str(tmp_path / "f.h5"), tmp_path / "log.csv"
-    vfplan.write_fixture(bundles.small(), path)
+def test_the_log_is_a_session_that_a_replay_repeats_to_the_bit(is_governed, loop, call, tmp_path):
+    path, log = stored(tmp_path, bundles.small()), tmp_path / "log.csv"
     loop.arm.lives = lambda tick: loop.arm.press(0.0002)
-    words = [path, *SHORT, "--unsigned", "--log", str(log)]
-    words += [] if is_governed else ["--no-governor"]
-    assert loop.main(words) == 0
-    assert "status: all well" in capsys.readouterr().out
+    words = [path, *SHORT, *([] if is_governed else ["--no-governor"]), "--log"]
+    said, torques = call(*words, log)
+    assert "status: all well" in said
+    assert len(torques) == 20
     rows = np.genfromtxt(log, delimiter=",", names=True)
-    assert len(rows) == 21
     assert np.array_equal(rows["t"], np.arange(21) / 1000)
     again = vfplan.ProxyEngine.of(vfplan.read_fixture(path))
     session = vfplan.read_session(log)
     again.reset(session.hip[0])
     trace = again.run(session.hip)
-    force = "engine" if is_governed else "force"
-    for name, wanted in (("proxy", trace.proxy), (force, trace.force)):
-        found = np.stack([rows[f"{name}_{axis}"] for axis in "xyz"], axis=1)
-        assert np.array_equal(found, wanted), name
+    columns = {
+        name: np.stack([rows[f"{name}_{axis}"] for axis in "xyz"], axis=1)
+        for name in ("proxy", "force", *["engine"] * is_governed)
+    }
+    assert np.array_equal(columns["proxy"], trace.proxy)
+    assert np.array_equal(columns["engine" if is_governed else "force"], trace.force)
     assert np.array_equal(rows["state"], trace.state)
     assert np.array_equal(rows["status"], trace.status)
     assert np.abs(trace.force).max() > 1
-    commanded = np.stack([rows[f"force_{axis}"] for axis in "xyz"], axis=1)
-    assert np.array_equal(commanded[:, 1], np.array([[0] * 7, *loop.arm.torques])[:, 1])
+    assert np.array_equal(columns["force"][:, 1], [0, *torques[:, 1]])
 
-    assert loop.main(words) == 2
-    assert "the log is there already" in capsys.readouterr().err
-    words[words.index(str(log))] = str(tmp_path / "none" / "log.csv")
-    assert loop.main(words) == 2
-    assert len(loop.arm.torques) == 20
+    assert "the log is there already" in call(*words, log, code=2)[0]
+    call(*words, tmp_path / "none" / "log.csv", code=2)
 
 
 class Rendering:
@@ -473,14 +450,8 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
     for what in ("all three", "a new engine and a reset"):
         engine = Rendering(study.ChangingSheet(what, home - study.PRESSING_STOPS[0], 2000.0))
         limits = vfplan.Governor.of(arm.robot, 2000.0, torques=True) if governed else None
-        motion = run_loop(
-            arm,
-            engine,
-            limits,
-            wanted,
-            arm.ready,
-            ArmHand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M),
-        )
+        hand = ArmHand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M)
+        motion = run_loop(arm, engine, limits, wanted, arm.ready, hand)
         errors[what] = {reflex["kind"] for reflex in safety_stops(arm, motion)}
         assert np.abs(motion.rendered).max() > 2
     raw = set() if governed else {"controller_torque_discontinuity"}

@@ -5,7 +5,7 @@ import sys
 
 import bundles
 import pytest
-from conftest import ROOT, quick_compiler
+from conftest import ROOT, output, quick_compiler
 
 import vfplan
 
@@ -13,12 +13,6 @@ pytestmark = pytest.mark.slow
 
 SAMPLES = ROOT / "samples"
 TWINS = sorted(path.stem for path in SAMPLES.glob("[0-9]*.cpp"))
-
-
-def output(*command):
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def build(source, program):

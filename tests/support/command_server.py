@@ -20,27 +20,12 @@ import traceback
 from contextlib import suppress
 
 LIBRARIES = (
-    "cv2",
-    "h5py",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.pyplot",
-    "pydicom",
-    "scipy.linalg",
-    "scipy.ndimage",
-    "scipy.optimize",
-    "scipy.spatial",
-    "scipy.stats",
-    "skimage.measure",
-    "skimage.morphology",
-    "vfplan._core",
-    "vfplan.bundle",
-    "vfplan.figures.slice",
-    "vfplan.planning",
-    "vfplan.registration",
-    "vfplan.replaying.replay",
-    "vfplan.review.sheet",
-    "vfplan.session.result",
-)
+    "cv2", "h5py", "matplotlib.backends.backend_agg", "matplotlib.pyplot", "pydicom",
+    "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.spatial", "scipy.stats",
+    "skimage.measure", "skimage.morphology", "vfplan._core", "vfplan.bundle",
+    "vfplan.figures.slice", "vfplan.planning", "vfplan.registration", "vfplan.replaying.replay",
+    "vfplan.review.sheet", "vfplan.session.result",
+)  # fmt: skip
 
 
 def load() -> None:
@@ -51,6 +36,12 @@ def load() -> None:
     for name in LIBRARIES:
         with suppress(ImportError):
             importlib.import_module(name)
+    # The folder of this file is on no path, since commands shall not find it.
+    sys.path.append(os.path.dirname(__file__))
+    import codes
+
+    sys.path.pop()
+    codes.watch()
     import click
     import cv2
     from vfplan.cli.main import COMMANDS, cli
@@ -86,6 +77,7 @@ def run(request: dict) -> None:
         with suppress(OSError):
             sys.stdout.flush()
             sys.stderr.flush()
+        sys.modules["codes"].tell()
         os._exit(code)
 
 

@@ -53,16 +53,10 @@ def engine_sums(fixture: Fixture) -> dict[str, str]:
 
 
 MADE = {
-    "minimal": "minimal",
-    "everything": "whole",
-    "mesh": "sheet",
-    "pixels": "pixels",
-    "patient": "patient",
-    "guided": "guided",
-    "pieces": "drawn",
-    "findings": "doubtful",
+    "minimal": "minimal", "everything": "whole", "mesh": "sheet", "pixels": "pixels",
+    "patient": "patient", "guided": "guided", "pieces": "drawn", "findings": "doubtful",
     "reviewed": "reviewed",
-}
+}  # fmt: skip
 """Name in the archive -> the made-up fixture that it holds."""
 
 
@@ -82,16 +76,10 @@ def write_archive() -> None:
     with tempfile.TemporaryDirectory() as folder:
         key = Path(folder) / "key"
         public, _ = keygen(key)
-        sign(
-            ARCHIVE / f"{VERSION}-everything.h5",
-            ARCHIVE / f"{VERSION}-signed.h5",
-            key,
-            case="case 17",
-            robot_serial="R-0042",
-            registered_utc="2026-01-02T03:00:00Z",
-            despite_findings=True,
-            overwrite=True,
-        )
+        approval = {"case": "case 17", "robot_serial": "R-0042", "despite_findings": True}
+        approval["registered_utc"] = "2026-01-02T03:00:00Z"
+        whole, signed = (ARCHIVE / f"{VERSION}-{name}.h5" for name in ("everything", "signed"))
+        sign(whole, signed, key, **approval, overwrite=True)
         (ARCHIVE / "signed.pub").write_bytes(public.read_bytes())
     for path in ARCHIVE.glob(f"{VERSION}-*.h5"):
         text = json.dumps(to_json_types(describe(path, values=True)), indent=1)

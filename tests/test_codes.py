@@ -1,0 +1,340 @@
+"""Calls that are refused by a code which no other test raises; `--all` says if one is left over.
+
+`support/codes.py` watches the codes that the tests raise, and `conftest.py` asks it at the end.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace as as_is
+
+import bundles
+import click
+import numpy as np
+import pytest
+import slicer_files
+from captures import capture
+from conftest import ROOT
+from layouts import solid
+from refusals import refuses
+from replays import probing
+from review_slices import clear
+from rosbags import rosbag2
+from rosbags.typesys import Stores, get_typestore
+from vfplan.bench.extract import thin_hue_mask
+from vfplan.cli.bench import vfplan_bench
+from vfplan.cli.extract import write_pictures
+from vfplan.cli.outputs import refuse_folder, refuse_place
+from vfplan.io.table import MAX_COLUMNS, open_number_table
+
+import vfplan
+from vfplan.arm.rehearsal import check_session
+from vfplan.bench import peers
+from vfplan.bundle.importing import check_spacing, drawn
+from vfplan.bundle.validation import validate
+from vfplan.burr.burr import burr
+from vfplan.campaign import trial
+from vfplan.campaign.store import Store, blocks_on_cluster, run_campaign
+from vfplan.errors import InputError, VfplanError
+from vfplan.fixture import Stroke
+from vfplan.images.read import read_image
+from vfplan.io.files import MAX_LINE_BYTES, decompress, opened_file
+from vfplan.live.sources import stream_udp
+from vfplan.planning import match, rendering
+from vfplan.planning.extraction import read_vectors, resample
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.registration.registration import fit_registration
+from vfplan.registration.touch import refine_by_touch
+from vfplan.replaying.changing import ChangingFixture, load_exchange
+from vfplan.replaying.findings import run_findings
+from vfplan.review import markers, sheet_input, strokes
+from vfplan.review.geometry import route_over
+from vfplan.review.server import Draft
+from vfplan.review.session import Session
+from vfplan.review.steps import named
+from vfplan.scenes import god_object
+from vfplan.scenes.outline import Look
+from vfplan.session import bags
+from vfplan.session.events import Event, _check_counts
+from vfplan.session.read import _NpzMember
+from vfplan.session.result import ResultWriter, read_result, stored_ticks
+from vfplan.surface import curves, dicom, mesh, outline, slicing, volumes
+from vfplan.surface.build import read_contours
+from vfplan.view3d import Stage, ready_pyvista
+
+SMALL, SOLID = bundles.small(), bundles.patient()
+
+
+def written(path, data):
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    return path
+
+
+def table(data):
+    list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(()))
+
+
+def npy(array, cut=0):
+    file = io.BytesIO()
+    np.save(file, array)
+    return _NpzMember(io.BytesIO(file.getvalue()[: len(file.getvalue()) - cut]), "hip", "s.npz")
+
+
+def mended(points, closed=False):
+    points = np.array(points, float)
+    return strokes.MendedStroke.of(Stroke(points, closed, width=3.0))
+
+
+def ink(mask):
+    return as_is(mask=mask, box=(0, 0, *mask.shape), number=1, pixels=int(mask.sum()))
+
+
+def stored(folder, fixture):
+    vfplan.write_fixture(fixture, folder / "f.h5")
+    return folder / "f.h5"
+
+
+def stored_result(folder):
+    with ResultWriter(folder / "r.h5", {}):
+        pass
+    return folder / "r.h5"
+
+
+def taken_up(draft):
+    """A draft with a step that there is not."""
+    draft.keep(as_is(steps=[{"do": "fly"}], undone=[]))
+    return draft.take_up(as_is(apply=named))
+
+
+def on_clear_slice(folder, step):
+    return Session.open(clear(folder / "s.png")[0]).apply(step)
+
+
+def two_slices(folder):
+    """Open curves on slices that say where they lie."""
+    place = {"ImageOrientationPatient": [1, 0, 0, 0, 1, 0], "PixelSpacing": [0.5, 0.5]}
+    for z in range(2):
+        path = capture(folder, **place, ImagePositionPatient=[0, 0, z])
+        path.rename(folder / f"{z}.dcm")
+    return folder
+
+
+def touched(source, target):
+    """Twelve points on the sides of a cube, of which one lies beside it."""
+    corners = np.array([(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([three for a, b, c, d in sides for three in ((a, b, c), (a, c, d))])
+    tips = corners[triangles].mean(axis=1)
+    tips[0] += [-4e-3, 0, 0]
+    registration = fit_registration(source, target, model="rigid")
+    refine_by_touch(registration, registration.apply(tips), corners, triangles)
+
+
+def labelled(layers):
+    return volumes.labelled_volume(layers, np.eye(4), "", "f")
+
+
+def empty_bag(path):
+    """A bag that says that it holds a message."""
+    with rosbag2.Writer(path, version=9) as writer:
+        kind = "geometry_msgs/msg/PoseStamped"
+        writer.add_connection("/pose", kind, typestore=get_typestore(Stores.ROS2_HUMBLE))
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(text.replace("message_count: 0", "message_count: 1"))
+    return path
+
+
+def odd_mcap(path):
+    """A recording of ticks that another version made."""
+    with path.open("wb") as file:
+        writer = pytest.importorskip("mcap.writer").Writer(file)
+        writer.start()
+        topic = writer.register_channel(bags.TOPIC, "json", 0)
+        writer.add_message(topic, log_time=0, data=b"{}", publish_time=0)
+        writer.finish()
+    return path
+
+
+def called(command, *words):
+    with click.Context(command):
+        return command.callback.__wrapped__(*words)
+
+
+def no_scheduler(*args, **words):
+    raise OSError("Timed out")
+
+
+RING = 100 + 40 * np.array([(np.cos(t), np.sin(t)) for t in np.arange(0, 6.28, 0.02)])
+"""(M, 2) a closed curve on a slice [px]."""
+
+CROSS = np.zeros((90, 90), bool)
+CROSS[44:46] = CROSS[:, 44:46] = True
+
+# fmt: off
+CALLS = {
+    # What a campaign or a rehearsal is given.
+    "error-size": lambda d: trial.CampaignSettings(tremor_m=-1),
+    "hand-stiffness": lambda d: trial.CampaignSettings(hand_stiffness=0),
+    "no-trials": lambda d: run_campaign(SMALL, [probing()], d / "c", 0),
+    "no-session": lambda d: run_campaign(SMALL, [], d / "c", 1),
+    "folder-not-made": lambda d: Store(d / "no" / "c", {}),
+    "not-rendered": lambda d: trial.checked_registration(replace(SOLID, frame="patient_lps")),
+    "no-fle": lambda d: trial.fle_of(as_is(source=np.zeros((3, 2)), model="affine")),
+    "other-frame": lambda d: check_session(replace(probing(), frame="world"), SMALL, 1e3),
+    "session-length": lambda d: check_session(
+        as_is(frame="robot_base", hip=[SMALL.points[0]], name="s.csv"), SMALL, 1e3),
+    "other-rate": lambda d: check_session(probing(1, rate=100.0), SMALL, 1e3),
+    # Replays, live views, burrs.
+    "changes-guide": lambda d: ChangingFixture(bundles.guided(), "robust", None, None, {}, None),
+    "exchange-guides": lambda d: load_exchange(Event(0, bundles.guided()), "robust", None),
+    "nothing-to-burr": lambda d: burr(bundles.guided(), probing(), 1e-3),
+    "address-unusable": lambda d: stream_udp("udp://192.0.2.1:5005"),
+    "time-without-result": lambda d: Stage.tick_at(as_is(_ticks=None), 1.0),
+    "no-hue": lambda d: thin_hue_mask(np.zeros((5, 5, 3), np.uint8)),
+    # Settings of a plan.
+    "gate-range": lambda d: FixtureSettings(max_tre_m=-1.0),
+    "guide-stiffness": lambda d: FixtureSettings(guide_m=1e-3, stiffness=(0.0, 0.0, 0.0)),
+    "guide-without-curve": lambda d: rendering.add_guidance(SMALL, FixtureSettings(guide_m=1e-3)),
+    "no-normal": lambda d: rendering.ignored_axis(
+        "normal", as_is(T_target_source=np.eye(4), source=np.zeros((3, 3)))),
+    "density-of-surface": lambda d: vfplan.register(
+        bundles.sheet(), "m.csv", settings=FixtureSettings(density_per_m=1e3)),
+    "density-of-mask": lambda d: resample(as_is(method="mask"), None, 1.0),
+    "find-markers-in-space": lambda d: match.find_drawn(
+        as_is(source_frame="patient_lps"), None, None),
+    "find-markers-no-image": lambda d: match.find_drawn(as_is(source_frame="image"), None, None),
+    "find-markers-other-image": lambda d: match.find_drawn(
+        as_is(source_frame="image"), as_is(), None),
+    "touch-no-mesh": lambda d: match.refine(SMALL, None, "t.csv", 0.0),
+    "tip-radius-range": lambda d: match.refine(bundles.sheet(), None, "t.csv", -1.0),
+    "touch-no-surface": lambda d: touched(*solid(noise=1e-5)),
+    "picture-without-image": lambda d: write_pictures(
+        as_is(image=None, extraction=None), d / "m.png", None),
+    "no-triangle": lambda d: drawn(np.zeros((3, 3)), np.array([[0, 1, 2]])),
+    "spacing-out-of-range": lambda d: check_spacing(np.zeros((1, 3, 3)), 0.0),
+    # The page of a review.
+    "knot-exists": lambda d: mended(RING).insert_knot(RING[0]),
+    "too-few-knots": lambda d: mended([(0, 0), (1, 0)]).delete_knot(0, None),
+    "stretch-off-curve": lambda d: mended(RING, True).redraw(np.array([RING[0], (9, 9)]), None),
+    "stretch-too-short": lambda d: mended(RING, True).redraw(RING[[0, 0]], None),
+    "ink-no-line": lambda d: route_over(ink(np.ones((3, 3), bool))),
+    "ink-forks": lambda d: route_over(ink(CROSS)),
+    "no-drawn-curve": lambda d: Session.open(stored(d, SMALL)),
+    "slice-unregistered": lambda d: sheet_input.to_pixels(SMALL, None),
+    "slice-unplaced": lambda d: sheet_input.to_pixels(
+        replace(SOLID, frame="patient_lps"), as_is(T_patient_image=None)),
+    "markers-not-for-robot": lambda d: markers.fit_of(
+        as_is(target_frame="patient_lps"), None, None),
+    "draft-does-not-fit": lambda d: taken_up(Draft(d / "draft.json", {}, {})),
+    # Recorded sessions and results.
+    "topic-empty": lambda d: vfplan.read_session(
+        empty_bag(d / "bag"), ros=bags.RosOptions(topic="/pose")),
+    "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
+    "group-missing": lambda d: list(stored_ticks(stored_result(d).open("rb"), "r.h5", "no")),
+    "result-empty": lambda d: read_result(stored_result(d)),
+    "order-wrong": lambda d: npy(np.asfortranarray(np.ones((3, 3)))),
+    "file-cut": lambda d: npy(np.ones((3, 3)), cut=8).read_numbers(9),
+    "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
+    # Files, tables and folders.
+    "file-unreadable": lambda d: opened_file(d / "a\0b"),
+    "compressed-data-cut": lambda d: decompress(gzip.compress(b"whole")[:-8], "gzip", "f"),
+    "compressed-data-damaged": lambda d: decompress(b"none", "bzip2", "f"),
+    "line-too-long": lambda d: table(b"x" * (MAX_LINE_BYTES + 1)),
+    "too-many-columns": lambda d: table(b"x," * MAX_COLUMNS + b"x"),
+    "folder-is-a-file": lambda d: refuse_folder(written(d / "f", "")),
+    "output-is-a-directory": lambda d: refuse_place(d),
+    # Outlines, label maps, surfaces.
+    "outline-empty": lambda d: outline.polygon_of(np.zeros((2, 2)), "f"),
+    "structure-none": lambda d: outline.choose_structure((), None),
+    "surface-too-fine": lambda d: mesh.grid_axes(
+        as_is(outlines=[as_is(rings=[RING])], z=np.array([0.0, 1.0])), 1e-2, False),
+    "voxel-size": lambda d: volumes.checked_place(1e-9 * np.eye(4), "f"),
+    "voxel-axes": lambda d: volumes.checked_place(np.full((4, 4), 1e-3), "f"),
+    "volume-unsupported": lambda d: labelled(np.zeros((2, 1, 1, 1), int)),
+    "not-a-label-map": lambda d: labelled(np.full((1, 1, 1, 1), -1)),
+    "outline-not-finite": lambda d: dicom.ring_of_contour(
+        as_is(get_item=lambda name: as_is(value=["1", "nan", "2"])), "f"),
+    "source-several": lambda d: read_contours([Path("a.nrrd"), Path("b.nrrd")], None, None),
+    "slice-alone": lambda d: slicing.runs_of_slices(
+        [as_is(z=0.0), as_is(z=1e-3), as_is(z=2e-3)], np.array([5e-4]), np.eye(3)[2], None),
+    "curve-not-closed": lambda d: curves.read_slicer_curves(
+        [written(d / "f.mrk.json", slicer_files.mrk([]))]),
+    "outline-open": lambda d: curves.read_drawn_slices(two_slices(d), None),
+}
+# The same, where what is wrong is made so: what is put in the place of which name.
+PATCHED = {
+    "no-scheduler": (
+        "distributed.Client", no_scheduler,
+        lambda d: blocks_on_cluster(None, [], "tcp://none").__enter__()),
+    "not-settled": (
+        "vfplan.scenes.god_object.MAX_STEPS", 0,
+        lambda d: god_object.follow(
+            (as_is(look=lambda x: Look(np.full(1, 9.0), np.eye(3)[:1], np.zeros((1, 3, 3)))),),
+            np.zeros(3), np.ones(3), 1.0)),
+    "pyvista-missing": (
+        "vfplan.view3d.find_spec", lambda name: None, lambda d: ready_pyvista(screen=False)),
+    "peer-not-built": (
+        "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
+    "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
+    "no-such-stage": (
+        "vfplan.bench.stages.read_document", lambda path: {"results": []},
+        lambda d: called(vfplan_bench, "proxy", None, "b.json", (), False, None)),
+    "too-many-boxes": (
+        "vfplan.review.steps.MAX_EXCLUDED", 0,
+        lambda d: on_clear_slice(d, {"do": "exclude", "box": [0, 0, 5, 5]})),
+    "too-many-markers": (
+        "vfplan.review.steps.MAX_MARKERS", 0,
+        lambda d: on_clear_slice(d, {"do": "add_marker", "label": "x1"})),
+    "too-many-steps": (
+        "vfplan.review.session.MAX_STEPS", 0,
+        lambda d: on_clear_slice(d, {"do": "reverse", "stroke": 0})),
+}
+# fmt: on
+
+
+@pytest.mark.parametrize("code", CALLS)
+def test_the_call_is_refused_by_the_code(code, tmp_path):
+    with refuses(VfplanError, code):
+        CALLS[code](tmp_path)
+
+
+@pytest.mark.parametrize("code", PATCHED)
+def test_the_call_is_refused_where_it_is_made_so(code, monkeypatch, tmp_path):
+    name, value, call = PATCHED[code]
+    monkeypatch.setattr(name, value)
+    with refuses(VfplanError, code):
+        call(tmp_path)
+
+
+def test_what_a_replay_of_a_run_and_of_changes_remarks():
+    report = {"clearance_min_m": -1e-3, "episodes": [], "crossed_ticks": 1, "poses_refused": 2}
+    report |= {f"{name}_ticks": 3 for name in ("inside", "too_fast", "bad_hip")}
+    found = run_findings(report, as_is(band=1e-5, rule="paper", r1=1e-3))
+    assert [(finding["code"], finding["severity"]) for finding in found] == [
+        ("proxy-inside", "warning"), ("started-inside", "warning"), ("crossed", "warning"),
+        ("poses-refused", "warning"), ("too-fast", "warning"), ("hip-out-of-range", "error"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("fixture", "code"), [(SMALL, "leak.uncertified"), (bundles.sheet(), "leak.open_edges")]
+)
+def test_what_validate_remarks(fixture, code, tmp_path):
+    assert code in [issue.code for issue in validate(stored(tmp_path, fixture))]
+
+
+def test_what_of_another_image_is_doubted(monkeypatch, tmp_path):
+    folder, settings = ROOT / "samples", ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+    image = read_image(folder / "elbow.png", pixel_spacing_mm=(0.5, 0.5))
+    curve = vfplan.extract(folder / "elbow.png", settings).fixture
+    pairs = [folder / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
+    found = vfplan.register(curve, *pairs, image=replace(image, sha256="0" * 64)).findings
+    assert "image-other" in [finding.code for finding in found]
+
+    path = written(tmp_path / "c.csv", "u_px,v_px\n1,1\n50,9\n")
+    monkeypatch.setattr("vfplan.vectors.curve.check_drawn_on", lambda *words: ("Check it.",))
+    (finding,) = read_vectors(image, path, settings)[0].findings
+    assert finding.code == "vector-image-unknown"
