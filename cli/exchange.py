@@ -74,8 +74,12 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
-    triangles = len(fixture.mesh) if fixture.mesh is not None else 0
-    rule = best_rule(fixture) if fixture.rendering else None
+    triangles = 0
+    if fixture.mesh is not None:
+        triangles = len(fixture.mesh)
+    rule = None
+    if fixture.rendering:
+        rule = best_rule(fixture)
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
         "band_m": fixture.band,
@@ -90,8 +94,11 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     if content["/leak@kind"] == "cloud":
         # Nothing says what lies between the points of a bare cloud.
         opening = f"no point further than {millimetres(opening_m)} from the next"
-        opening = "a single point" if data["points"] == 1 else opening
-    certified = "certified" if content["/leak@certified"] else "not certified"
+        if data["points"] == 1:
+            opening = "a single point"
+    certified = "not certified"
+    if content["/leak@certified"]:
+        certified = "certified"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
         f"{content['/leak@kind']}, {certified}: {opening}"

@@ -33,7 +33,9 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
-        verdict = "sound, signed" if data["seal"]["signed"] else "sound, not signed"
+        verdict = "sound, not signed"
+        if data["seal"]["signed"]:
+            verdict = "sound, signed"
         next_step = approval_command(
             fixture, data["seal"], is_reviewed=data["reviewed"] is not None,
             has_image=any(path.startswith("/image@") for path in data),
@@ -45,7 +47,9 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
 def summary_text(data: dict[str, Any]) -> str:
     """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
     seal = data["seal"]
-    signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
+    signed = "not signed"
+    if seal["signed"]:
+        signed = f"signed by {seal['key_id']}"
     lines = [
         f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points",
         f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
@@ -76,7 +80,9 @@ def summary_text(data: dict[str, Any]) -> str:
         error_um = 1e6 * data["/pieces@error_m"]
         lines.append(f"  rendered as {pieces} lines and arcs within {error_um:.3g} µm of the curve")
     if "/guidance@radius_m" in data:
-        which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
+        which = "the curve"
+        if "/guidance@stroke" in data:
+            which = f"stroke {data['/guidance@stroke']}"
         line = (
             f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:.6g} mm, K "
             f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
@@ -197,7 +203,9 @@ def difference_line(difference: dict[str, Any]) -> str:
     """A difference: the place in the file, what differs there, and the values."""
     values = [f"{name} {difference[name]}" for name in difference if name not in ("path", "what")]
     line = f"{difference['path']}: {difference['what']}"
-    return f"{line} ({', '.join(values)})" if values else line
+    if values:
+        return f"{line} ({', '.join(values)})"
+    return line
 
 
 def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:

@@ -90,7 +90,9 @@ class LazyGroup(click.Group):
 
             similar = difflib.get_close_matches(name, COMMANDS, 1)
             choices = f"Choose one of {', '.join(COMMANDS)}"
-            hint = f"Did you mean {similar[0]!r}?" if similar else choices
+            hint = choices
+            if similar:
+                hint = f"Did you mean {similar[0]!r}?"
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
         return getattr(module, f"vfplan_{name}")
@@ -124,8 +126,12 @@ def print_usage_error(error: click.ClickException, as_json: bool) -> None:
 
     context = getattr(error, "ctx", None)
     message = " ".join(error.format_message().split())
-    where = context.command_path if context is not None else None
-    hint = f" (see '{where} --help')" if where else ""
+    where = None
+    if context is not None:
+        where = context.command_path
+    hint = ""
+    if where:
+        hint = f" (see '{where} --help')"
     if as_json:
         body = {"kind": "UsageError", "message": message, "where": where}
         click.echo(json.dumps({"error": body}, indent=2))

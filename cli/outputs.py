@@ -73,7 +73,9 @@ def refusal(path: Path, message: str, code: str) -> OutputError:
 def _refuse(paths: list[Path]) -> None:
     """Raise `OutputError` for the first path that cannot become an output of this call."""
     context = click.get_current_context(silent=True)
-    given = context.params.values() if context is not None else ()
+    given = ()
+    if context is not None:
+        given = context.params.values()
     inputs = {
         value.resolve()
         for value in given

@@ -67,7 +67,9 @@ def vfplan_plan(
     # The files that have no option of their own are checked before any work, as the others were.
     if output is None:
         output = Path(f"{image.stem}.h5")
-    sheet_path = output.with_name(f"{output.stem}-sheet.png") if not no_sheet else None
+    sheet_path = None
+    if not no_sheet:
+        sheet_path = output.with_name(f"{output.stem}-sheet.png")
     refuse_named_files(output, sheet_path)
 
     # From the slice to a fixture.
@@ -138,7 +140,9 @@ def vfplan_plan(
 def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
     """A doubt where the robot cannot pull along the guide as strongly as the guide wants."""
     limit = robot.force_limit_n
-    pull = fixture.guidance.lead_force if fixture.guidance is not None else None
+    pull = None
+    if fixture.guidance is not None:
+        pull = fixture.guidance.lead_force
     if limit is None or not pull or abs(pull) <= limit:
         return []
     text = (

@@ -57,7 +57,9 @@ def vfplan_register(
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
     drawn = read_fixture(curve)
-    slice_image = read_image(image) if image is not None else None
+    slice_image = None
+    if image is not None:
+        slice_image = read_image(image)
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,
@@ -213,7 +215,9 @@ def marker_table(report: dict[str, Any]) -> list[str]:
 
 def number_or_dash(value: float, width: int, decimals: int) -> str:
     """A number of a table; a dash where it is not known."""
-    return f"{'-':>{width}}" if not math.isfinite(value) else f"{value:{width}.{decimals}f}"
+    if not math.isfinite(value):
+        return f"{'-':>{width}}"
+    return f"{value:{width}.{decimals}f}"
 
 
 def rendering_line(report: dict[str, Any]) -> str:
@@ -235,7 +239,9 @@ def rendering_line(report: dict[str, Any]) -> str:
 
 def guide_line(guide: dict[str, Any]) -> str:
     """The tube of a guide."""
-    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
+    which = "the curve"
+    if "stroke" in guide:
+        which = f"stroke {guide['stroke']}"
     line = (
         f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
         f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"

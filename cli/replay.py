@@ -140,11 +140,15 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
-        image = "IMAGE" if replayed.fixture.image is not None else None
+        image = None
+        if replayed.fixture.image is not None:
+            image = "IMAGE"
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
-    left_open = gap_words(metrics) + change_words(metrics) if replayed.passed else ""
+    left_open = ""
+    if replayed.passed:
+        left_open = gap_words(metrics) + change_words(metrics)
     return CommandResult(
         metrics,
         "\n".join(lines),
@@ -174,7 +178,8 @@ def replay_with_outputs(
 
     # The session, and what happens to the fixture during it.
     ros = RosOptions(arguments["topic"], arguments["field"], arguments["tool_tip"])
-    ros = None if ros == RosOptions() else ros
+    if ros == RosOptions():
+        ros = None
     source = open_session(session, units=arguments["units"], frame=arguments["frame"], ros=ros)
     poses, events = arguments["poses"], arguments["events"]
     if arguments["rate_hz"]:
@@ -200,7 +205,9 @@ def replay_with_outputs(
     with ExitStack() as files:
         writer = table = None
         if result_path is not None:
-            groups = ("", second_rule) if second_rule else ("",)
+            groups = ("",)
+            if second_rule:
+                groups = ("", second_rule)
             writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))

@@ -302,8 +302,12 @@ class Printer:
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             click.echo(text)
         elif not self.quiet:
-            verdict = f"verdict: {result.verdict}" if result.verdict else ""
-            following = f"next: {result.next_step}" if result.next_step else ""
+            verdict = ""
+            if result.verdict:
+                verdict = f"verdict: {result.verdict}"
+            following = ""
+            if result.next_step:
+                following = f"next: {result.next_step}"
             click.echo(printable("\n".join(filter(None, (result.text, verdict, following)))))
 
     def exit_with(self, failure: Failure) -> NoReturn:
@@ -316,7 +320,9 @@ class Printer:
         if self.as_json:
             error = {"kind": kind, "message": message, "where": where, **more}
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
-        line = f"{where}: {message}" if where else message
+        line = message
+        if where:
+            line = f"{where}: {message}"
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
         sys.exit(exit_code)
 
@@ -454,7 +460,9 @@ def silence(stream: TextIO | None) -> None:
 def shows_progress() -> bool:
     """Whether progress is shown: stderr is a terminal, and there is no `-q`."""
     context = click.get_current_context(silent=True)
-    return False if context is not None and context.params.get("quiet") else sys.stderr.isatty()
+    if context is not None and context.params.get("quiet"):
+        return False
+    return sys.stderr.isatty()
 
 
 @contextmanager

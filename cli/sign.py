@@ -66,7 +66,9 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     from vfplan.bundle.read import read_sealed
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
-    reviewed = asdict(signed.reviewed) if signed.reviewed is not None else None
+    reviewed = None
+    if signed.reviewed is not None:
+        reviewed = asdict(signed.reviewed)
     data = {
         **seal.describe(),
         "ok": True,
@@ -84,8 +86,12 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         missing = [SIGNED_FOR[name] for name in data["not_compared"]]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if seal.despite_findings:
-        unanswered = ["findings were not answered"] if signed.open_findings else []
-        unseen = ["nobody had reviewed it"] if signed.reviewed is None else []
+        unanswered = []
+        if signed.open_findings:
+            unanswered = ["findings were not answered"]
+        unseen = []
+        if signed.reviewed is None:
+            unseen = ["nobody had reviewed it"]
         reason = " and ".join(unanswered + unseen)
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
@@ -104,7 +110,9 @@ def seal_lines(seal: dict[str, Any]) -> list[str]:
 
 def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
     """Who reviewed the plan, and its findings, a line each."""
-    who = f"{reviewed['by']}, {reviewed['utc']}" if reviewed is not None else "nobody"
+    who = "nobody"
+    if reviewed is not None:
+        who = f"{reviewed['by']}, {reviewed['utc']}"
     lines = [f"  reviewed    by {who}"]
     for finding in findings:
         line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"

@@ -42,7 +42,9 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     if result is not None:
         ticks, attributes = read_result(result)
         require_fixture(attributes, seal.sha256.hex(), result.name)
-    image = read_image(slice_path) if slice_path is not None else None
+    image = None
+    if slice_path is not None:
+        image = read_image(slice_path)
     if image is not None:
         check_slice(planned, image)
 

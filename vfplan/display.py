@@ -27,7 +27,9 @@ def length(metres: float) -> str:
     """
     if 0 < metres < 1e-9:
         return "< 1 nm"
-    return "> -1 nm" if -1e-9 < metres < 0 else _in_units(metres, _LENGTHS)
+    if -1e-9 < metres < 0:
+        return "> -1 nm"
+    return _in_units(metres, _LENGTHS)
 
 
 def duration(seconds: float) -> str:
@@ -82,8 +84,12 @@ def milliseconds(seconds: float | None) -> str:
 
 def count(number: int, noun: str) -> str:
     """A number of things, e.g. "1 point" or "3 points"."""
-    return f"1 {noun}" if number == 1 else f"{number} {noun}s"
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number} {noun}s"
 
 
 def _scaled(value: float | None, factor: float, decimals: int, unit: str) -> str:
-    return "unknown" if value is None else f"{value * factor:z.{decimals}f} {unit}"
+    if value is None:
+        return "unknown"
+    return f"{value * factor:z.{decimals}f} {unit}"

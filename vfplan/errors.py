@@ -70,7 +70,9 @@ class VfplanError(Exception):
         return type(self).__name__
 
     def __str__(self) -> str:
-        return f"{self.where}: {self.message}" if self.where else self.message
+        if self.where:
+            return f"{self.where}: {self.message}"
+        return self.message
 
 
 class InputError(VfplanError):

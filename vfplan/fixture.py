@@ -310,12 +310,16 @@ class Stroke:
     def length(self) -> float:
         """Length of the line, of a closed one back to the first point."""
         known = self.known_length
-        return length_of(self.points, self.closed) if known is None else known
+        if known is None:
+            return length_of(self.points, self.closed)
+        return known
 
     @property
     def end_points(self) -> NDArray[np.float64]:
         """(2, K) first and last point; (0, K) of a closed line, or of one in no order."""
-        return self.points[:0] if self.closed or not self.is_ordered else self.points[[0, -1]]
+        if self.closed or not self.is_ordered:
+            return self.points[:0]
+        return self.points[[0, -1]]
 
     def at(self, parameter: NDArray[np.float64]) -> Stroke:
         """The stroke through its places at float indices (N,) of its points.
@@ -414,7 +418,9 @@ def _flat(value: Any) -> str | float | int | bool:
     """Lists as text, with commas between numbers and semicolons between lists."""
     if not isinstance(value, (tuple, list)):
         return value
-    separator = ";" if any(isinstance(part, (tuple, list)) for part in value) else ","
+    separator = ","
+    if any(isinstance(part, (tuple, list)) for part in value):
+        separator = ";"
     return separator.join(str(_flat(part)) for part in value)
 
 
@@ -481,7 +487,9 @@ class Fixture:
     @property
     def pieces(self) -> Pieces | None:
         """The curve as lines and arcs, where it is known so."""
-        return None if self.curve is None else self.curve.pieces
+        if self.curve is None:
+            return None
+        return self.curve.pieces
 
     @property
     def forbidden(self) -> NDArray[np.float64]:
@@ -513,7 +521,9 @@ class Fixture:
         rows = self.curve.stroke != self.guidance.stroke
         strokes = np.arange(len(self.curve.closed)) != self.guidance.stroke
         new_number = np.cumsum(strokes, dtype=np.int32) - 1
-        pieces = self.pieces.of(strokes) if self.pieces is not None else None
+        pieces = None
+        if self.pieces is not None:
+            pieces = self.pieces.of(strokes)
         curve = Curve(
             new_number[self.curve.stroke[rows]],
             self.curve.closed[strokes],
@@ -542,7 +552,9 @@ class Fixture:
 
 
 def _rows_of(values: NDArray | None, rows: NDArray[np.bool_]) -> NDArray | None:
-    return None if values is None else values[rows]
+    if values is None:
+        return None
+    return values[rows]
 
 
 def size_doubt(points: NDArray[np.float64]) -> str | None:

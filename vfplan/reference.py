@@ -84,7 +84,9 @@ class PaperProxy:
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= MAX_COORDINATE):  # NaN, infinite or absurd: stay, say so
-            proxy = np.zeros(3) if self._proxy is None else self._proxy
+            proxy = self._proxy
+            if self._proxy is None:
+                proxy = np.zeros(3)
             return Step(proxy, self._normal, self._force, self._state, Status.BAD_HIP)
         if self._proxy is None:
             self._proxy = hip.copy()  # Algorithm 1: P_proxy <- P_HIP
@@ -155,7 +157,9 @@ def normal_vector(p: Vector, proxy: Vector, r1: float, r3: float) -> Vector:
     nk = (away / r[:, None] * phi[:, None]).sum(axis=0)
     length = np.linalg.norm(nk)
     # A sum of eq. (1) that cancels to rounding has no direction.
-    return np.zeros(3) if length <= ROUNDING * phi.sum() else nk / length
+    if length <= ROUNDING * phi.sum():
+        return np.zeros(3)
+    return nk / length
 
 
 def wendland(r: Vector, r1: float, r3: float) -> Vector:
@@ -190,7 +194,9 @@ def first_contact(w: Vector, direction: Vector, radius: float) -> float:
     hit = discriminant >= 0
     d0 = ahead[hit] - np.sqrt(discriminant[hit])
     d0 = d0[d0 >= 0]
-    return np.inf if not d0.size else float(d0.min())
+    if not d0.size:
+        return np.inf
+    return float(d0.min())
 
 
 def projection(u: Vector, n: Vector) -> Vector:
@@ -206,14 +212,18 @@ def tangential_step(up: Vector, par: ProxyParameters) -> float:
 def along(v: Vector, d: float) -> Vector:
     """d v / |v|; 0 when v is 0."""
     length = np.linalg.norm(v)
-    return np.zeros(3) if length == 0 else d * v / length
+    if length == 0:
+        return np.zeros(3)
+    return d * v / length
 
 
 def step_in_contact(u: Vector, n: Vector, par: ProxyParameters) -> Vector:
     """Algorithm 3 (state 1), eq. (6): along u_p with the HIP inside the VF, along u outside."""
     up = projection(u, n)
     d = tangential_step(up, par)
-    return along(up, d) if n @ u < 0 else along(u, d)
+    if n @ u < 0:
+        return along(up, d)
+    return along(u, d)
 
 
 def step_entrenched(p: Vector, proxy: Vector, n: Vector, par: ProxyParameters) -> Vector:
@@ -237,4 +247,6 @@ def virtual_force(across: Vector, par: ProxyParameters) -> Vector:
     """
     force = par.stiffness * across
     a = par.ignore_axis
-    return force if a is None else force - (force @ a) * a
+    if a is None:
+        return force
+    return force - (force @ a) * a

@@ -59,7 +59,9 @@ def rendering_fault(window: str | None) -> str:
 
     window: a window class of VTK, which needs no screen; `None`: a window on the screen
     """
-    chosen = {} if window is None else {VARIABLE: window}
+    chosen = {VARIABLE: window}
+    if window is None:
+        chosen = {}
     # Matplotlib, which PyVista loads, would read settings of the current folder.
     how = {"env": {**os.environ, **chosen}, "cwd": "/", "stdin": subprocess.DEVNULL}
     how |= {"capture_output": True, "text": True, "errors": "replace", "timeout": PROBE_LIMIT_S}
@@ -73,7 +75,9 @@ def rendering_fault(window: str | None) -> str:
     if done.returncode == 0 and "drawn True" in done.stdout:
         return ""
     lines = [line.strip()[:200] for line in done.stderr.splitlines() if line.strip()]
-    reason = lines[-1] if lines else "nothing was drawn"
+    reason = "nothing was drawn"
+    if lines:
+        reason = lines[-1]
     if done.returncode < 0:
         reason += f" (ended by signal {-done.returncode})"
     return reason
@@ -210,7 +214,9 @@ class Stage:
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
         add_scale(pyvista, self.plotter, fixture.points)
-        hip = ticks.hip if ticks is not None else None
+        hip = None
+        if ticks is not None:
+            hip = ticks.hip
         place_camera(self.plotter, fixture.points, hip)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.

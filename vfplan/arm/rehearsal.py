@@ -140,7 +140,9 @@ def run_loop(
     start_quaternion, quaternion = np.zeros((2, 4))
     mj.mju_mat2Quat(start_quaternion, rotation.ravel())
     engine_step = engine.native.step
-    native_governor = governor.native if governor is not None else None
+    native_governor = None
+    if governor is not None:
+        native_governor = governor.native
     delayed = deque([np.zeros(joints)] * arm.robot.delay_ticks)
     engine.reset(tip)
 
@@ -311,7 +313,9 @@ def rehearse(
     # The robot's part: engine, governor, and the posture to begin with.
     stiffness = largest_rendered_stiffness(fixture)
     engine = ProxyEngine.of(fixture)
-    governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
+    governor = None
+    if governed:
+        governor = Governor.of(arm.robot, stiffness, torques=True)
     ruler = CurveRuler.of(fixture)
     start, unreached = reach_places(arm, session, ruler)
 
@@ -452,7 +456,9 @@ def posture_figures(
     robot = arm.robot
     mass_kg = postures[lightest].mass_kg
     plant = Plant(mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz)
-    condition = postures[worst].condition if np.isfinite(postures[worst].condition) else None
+    condition = None
+    if np.isfinite(postures[worst].condition):
+        condition = postures[worst].condition
     figures = {
         "joint_margin_min_rad": float(to_limit.min()),
         "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,

@@ -66,7 +66,9 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         lowest = panels[(len(scenes) - 1 - k) // columns, k]
         lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
         lowest.tick_params(labelbottom=True)
-    error_unit = "px" if results[0]["unit"] == "px" else "µm"
+    error_unit = "µm"
+    if results[0]["unit"] == "px":
+        error_unit = "px"
     for axes in panels[:, 0]:
         axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
     set_limits(panels[0, 0], results, document, stage)
@@ -90,7 +92,9 @@ def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
         method = result["method"]
         if result.get("chosen") or method in looks:
             continue
-        rule = method.split(",")[0].split(" in ")[0] if method not in RULES else method
+        rule = method
+        if method not in RULES:
+            rule = method.split(",")[0].split(" in ")[0]
         if rule not in colours:
             colours[rule] = RULES.get(rule) or next(spare_colours)
             variants[rule] = 0
@@ -149,7 +153,9 @@ def draw_panel(
 
 def time_factor(stage: str) -> float:
     """Factor from microseconds to the unit of the diagram."""
-    return 1e-3 if LOOKS[stage].time_unit == "ms" else 1.0
+    if LOOKS[stage].time_unit == "ms":
+        return 1e-3
+    return 1.0
 
 
 def place_of(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:

@@ -129,7 +129,9 @@ class Peer:
 
 def flattening(axis: Array | None) -> Array:
     """(3, 3) the map that presses space flat along an axis; the identity without one."""
-    return np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+    if axis is None:
+        return np.eye(3)
+    return np.eye(3) - np.outer(axis, axis)
 
 
 def settings_table(parameters: ProxyParameters) -> str:
@@ -170,7 +172,9 @@ def build_nanoflann(folder: Path) -> Peer:
             ) from None
     if done.returncode:
         errors = [line.strip() for line in done.stderr.splitlines() if "error" in line]
-        reason = errors[0] if errors else "no message"
+        reason = "no message"
+        if errors:
+            reason = errors[0]
         raise SettingError(
             f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
             code="peer-not-built",

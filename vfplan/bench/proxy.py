@@ -188,7 +188,9 @@ class Case:
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        return self.origin.truth if self.origin else self.scene.truth(self.hips, R)
+        if self.origin:
+            return self.origin.truth
+        return self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
@@ -205,7 +207,9 @@ class Case:
     @cached_property
     def clearance(self) -> Array:
         """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        return self.origin.clearance if self.origin else self.scene.clearance(self.truth) - R
+        if self.origin:
+            return self.origin.clearance
+        return self.scene.clearance(self.truth) - R
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
@@ -215,7 +219,9 @@ class Case:
     def solid(self) -> Case | None:
         """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
         is_flat = self.scene.ignore_axis is not None
-        return self.with_scene(replace(self.scene, extrude=6 * R)) if is_flat else None
+        if not is_flat:
+            return None
+        return self.with_scene(replace(self.scene, extrude=6 * R))
 
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""
@@ -236,7 +242,9 @@ class NoisySheet(Sheet):
 
 def cases(quick: bool) -> Iterator[Case]:
     """All cases, the cheap ones first."""
-    ticks = QUICK_TICKS if quick else None
+    ticks = None
+    if quick:
+        ticks = QUICK_TICKS
     for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
@@ -427,7 +435,9 @@ def proxy_scenes(
     quick: bool, tolerance_m: float, peers: Sequence[Peer]
 ) -> Iterator[list[BenchRun]]:
     """The runs of each scene and route."""
-    spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
+    spacings = (2e-3, 1e-3, 0.5e-3, 0.25e-3)
+    if quick:
+        spacings = (1e-3, 0.5e-3)
     for case in cases(quick):
         runs = []
         for spacing in case.spacings or spacings:
@@ -554,4 +564,6 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
 
 def root_mean_square(values: Array) -> float:
     """The root of the mean square; 0 of no values."""
-    return 0.0 if not len(values) else float(np.sqrt(np.mean(values**2)))
+    if not len(values):
+        return 0.0
+    return float(np.sqrt(np.mean(values**2)))

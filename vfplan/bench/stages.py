@@ -100,7 +100,9 @@ def bench(
     choice = choose(tolerance_m, 5e-3)
     for peer in peers:
         peer.check()
-    repeats = QUICK_REPEATS if quick else REPEATS
+    repeats = REPEATS
+    if quick:
+        repeats = QUICK_REPEATS
     started = time.perf_counter()
     records: list[Record] = []
     refused: list[Record] = []
@@ -212,7 +214,8 @@ def describe_machine() -> dict[str, Any]:
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         named = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-        processor = named[0] if named else processor
+        if named:
+            processor = named[0]
     affinity = getattr(os, "sched_getaffinity", None)
     cores = os.cpu_count() if affinity is None else len(affinity(0))
     instants = [time.perf_counter_ns() for _ in range(2001)]

@@ -115,7 +115,9 @@ def max_size(symbol: str) -> int:
 def max_number(path: str) -> float:
     """The largest number that a bundle may hold at a path."""
     largest = rows_by_path()[path].max
-    return math.inf if largest is None else float(largest)
+    if largest is None:
+        return math.inf
+    return float(largest)
 
 
 # Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.bundle.content import max_size
 from vfplan.bundle.leak import largest_cover
+from vfplan.display import MM
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
@@ -36,7 +37,7 @@ from vfplan.io.files import (
     read_bytes,
 )
 
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
 """Unit of a file's numbers -> metres."""
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
 HEADER_BYTES = 1 << 16
@@ -143,7 +144,8 @@ def import_cloud(
         unused = len(points) - len(np.unique(cloud.triangles))
         if unused > 0:
             ignored.append(f"{unused} points of no triangle")
-        spacing = radius / 10 if spacing is None else spacing
+        if spacing is None:
+            spacing = radius / 10
         check_spacing(points[cloud.triangles], spacing)
         points, mesh = drawn(points, cloud.triangles)
         # No place of a triangle is farther from its corners than its longest side over sqrt(3).
@@ -193,7 +195,9 @@ def check_cloud(points: Points, where: str) -> Points:
 def short_text(text: str) -> str:
     """A text as one of at most 203 characters, without control characters and slashes."""
     clean = "".join("?" if c in "/\\" or not c.isprintable() else c for c in text)
-    return clean if len(clean) <= 200 else clean[:200] + "..."
+    if len(clean) <= 200:
+        return clean
+    return clean[:200] + "..."
 
 
 def mesh_band(points: Points, triangles: Triangles, radius: float) -> float:
@@ -361,9 +365,13 @@ def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     Raises `InputError` when the file is not whole, or holds faces that are not triangles.
     """
     try:
-        return read_ply(data) if suffix == ".ply" else read_stl(data)
+        if suffix == ".ply":
+            return read_ply(data)
+        return read_stl(data)
     except (KeyError, ValueError, IndexError, OverflowError, TypeError) as error:
-        reason = f"{error} is unknown or missing" if isinstance(error, KeyError) else error
+        reason = error
+        if isinstance(error, KeyError):
+            reason = f"{error} is unknown or missing"
         raise InputError(
             f"cannot be read as {suffix[1:].upper()}: {reason}. Export it once more, with "
             "triangles alone.",
@@ -520,7 +528,9 @@ def text_row(element: Element, line: bytes) -> np.dtype:
             fields.append((name, "f8"))
             column += 1
             continue
-        length = int(numbers[column]) if column < len(numbers) else 0
+        length = 0
+        if column < len(numbers):
+            length = int(numbers[column])
         if not 0 <= length <= len(numbers):
             raise ValueError(f"{element.name!r} begins with a list of {length}")
         fields += [("#" + name, "f8"), (name, "f8", (length,))]
@@ -544,7 +554,9 @@ def columns_of(table: NDArray, element: Element) -> Columns:
 def read_stl(data: bytes) -> Mesh:
     """The facets of an STL file; each has three points of its own."""
     # A text of 80 bytes and the count of facets come first.
-    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
+    count = 0
+    if len(data) >= 84:
+        count = struct.unpack_from("<I", data, 80)[0]
     size = 84 + count * STL_FACET.itemsize
     # Some binary files begin with "solid" as those of text do, so the length decides.
     if len(data) == size:

@@ -80,7 +80,9 @@ class Across:
     def __getitem__(self, rows: Any) -> NDArray[np.float64]:
         """(..., 3) positions [m] of these rows."""
         chosen = self.points[rows]
-        return chosen if self.axis is None else chosen - (chosen @ self.axis)[..., None] * self.axis
+        if self.axis is None:
+            return chosen
+        return chosen - (chosen @ self.axis)[..., None] * self.axis
 
 
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -426,7 +426,9 @@ def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
             continue
         if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
             half = f"its public half, {Path(where).with_suffix('.pub').name}"
-            wanted = "a file of public keys alone" if Path(where).suffix == ".pub" else half
+            wanted = half
+            if Path(where).suffix == ".pub":
+                wanted = "a file of public keys alone"
             raise InputError(
                 f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
                 where=where,
@@ -568,7 +570,9 @@ def sign(
 
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
-    slice_option = "--slice IMAGE " if fixture.image is not None else ""
+    slice_option = ""
+    if fixture.image is not None:
+        slice_option = "--slice IMAGE "
     approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
     page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
     how = f"{page}. Or sign it all the same with --despite-findings"

@@ -31,8 +31,12 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     from scipy.special import betaincinv
 
     tail = (1 - PROBABILITY) / 2
-    low = float(betaincinv(hits, trials - hits + 1, tail)) if hits > 0 else 0.0
-    high = float(betaincinv(hits + 1, trials - hits, 1 - tail)) if hits < trials else 1.0
+    low = 0.0
+    if hits > 0:
+        low = float(betaincinv(hits, trials - hits + 1, tail))
+    high = 1.0
+    if hits < trials:
+        high = float(betaincinv(hits + 1, trials - hits, 1 - tail))
     return low, high
 
 
@@ -48,8 +52,12 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
     index = min(count - 1, max(0, int(np.ceil(q * count)) - 1))
     low_index = int(binom.ppf(tail, count, q)) - 1
     high_index = int(binom.ppf(1 - tail, count, q))
-    low = float(sorted_values[low_index]) if low_index >= 0 else None
-    high = float(sorted_values[high_index]) if high_index < count else None
+    low = None
+    if low_index >= 0:
+        low = float(sorted_values[low_index])
+    high = None
+    if high_index < count:
+        high = float(sorted_values[high_index])
     return {"value": float(sorted_values[index]), "low": low, "high": high}
 
 
@@ -75,7 +83,9 @@ def margins(
     ordered = np.sort(depth)
 
     def margin_mm(depth_m: float | None) -> float | None:
-        return None if depth_m is None else 1e3 * max(0.0, depth_m) / share
+        if depth_m is None:
+            return None
+        return 1e3 * max(0.0, depth_m) / share
 
     entries = []
     for probability in probabilities:

@@ -232,7 +232,9 @@ class Trials:
     @property
     def dimension(self) -> int:
         """How many standard normals the geometry of a trial takes."""
-        return self.markers if self._sigma is None else self.markers + len(self._sigma)
+        if self._sigma is None:
+            return self.markers
+        return self.markers + len(self._sigma)
 
     @property
     def markers(self) -> int:

@@ -302,7 +302,8 @@ def data_in_the_seal() -> bytes:
 
 def with_seal(at: int, value: bytes, data: bytes | None = None) -> bytes:
     """A bundle with other bytes in its seal, whose own digest is made anew."""
-    data = sound_file() if data is None else data
+    if data is None:
+        data = sound_file()
     block = bytearray(data[-SEAL:])
     block[at : at + len(value)] = value
     block[-48:-16] = hashlib.sha256(block[:-48]).digest()

@@ -246,7 +246,9 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def _and_more(pieces: list[Leftover]) -> str:
-    return "" if len(pieces) <= NAMED else f", and {len(pieces) - NAMED} smaller pieces as well"
+    if len(pieces) <= NAMED:
+        return ""
+    return f", and {len(pieces) - NAMED} smaller pieces as well"
 
 
 def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
@@ -302,7 +304,9 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
-    odd = thin if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width else wide
+    odd = wide
+    if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
+        odd = thin
     return _middle(odd)
 
 

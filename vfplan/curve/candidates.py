@@ -239,10 +239,14 @@ class Candidate:
 
     def tangent(self, end: int) -> Array:
         """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
-        run = self.path[::-1] if end == -1 else self.path
+        run = self.path
+        if end == -1:
+            run = self.path[::-1]
         run = run[: tuned.TANGENT_PX + 1]
         run = run[len(run) // 6 :]  # Thinning bends the last pixels.
-        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
+        degree = 1
+        if len(run) > tuned.TANGENT_PX // 2:
+            degree = 2
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)
 
@@ -253,10 +257,14 @@ class Candidate:
     def in_order(self) -> Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
-            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
+            if self.path[0].sum() <= self.path[-1].sum():
+                return self
+            return self.backwards()
         u, v = self.path.T
         is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
-        line = self if is_clockwise else self.backwards()
+        line = self
+        if not is_clockwise:
+            line = self.backwards()
         start = -int(np.argmin(line.path.sum(1)))
         path = np.roll(line.path, start, axis=0)
         return replace(line, path=path, bridged=np.roll(line.bridged, start))

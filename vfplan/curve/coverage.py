@@ -78,7 +78,9 @@ def parse_colour(colour: str) -> Array:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
         similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        question = f"Did you mean {similar[0]!r}? " if similar else ""
+        question = ""
+        if similar:
+            question = f"Did you mean {similar[0]!r}? "
         raise SettingError(
             f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
@@ -129,7 +131,9 @@ class Region:
     def border_distance(self, points: NDArray, size: NDArray) -> Array:
         """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
         distance = np.full(len(points), np.inf)
-        borders = [*self.outside, self.inside] if self.inside is not None else self.outside
+        borders = self.outside
+        if self.inside is not None:
+            borders = [*self.outside, self.inside]
         for u, v, width, height in borders:
             low = np.array([u, v]) - 0.5
             high = np.add(low, (width, height))

@@ -66,12 +66,20 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
         ring = np.arange(len(curve.points))
         return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
     last = len(curve.points) - 1
-    first = None if start is None else _index(curve, start, "--start")
-    stop = None if end is None else _index(curve, end, "--end")
+    first = None
+    if start is not None:
+        first = _index(curve, start, "--start")
+    stop = None
+    if end is not None:
+        stop = _index(curve, end, "--end")
     if first is None:
-        first = last if stop <= last / 2 else 0
+        first = 0
+        if stop <= last / 2:
+            first = last
     if stop is None:
-        stop = last if first < last / 2 else 0
+        stop = 0
+        if first < last / 2:
+            stop = last
     if first == stop:
         raise CurveError(
             "--start and --end lie on the same point of the curve. Move one of them.",
@@ -250,7 +258,9 @@ def extract_curve(
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
-    passing = lines_through(lines, start, end) if places and stroke is None else lines
+    passing = lines
+    if places and stroke is None:
+        passing = lines_through(lines, start, end)
     chosen = choose.choose_lines(passing, stroke, ink, pen, region, max_gap_px)
     unchosen = [line for line in lines if line not in chosen]
     chosen = [line.in_order() for line in chosen]
@@ -354,7 +364,9 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
-    length = drawn_length(curve.points, curve.closed) if method != "ridge" else None
+    length = None
+    if method != "ridge":
+        length = drawn_length(curve.points, curve.closed)
     drawn = curve.points, curve.closed, curve.sigma, curve.bridged
     measured = Stroke(*drawn, width=line.width, known_length=length)
     if method != "mask":

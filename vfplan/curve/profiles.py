@@ -357,7 +357,9 @@ def _find_end(run: Run) -> End:
 
     # The shape of the tip decides, as far as it shows: the sides of a point end long before its
     # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
-    tip = (0.0, 1.0, 0.0, 0.0) if rested else _tip_shape(run, width)
+    tip = (0.0, 1.0, 0.0, 0.0)
+    if not rested:
+        tip = _tip_shape(run, width)
     flat, reach, longest_point, point_shows = tip
     is_point = (width < FALLS_PX) & (longest_point > FALLS_PX)
     tapered = np.maximum(tapered, point_shows * is_point)
@@ -376,7 +378,9 @@ def _find_end(run: Run) -> End:
     variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
 
     is_drawn_out = (likely * tapered).sum() > tuned.HALF
-    whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
+    whole = half
+    if is_drawn_out:
+        whole = _crossing(ink, half, visible_ink)
     beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
     # More ink than `VISIBLE` is no faint one; the account lists it.
@@ -468,7 +472,9 @@ def _smoothed(ink: NDArray) -> Array:
 def _last_above(ink: NDArray, level: float, visible: int) -> int:
     """The last point up to `visible` at which the ink has a level."""
     above = np.flatnonzero(ink[: visible + 1] >= level)
-    return visible if len(above) == 0 else int(above[-1])
+    if len(above) == 0:
+        return visible
+    return int(above[-1])
 
 
 def _crossing(ink: NDArray, start: float, level: float) -> float:
@@ -478,4 +484,6 @@ def _crossing(ink: NDArray, start: float, level: float) -> float:
     if len(below) == 0:
         return float(len(ink) - 1)
     k = first + int(below[0])
-    return float(start) if k == first else k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)
+    if k == first:
+        return float(start)
+    return k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)

@@ -348,7 +348,9 @@ def number(
     bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     unit = f" {unit}" if unit else ""
     of = "of " if above is None else ""
-    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
+    wanted = "a finite value"
+    if bounds:
+        wanted = f"a value {of}{bounds}{unit}"
     if why:
         wanted += f" ({why})"
     raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
@@ -373,7 +375,9 @@ def core_settings(**units: str) -> Iterator[None]:
         yield
     except _core.OutOfRange as error:
         message, name, value = error.args
-        given = f"{name}_{units[name]}" if name in units else name
+        given = name
+        if name in units:
+            given = f"{name}_{units[name]}"
         raise SettingError(message.replace(name, given, 1), numbers={given: value}) from None
 
 

@@ -178,8 +178,12 @@ def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
     if fixture.rendering is None or fixture.region is None:
         return None
     if fixture.ignore_axis is not None:
-        return "curve" if fixture.region.pieces else None
-    return "mesh" if fixture.mesh is not None and fixture.guidance is None else None
+        if fixture.region.pieces:
+            return "curve"
+        return None
+    if fixture.mesh is not None and fixture.guidance is None:
+        return "mesh"
+    return None
 
 
 def best_rule(fixture: Fixture) -> Rule:
@@ -198,7 +202,9 @@ def best_rule(fixture: Fixture) -> Rule:
         return "exact"
     parameters = check_renderable(fixture)
     triangles = check_triangles(fixture.points, fixture.mesh)
-    return "exact" if _core.by_triangles(*triangles, parameters) else "robust"
+    if _core.by_triangles(*triangles, parameters):
+        return "exact"
+    return "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -227,7 +233,9 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    return fixture if rule == "exact" else sampled(fixture)
+    if rule == "exact":
+        return fixture
+    return sampled(fixture)
 
 
 def mesh_findings(fixture: Fixture) -> list[Finding]:
@@ -381,7 +389,9 @@ class ProxyEngine:
                 "rule 'robust' for this fixture."
             )
         fixture = as_rendered(fixture, rule)
-        slow = None if offline else slow_tick_text(fixture, rule)
+        slow = None
+        if not offline:
+            slow = slow_tick_text(fixture, rule)
         if slow is not None:
             raise SceneError(slow)
         settings = settings_of(fixture)
@@ -515,7 +525,9 @@ class ProxyEngine:
         SceneError
             A fixture that no engine takes, or 4096 changes that wait for a step.
         """
-        engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
+        engine = other
+        if isinstance(other, Fixture):
+            engine = ProxyEngine.of(other)
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
         if not isinstance(engine, ProxyEngine):

@@ -121,7 +121,9 @@ def draw_registration(
 
 def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedImage | None) -> View:
     """The slice on which the markers were given in pixels."""
-    size = curve.image if image is None else image
+    size = image
+    if image is None:
+        size = curve.image
     if size is not None:
         width, height = float(size.width_px), float(size.height_px)
     else:
@@ -168,8 +170,12 @@ def view_of_patient(registration: Registration, places: Array, image: PlannedIma
 
 def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
-    longest = float(np.linalg.norm(lengths_px, axis=-1).max()) if lengths_px.size else 0.0
-    return 1.0 if not longest > 0 else nice_length(max(wanted_px / longest, 1.0))
+    longest = 0.0
+    if lengths_px.size:
+        longest = float(np.linalg.norm(lengths_px, axis=-1).max())
+    if not longest > 0:
+        return 1.0
+    return nice_length(max(wanted_px / longest, 1.0))
 
 
 def draw_letters(axes: Any, view: View) -> None:

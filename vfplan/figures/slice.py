@@ -110,7 +110,9 @@ def draw_overlay(
     """
     with drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
-            name = f" {number}" if len(extraction.strokes) > 1 else ""
+            name = ""
+            if len(extraction.strokes) > 1:
+                name = f" {number}"
             if extraction.method == "mask":
                 axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
             else:

@@ -25,13 +25,17 @@ Flags = NDArray[np.bool_]
 
 def ring_of(points: NDArray, closed: bool) -> Array:
     """The points of a line; those of a closed one end with the first again."""
-    return np.vstack([points, points[:1]]) if closed else np.asarray(points, float)
+    if closed:
+        return np.vstack([points, points[:1]])
+    return np.asarray(points, float)
 
 
 def step_lengths(points: NDArray) -> Array:
     """(M - 1,) the distances of neighbouring points."""
     steps = np.diff(points, axis=0)
-    return np.hypot(*steps.T) if steps.shape[1] == 2 else np.linalg.norm(steps, axis=1)
+    if steps.shape[1] == 2:
+        return np.hypot(*steps.T)
+    return np.linalg.norm(steps, axis=1)
 
 
 def arc_lengths(points: NDArray, closed: bool) -> Array:
@@ -51,13 +55,17 @@ def evenly(points: NDArray, closed: bool) -> Array:
     count = max(4, round(arc[-1]))
     at = np.linspace(0.0, arc[-1], count + 1)
     even = np.column_stack([np.interp(at, arc, column) for column in ring.T])
-    return even[:-1] if closed else even
+    if closed:
+        return even[:-1]
+    return even
 
 
 def normals(points: NDArray, closed: bool) -> Array:
     """(M, 2) unit normals of a line in the plane."""
     around = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    step = around if closed else np.gradient(points, axis=0)
+    step = around
+    if not closed:
+        step = np.gradient(points, axis=0)
     step = step / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
     return np.column_stack([-step[:, 1], step[:, 0]])
 
@@ -197,7 +205,9 @@ def runs(flags: Flags, closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring a run may lead through the seam."""
     if not flags.any():
         return
-    shift = int(np.argmin(flags)) if closed else 0
+    shift = 0
+    if closed:
+        shift = int(np.argmin(flags))
     rolled = np.roll(flags, -shift)
     edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
     for start, stop in edges:
@@ -386,7 +396,9 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     """
     if len(points) < 3:
         return np.zeros(0, np.intp)
-    ring = np.pad(points, [(1, 1), (0, 0)], "wrap") if closed else points
+    ring = points
+    if closed:
+        ring = np.pad(points, [(1, 1), (0, 0)], "wrap")
     steps = np.diff(ring, axis=0)
     length = np.linalg.norm(steps, axis=1)
     cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
@@ -396,7 +408,10 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     isolated = turn > ISOLATED * np.maximum(neighbours[:-2], neighbours[2:])
     isolated &= turn > OUTSTANDING * np.median(turn)
     corners = np.flatnonzero((error > tolerance) & isolated)
-    return corners if closed else corners + 1  # The first point of an open curve has no turn.
+    # The first point of an open curve has no turn.
+    if closed:
+        return corners
+    return corners + 1
 
 
 def plane(axis: Array) -> Array:
@@ -412,7 +427,9 @@ def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[SmoothRun
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:
-        first = corners[0] if len(corners) else 0
+        first = 0
+        if len(corners):
+            first = corners[0]
         points = np.roll(points, -first, axis=0)
         points = np.vstack([points, points[:1]])
         corners = corners - first
@@ -426,7 +443,9 @@ def _bulge(tangent: Array, chord: Array) -> float:
     cu, cv = chord.tolist()
     half = float(np.arctan2(tu * cv - tv * cu, tangent @ chord))
     bulge = float(np.tan(min(max(half, -3.1), 3.1) / 2))
-    return 0.0 if abs(bulge) <= ROUNDING else bulge
+    if abs(bulge) <= ROUNDING:
+        return 0.0
+    return bulge
 
 
 def _distance(a: Array, b: Array, bulge: float, x: Array) -> Array:

@@ -157,7 +157,9 @@ def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None 
     if not items:
         shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
         items = shared[0].get(group)
-    return None if not items else items[0].get(keyword)
+    if not items:
+        return None
+    return items[0].get(keyword)
 
 
 def pixel_axes(orientation: Any, spacing_mm: tuple[float, float]) -> NDArray[np.float64] | None:

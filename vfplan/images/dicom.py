@@ -77,8 +77,12 @@ def read_dicom(
         for (rows,) in parts:
             rgb[row : row + len(rows)] = rows
             row += len(rows)
-    pixel_spacing_mm = None if spacing_mm is None else tuple(spacing_mm)
-    T_patient_image = None if place is None else np.array(place)
+    pixel_spacing_mm = None
+    if spacing_mm is not None:
+        pixel_spacing_mm = tuple(spacing_mm)
+    T_patient_image = None
+    if place is not None:
+        T_patient_image = np.array(place)
     return rgb, pixel_spacing_mm, T_patient_image, instance
 
 
@@ -172,7 +176,9 @@ def windowed_grey(
     shown = (values - low) / (high - low or 1.0)
     if inverted:
         shown = 1 - shown
-    depth = np.uint16 if stored.dtype.itemsize > 1 else np.uint8
+    depth = np.uint8
+    if stored.dtype.itemsize > 1:
+        depth = np.uint16
     grey = np.rint(np.iinfo(depth).max * shown).astype(depth)
     return np.repeat(grey[..., None], 3, axis=2)
 
@@ -210,4 +216,6 @@ def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> ND
     T_patient_image[:3, :2] = steps
     T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
-    return T_patient_image if np.isfinite(T_patient_image).all() else None
+    if not np.isfinite(T_patient_image).all():
+        return None
+    return T_patient_image

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -39,9 +40,12 @@ WHOLE_NUMBERS = {3: "H", 4: "I"}
 DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
 
 
-WIDTH, HEIGHT, ORIENTATION = 0x0100, 0x0101, 0x0112
-"""The tags of TIFF 6.0 and EXIF that are read: numbers of columns and rows, and how the picture is
-turned, 1 to 8."""
+class Tag(IntEnum):
+    """The tags of TIFF 6.0 and EXIF that are read: size, and how the picture is turned, 1 to 8."""
+
+    WIDTH = 0x0100
+    HEIGHT = 0x0101
+    ORIENTATION = 0x0112
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,7 @@ def png_header(data: bytes, max_pixels: int) -> Header:
             exif = data[content : content + size]
             if exif[:4] in TIFF_BYTE_ORDERS:
                 tags = next(tiff_directories(exif), {})
-                orientation = tags.get(ORIENTATION, 1)
+                orientation = tags.get(Tag.ORIENTATION, 1)
         # A checksum of four bytes follows the content.
         position = content + size + 4
     if frames > 1:
@@ -143,7 +147,9 @@ def jpeg_header(data: bytes, max_pixels: int) -> Header:
 def bmp_header(data: bytes, max_pixels: int) -> Header:
     """The header of a BMP."""
     # The header of OS/2 1.x, of 12 bytes, has numbers of 16 bits.
-    numbers = "<HH" if struct.unpack_from("<I", data, 14)[0] == 12 else "<ii"
+    numbers = "<ii"
+    if struct.unpack_from("<I", data, 14)[0] == 12:
+        numbers = "<HH"
     width, height = struct.unpack_from(numbers, data, 18)
     # A height below 0 says that the rows run from top to bottom.
     check_size(width, abs(height), max_pixels)
@@ -159,7 +165,7 @@ def tiff_header(data: bytes, max_pixels: int) -> Header:
             raise ImageError(
                 f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant."
             )
-        check_size(tags.get(WIDTH, 0), tags.get(HEIGHT, 0), max_pixels)
+        check_size(tags.get(Tag.WIDTH, 0), tags.get(Tag.HEIGHT, 0), max_pixels)
     return Header("TIFF", pages)
 
 
@@ -220,7 +226,9 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
         raise ImageError(f"has {count} {what}s. Choose one, 1 to {count}, with --frame.")
     if number is not None and not 1 <= number <= count:
         raise ImageError(f"has no {what} {number}. Choose one, 1 to {count}, with --frame.")
-    return 0 if number is None else number - 1
+    if number is None:
+        return 0
+    return number - 1
 
 
 ROWS_AT_ONCE = 8
@@ -251,7 +259,9 @@ def decode_raster(
                 pixels = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
             else:
                 _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(index, index + 1))
-                pixels = pages[0] if len(pages) else None
+                pixels = None
+                if len(pages):
+                    pixels = pages[0]
         except cv2.error as error:
             reason = " ".join(error.err.split())
             raise ImageError(f"cannot be decoded: {reason}. Export the slice again.") from None

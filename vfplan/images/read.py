@@ -140,7 +140,8 @@ def read_image(
             rgb, spacing_mm, T_patient_image, instance = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
-        spacing_mm = spacing_mm if pixel_spacing_mm is None else pixel_spacing_mm
+        if pixel_spacing_mm is not None:
+            spacing_mm = pixel_spacing_mm
         return PlannedImage(rgb, spacing_mm, sha256, T_patient_image, instance)
     with naming_place(where):
         rgb = decode_raster(data, read_header(data, max_pixels), frame)

@@ -97,13 +97,17 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         text = "cannot be read: there is no such file. Check its name"
         raise kind(text, where=str(path), code="file-missing") from None
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+        reason = error
+        if isinstance(error, OSError):
+            reason = error.strerror
         text = f"cannot be read: {reason}. Check the file and its permissions"
         raise kind(text, where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
+        what = "a device or a pipe"
+        if stat.S_ISDIR(mode):
+            what = "a directory"
         text = f"cannot be read: it is {what}, not a file. Name a file"
         raise kind(text, where=str(path), code="not-a-file")
     return open(descriptor, "rb")
@@ -117,7 +121,9 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
     with opened_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
         # One byte more, because the file may grow while it is read.
-        data = file.read(size + 1) if size <= max_bytes else b""
+        data = b""
+        if size <= max_bytes:
+            data = file.read(size + 1)
     if max(size, len(data)) > max_bytes:
         raise kind(
             f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
@@ -328,7 +334,9 @@ def to_json_types(value: Any) -> Any:
         return [to_json_types(v) for v in value]
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here.
         return to_json_types(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 MIXED_DECIMALS = (
@@ -367,7 +375,9 @@ class Table:
         a decimal or a thousands separator
         """
         text = row.cells[column]
-        what = f"{column} of {label}" if label else column
+        what = column
+        if label:
+            what = f"{column} of {label}"
         place = f"{self.where}, line {row.line}"
         if "," in text and self.separator != ",":
             if "." in text or text.count(",") > 1:
@@ -400,7 +410,9 @@ def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tupl
 def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
-    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    encoding = "utf-8-sig"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
     try:
         return data.decode(encoding), sha256
     except UnicodeDecodeError:
@@ -416,7 +428,9 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
     """
     lines = text.splitlines()
     header_line = next((line for line in lines if line.strip()), "")
-    number = lines.index(header_line) + 1 if header_line else 1
+    number = 1
+    if header_line:
+        number = lines.index(header_line) + 1
     separator = _separator_of(header_line, f"{where}, line {number}", kind)
     rows = split_rows(text, where, kind, separator)
     if not rows:
@@ -493,7 +507,9 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
         number = None
     if number is None or not math.isfinite(number):
         is_infinite = str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity")
-        wanted = "a finite number" if is_infinite else "a number"
+        wanted = "a number"
+        if is_infinite:
+            wanted = "a finite number"
         raise kind(f"{what} is {repr(value)[:60]}. Give {wanted}", where=where, code="no-number")
     if abs(number) > MAX_NUMBER:
         text = f"{what} is {value!r}. Give at most {MAX_NUMBER:g}"

@@ -110,7 +110,9 @@ def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
         answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
     except (EOFError, ValueError):
         return None
-    return answer if isinstance(answer, dict) else None
+    if not isinstance(answer, dict):
+        return None
+    return answer
 
 
 def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
@@ -121,7 +123,9 @@ def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
 
 
 def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:
-    data = pipe.read(size) if 0 <= size <= max_bytes else b""
+    data = b""
+    if 0 <= size <= max_bytes:
+        data = pipe.read(size)
     if len(data) != size:
         raise EOFError
     return data
@@ -140,7 +144,9 @@ def send_request(
     """Send a request to the helper, which is started if there is none."""
     global _helper
     data = json.dumps(request).encode()
-    descriptors = [answer_pipe] if file is None else [answer_pipe, file.fileno()]
+    descriptors = [answer_pipe]
+    if file is not None:
+        descriptors = [answer_pipe, file.fileno()]
     with _lock:
         # A forked copy of the program starts a helper of its own.
         if _helper is None or _helper[0] != os.getpid():
@@ -214,7 +220,9 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                files = [stream_over(descriptors[1])] if request["file"] else []
+                files = []
+                if request["file"]:
+                    files = [stream_over(descriptors[1])]
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))

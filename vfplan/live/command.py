@@ -78,7 +78,9 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
 
     refused = sum(server.refused for server in servers)
     warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
-    warnings = [warning] if refused else []
+    warnings = []
+    if refused:
+        warnings = [warning]
     text = (
         f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
         f"{data['lost_datagrams']} datagrams lost"

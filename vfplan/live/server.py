@@ -88,7 +88,9 @@ def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
 
 def to_ras(frame: str) -> Array:
     """(3,) factors of each coordinate from m in `frame` to mm in RAS."""
-    return np.array([-1e3, -1e3, 1e3]) if frame == "patient_lps" else np.array([1e3, 1e3, 1e3])
+    if frame == "patient_lps":
+        return np.array([-1e3, -1e3, 1e3])
+    return np.array([1e3, 1e3, 1e3])
 
 
 def transform(device: str, time_s: float, place_mm: Array) -> bytes:
@@ -118,7 +120,9 @@ def polydata(
 ) -> bytes:  # fmt: skip
     """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
     is_bare = lines is None and triangles is None
-    vertices = np.arange(len(points_mm))[:, None] if is_bare else ()
+    vertices = ()
+    if is_bare:
+        vertices = np.arange(len(points_mm))[:, None]
     # Of each kind of cell: how many there are, and each as its length and its points' indices.
     counts, data = [], b""
     for cells in (vertices, lines or (), () if triangles is None else triangles):

@@ -207,6 +207,8 @@ class PositionStream:
             self._has_changed.wait_for(lambda: self._count > max(count, 0), wait_s)
             if not self._count:
                 return count, []
-            new = 1 if count < 0 else self._count - count
+            new = 1
+            if not (count < 0):
+                new = self._count - count
             kept = list(self._kept)
             return self._count, kept[max(0, len(kept) - new) :]

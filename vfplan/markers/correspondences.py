@@ -19,6 +19,7 @@ from unicodedata import category
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, note
 from vfplan.io.files import Table, parse_number, parse_table, read_text, split_rows
@@ -28,7 +29,7 @@ MAX_BYTES = 16 * 2**20
 
 ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with sigma_m"
 
-PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+PER_METRE = {"m": 1.0, "cm": 100.0, "mm": MM}
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
@@ -221,7 +222,9 @@ def join(
             "to be done if you mean it so."
         )
         findings += (note("markers-not-common", "register", text),)
-    sigma = None if target.sigma is None else target.sigma[target_rows]
+    sigma = None
+    if target.sigma is not None:
+        sigma = target.sigma[target_rows]
     return Correspondences(
         tuple(labels), source.positions[rows], source.frame, target.positions[target_rows], sigma,
         target.frame, inputs, findings,
@@ -230,7 +233,9 @@ def join(
 
 def label_of(text: object, what: str, where: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
-    label = "" if text is None else str(text).strip()
+    label = ""
+    if text is not None:
+        label = str(text).strip()
     if not label:
         raise MarkerError(
             f"{what} has no label. Give every marker one", where=where, code="label-missing"
@@ -320,7 +325,9 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
                         where=f"{where}, line {row.line}", code="sigma-range",
                         numbers={"label": label},
                     )  # fmt: skip
-            sigma_unit = unit if sigma == ("sigma",) else sigma[0].rsplit("_", 1)[-1]
+            sigma_unit = unit
+            if sigma != ("sigma",):
+                sigma_unit = sigma[0].rsplit("_", 1)[-1]
             spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
         positions = raw / PER_METRE[unit]
         sides.append(
@@ -522,7 +529,9 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
             lines.append(stripped)
 
     is_slicer4 = "markups fiducial file version" in header
-    columns = FCSV_COLUMNS if is_slicer4 else SLICER3_COLUMNS
+    columns = SLICER3_COLUMNS
+    if is_slicer4:
+        columns = FCSV_COLUMNS
     system = header.get("coordinatesystem", None if is_slicer4 else "RAS")
     stated = header.get("columns", ",".join(columns))
     if [name.strip() for name in stated.split(",")][: len(columns)] != columns:
@@ -542,7 +551,9 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     for number, (_, row) in enumerate(rows, start=1):
         cells = dict(zip(columns, row, strict=False))
         label = cells.get("label")
-        what = f"of marker {label.strip()!r}" if label else "of it"
+        what = "of it"
+        if label:
+            what = f"of marker {label.strip()!r}"
         place = f"{where}, point {number}"
         xyz = [parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError)
                for axis in "xyz"]  # fmt: skip

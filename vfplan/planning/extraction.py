@@ -188,7 +188,9 @@ def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
         )
     frame, step = "image" if is_in_image else "patient_lps", 1.0
     if not is_in_image:
-        step = 1e-3 / settings.density_per_mm if settings.density_per_mm is not None else FINE_M
+        step = FINE_M
+        if settings.density_per_mm is not None:
+            step = 1e-3 / settings.density_per_mm
     stroke = curve.stroke(step)
     points = stroke.points
     described = {"length_mm": stroke.length * 1e3}

@@ -138,7 +138,9 @@ def refuse_wrong_order(
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    found = "it holds markers" if holds_markers(image) else None
+    found = None
+    if holds_markers(image):
+        found = "it holds markers"
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             found = f"{path} is a picture"
@@ -231,7 +233,9 @@ def register(
     if touched is None:
         record.findings += error_findings(error)
     if settings.max_tre_length_m is not None:
-        taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
+        taken_from = ""
+        if settings.max_tre_m == "contact radius":
+            taken_from = "contact radius"
         refuse_large_error(
             error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
         )
@@ -255,7 +259,9 @@ def register(
     unusual_size = size_doubt(fixture.points)
     if unusual_size is not None:
         record.doubt("size-unusual", unusual_size, "plan")
-    slow_tick = slow_tick_text(fixture) if fixture.pieces is not None else None
+    slow_tick = None
+    if fixture.pieces is not None:
+        slow_tick = slow_tick_text(fixture)
     if slow_tick is not None:
         record.doubt("tick-too-long", slow_tick, "plan")
     # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
@@ -357,7 +363,9 @@ def render(
                 numbers={"tolerance_m": settings.tolerance_m, "smallest_m": smallest_m},
             )
         is_drawn = curve.image is not None or curve.frame == "image"
-        is_planar = settings.ignore_axis != "none" if settings.ignore_axis is not None else is_drawn
+        is_planar = is_drawn
+        if settings.ignore_axis is not None:
+            is_planar = settings.ignore_axis != "none"
         choice = choose(settings.tolerance_m, radius_m, planar=is_planar)
         sampling_tolerance_m = choice.sampling_tolerance_m
         band_m, max_iterations = choice.band_m, choice.max_iterations

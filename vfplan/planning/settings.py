@@ -26,7 +26,9 @@ def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
     """The option of a gate: millimetres, () for none, `None` for the default of --max-tre."""
     if metres is None:
         return ()
-    return None if isinstance(metres, str) else (1e3 * metres,)
+    if isinstance(metres, str):
+        return None
+    return (1e3 * metres,)
 
 
 GATE = {
@@ -355,4 +357,6 @@ class FixtureSettings:
     @property
     def max_tre_length_m(self) -> float | None:
         """The gate `max_tre_m` as a length [m]; `None`: any error is taken."""
-        return self.contact_radius if self.max_tre_m == "contact radius" else self.max_tre_m
+        if self.max_tre_m == "contact radius":
+            return self.contact_radius
+        return self.max_tre_m

@@ -230,7 +230,9 @@ def sample_curve(
         spacing = np.full(len(curve.arc), 1 / density_per_m)
     arclength = place_points(curve.arc, spacing, closed)
     parameter = np.interp(arclength, curve.arc, curve.parameter)
-    ends = np.append(arclength, curve.arc[-1]) if closed else arclength
+    ends = arclength
+    if closed:
+        ends = np.append(arclength, curve.arc[-1])
     gaps = np.diff(ends)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
@@ -308,7 +310,9 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    return places[:-1] if closed else places
+    if closed:
+        return places[:-1]
+    return places
 
 
 def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:
@@ -372,7 +376,9 @@ def carry(
     scale = scale_m_per_unit(registration)
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
-        sigma = curve.sigma * scale if curve.sigma is not None else None
+        sigma = None
+        if curve.sigma is not None:
+            sigma = curve.sigma * scale
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
     if tolerance_m is None:
@@ -408,7 +414,9 @@ def spacing_of_cloud(points: Array) -> float | None:
     from scipy.spatial import cKDTree
 
     places = np.unique(points, axis=0)
-    return None if len(places) < 2 else float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
+    if len(places) < 2:
+        return None
+    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 def scale_m_per_unit(registration: Registration) -> float:
@@ -490,13 +498,17 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         guide's radius.
     """
     # A gate that nobody named is no reason to refuse coarse lines and arcs.
-    max_tre_m = None if isinstance(settings.max_tre_m, str) else settings.max_tre_m
+    max_tre_m = None
+    if not isinstance(settings.max_tre_m, str):
+        max_tre_m = settings.max_tre_m
     lengths = ("margin", margin_m), ("--max-tre", max_tre_m), ("guide", settings.guide_m)
     for name, length_m in lengths:
         if not length_m or pieces.error <= ARCS_SHARE_OF_MARGIN * length_m:
             continue
         allowed_mm = Context(2, ROUND_DOWN).create_decimal(ARCS_SHARE_OF_MARGIN * length_m * 1e3)
-        advice = f"{float(allowed_mm):g}, or less" if allowed_mm >= 1e3 * MIN_ARCS_M else "none"
+        advice = "none"
+        if allowed_mm >= 1e3 * MIN_ARCS_M:
+            advice = f"{float(allowed_mm):g}, or less"
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
             f"the {name} of {1e3 * length_m:.4g} mm allows {ARCS_SHARE_OF_MARGIN:g} of "

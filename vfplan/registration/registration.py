@@ -285,7 +285,9 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    rank = 2
+    if problem.model.name == "affine":
+        rank = problem.model.dimension
     return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
@@ -345,7 +347,9 @@ class Registration:
         normaliser = self.fit.problem.normaliser
         top = self.fit.m @ normaliser.matrix
         top[:, -1] += normaliser.target_centre
-        return top if top.shape[1] == 3 else np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
+        if top.shape[1] == 3:
+            return top
+        return np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
 
     @cached_property
     def covariance(self) -> Array:
@@ -417,7 +421,9 @@ class Registration:
     def loo_rms_m(self) -> float | None:
         """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
         value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
-        return None if not np.isfinite(value) else value
+        if not np.isfinite(value):
+            return None
+        return value
 
     @cached_property
     def studentised_f(self) -> Array:
@@ -478,7 +484,9 @@ class Registration:
         With u to the right and v down. `None` for a source in space.
         """
         normal = self.geometry.normal
-        return None if normal is None else -normal
+        if normal is None:
+            return None
+        return -normal
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
@@ -514,7 +522,9 @@ class Registration:
         source_frame
             "image" or "patient_lps"; by default what the source's dimension says.
         """
-        frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+        frame = "patient_lps"
+        if self.source.shape[1] == 2:
+            frame = "image"
         return RegistrationRecord(
             model=self.model,
             source_frame=source_frame or frame,
@@ -581,7 +591,9 @@ def fit_registration(
     if seen_from is not None:
         direction = direction_of(seen_from)
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    used = consistent_markers(problem) if robust else None
+    used = None
+    if robust:
+        used = consistent_markers(problem)
     fit = fit_model(problem, used)
 
     # A source in space shows by itself that it fits only a mirror image. A planar one fits its
@@ -606,7 +618,9 @@ def fit_registration(
 
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
-    known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
+    known_spacing = None
+    if pixel_spacing is not None:
+        known_spacing = problem.normaliser.spacing
     return Registration(model, names, source, target, fit, robust, known_spacing)
 
 
@@ -633,7 +647,9 @@ def registration_report(
     be known is `None`.
     """
     shape = registration.geometry
-    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    unit = ""
+    if registration.source.shape[1] == 2:
+        unit = "_m_per_px"
     markers = [
         {
             "label": label,

@@ -44,7 +44,8 @@ class ChangingFixture:
                 "them out",
                 code="changes-guide",
             )
-        events = read_events(events) if isinstance(events, str | Path) else events
+        if isinstance(events, str | Path):
+            events = read_events(events)
         self._events = list(events or ())
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
         self._has_edits = any(event.kind != "exchange" for event in self._events)

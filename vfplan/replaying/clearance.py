@@ -46,7 +46,9 @@ def dots(a: Array, b: Array) -> Array:
 
 def flattened(places: Array, axis: Array | None) -> Array:
     """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
-    return places if axis is None else places - np.outer(places @ axis, axis)
+    if axis is None:
+        return places
+    return places - np.outer(places @ axis, axis)
 
 
 def penetration(hip: Array, proxy: Array) -> Array:
@@ -180,7 +182,9 @@ class PairedTicks:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
         self._last = block[-1:], hand[-1:]
-        return None if len(block) < 2 else self._steps(block, hand)
+        if len(block) < 2:
+            return None
+        return self._steps(block, hand)
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""
@@ -227,7 +231,9 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
         if kind == "mesh":
             return MeshClearance(fixture.points, fixture.mesh, radius)
     points = fixture.forbidden
-    return PointClearance(points, radius, fixture.ignore_axis) if len(points) else None
+    if not len(points):
+        return None
+    return PointClearance(points, radius, fixture.ignore_axis)
 
 
 class Clearance:

@@ -63,7 +63,9 @@ def replay_findings(
 def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     rate = session["rate_hz"]
-    robot_rate = robot.rate_hz if robot is not None else rate
+    robot_rate = rate
+    if robot is not None:
+        robot_rate = robot.rate_hz
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
         text = (
@@ -129,7 +131,9 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     inside_ticks = report["inside_ticks"]
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
-        severity = "warning" if inside_ticks else "error"
+        severity = "error"
+        if inside_ticks:
+            severity = "warning"
         text = (
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
             f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."
@@ -213,7 +217,9 @@ def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
         return
     first = ""
     if listed:
-        of_which = " of those listed" if unlisted else ""
+        of_which = ""
+        if unlisted:
+            of_which = " of those listed"
         first = f" (the first{of_which} is {listed[0]})"
     text = (
         f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
@@ -323,7 +329,9 @@ def gap_words(report: dict[str, Any]) -> str:
     session = report["session"]
     recorded = session.get("recorded", session)
     words = f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
-    return words if recorded["gaps"] else ""
+    if recorded["gaps"]:
+        return words
+    return ""
 
 
 def change_words(report: dict[str, Any]) -> str:
@@ -342,4 +350,6 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     """
     if any(not check["pass"] for check in checks):
         return "fail"
-    return "not-tested" if not checks or not has_touched(report) else "pass"
+    if not checks or not has_touched(report):
+        return "not-tested"
+    return "pass"

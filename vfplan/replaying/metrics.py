@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
@@ -52,10 +53,12 @@ class Number(NamedTuple):
 
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none."""
-        return "" if value is None else f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
+        if value is None:
+            return ""
+        return f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
 
 
-FACTORS = {"mm": 1e3, "mm/s": 1e3, "mJ": 1e3, "µm": 1e6}
+FACTORS = {"mm": MM, "mm/s": MM, "mJ": MM, "µm": 1e6}
 """How many of a unit are in the SI unit."""
 
 NUMBERS = (
@@ -164,7 +167,9 @@ class Episodes:
                     "end_along": ruler.locate(episode["leave"]),
                 }
             listed.append(to_json_types(described))
-        left_out = {"episodes_left_out": dict(self._unlisted)} if self._unlisted["count"] else {}
+        left_out = {}
+        if self._unlisted["count"]:
+            left_out = {"episodes_left_out": dict(self._unlisted)}
         return {"episodes": listed, **left_out}
 
     def _is_passive(self, episode: dict[str, Any]) -> bool:
@@ -204,8 +209,12 @@ class Episodes:
         ticks = steps.ticks
         deepest = start + int(np.argmax(ticks.penetration[rows]))
         # The step into contact loads the spring, though its force was still 0.
-        speed_at_touch = steps.speed[start - 1] if start else self._speed
-        hold_before = steps.hold_j[start - 1] if start else self._hold_j
+        speed_at_touch = self._speed
+        if start:
+            speed_at_touch = steps.speed[start - 1]
+        hold_before = self._hold_j
+        if start:
+            hold_before = steps.hold_j[start - 1]
         run = {
             "start_s": float(ticks.time[start]),
             "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
@@ -257,7 +266,9 @@ class CurveRuler:
     @staticmethod
     def of(fixture: Fixture) -> CurveRuler | None:
         """The ruler of a fixture, or `None` when it was not drawn as a curve."""
-        return None if fixture.curve is None else CurveRuler(fixture)
+        if fixture.curve is None:
+            return None
+        return CurveRuler(fixture)
 
     def locate(self, place: Array) -> dict[str, Any]:
         """The stroke, the arc length [m] and the index of the planned point nearest to a place."""

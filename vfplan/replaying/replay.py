@@ -178,7 +178,9 @@ class EngineRun:
         if self._last_packet is None and not self._times.ticks and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        return trace if self._governor is None else self._governor.run(hip, trace)
+        if self._governor is None:
+            return trace
+        return self._governor.run(hip, trace)
 
     def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
         depth = penetration(hip, trace.proxy)
@@ -431,7 +433,9 @@ def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
     """The rules to run: the one that is asked for, "robust" and "paper" for "both", or the best."""
     if rule is not None and rule not in RULES:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
-    return ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
+    if rule == "both":
+        return ["robust", "paper"]
+    return [rule or best_rule(fixture)]
 
 
 def link_report(
@@ -441,7 +445,9 @@ def link_report(
     assert run.link is not None
     report = perfect.finish()
     numbers = {name: value for name, value in report.items() if isinstance(value, (int, float))}
-    lost_limit = robot.lost_packets_limit if robot is not None else None
+    lost_limit = None
+    if robot is not None:
+        lost_limit = robot.lost_packets_limit
     return {
         **link.report(),
         **run.link.report(lost_limit),

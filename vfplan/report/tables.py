@@ -28,7 +28,9 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
     text = _text(value)
-    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
+    kind = ""
+    if re.fullmatch("[0-9a-f]{64}", text):
+        kind = "digest"
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
@@ -37,7 +39,9 @@ def _text(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.9g}"
-    return ", ".join(map(_text, value)) if isinstance(value, list) else str(value)
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return str(value)
 
 
 def summary(metrics: dict[str, Any]) -> str:
@@ -49,7 +53,9 @@ def summary(metrics: dict[str, Any]) -> str:
         {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
         for rule in rules.values()
     ]
-    difference = [f"paper − {next(iter(rules))}"] if len(rules) == 2 else []
+    difference = []
+    if len(rules) == 2:
+        difference = [f"paper − {next(iter(rules))}"]
     head = ["number", *(f"rule {name}" for name in rules), *difference, "unit"]
     rows = []
     for number in NUMBERS:
@@ -74,13 +80,17 @@ def checks(metrics: dict[str, Any]) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
     for check in metrics.get("checks", []):
-        sense = "at_most" if "at_most" in check else "at_least"
+        sense = "at_least"
+        if "at_most" in check:
+            sense = "at_most"
         word = "pass" if check["pass"] else "fail"
         verdict = f'<b class="{word}">{word.upper()}</b>'
         allowed = f"{sense.replace('_', ' ')} {check[sense]:g}"
         name = check["name"]
         rows.append([verdict, escape(name), f"{check['value']:.6g}", allowed, unit_of(name)])
-    return "" if not rows else table(["verdict", "limit on", "found", "allowed", "unit"], rows)
+    if not rows:
+        return ""
+    return table(["verdict", "limit on", "found", "allowed", "unit"], rows)
 
 
 def findings(metrics: dict[str, Any]) -> str:
@@ -119,11 +129,15 @@ def episodes(metrics: dict[str, Any]) -> str:
         cells = [number.text(episode.get(number.key)) for number in numbers]
         if has_curve:
             cells.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
-        passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
+        passive = '<b class="warning">no</b>'
+        if episode["passive"]:
+            passive = "yes"
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
     more = episode_count(metrics) - len(listed)
-    return f"{text}<p>and {more} more</p>" if more else text
+    if more:
+        return f"{text}<p>and {more} more</p>"
+    return text
 
 
 def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
@@ -145,7 +159,9 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
             if value is not None and not (isinstance(value, (dict, list)) and len(value) > 3)
         ]
         # A long group takes the whole width of the page.
-        kind = "long" if len(rows) > MAX_LISTED else "group"
+        kind = "group"
+        if len(rows) > MAX_LISTED:
+            kind = "long"
         heading = escape(group.replace("_", " "))
         text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
     return text

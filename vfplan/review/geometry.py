@@ -279,7 +279,9 @@ class Geometry:
             return ()
         lines = []
         for stroke in self.strokes:
-            width = stroke.width if stroke.is_ordered else 0.0
+            width = 0.0
+            if stroke.is_ordered:
+                width = stroke.width
             if width is None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
             lines.append(replace(stroke, width=width))
@@ -424,7 +426,9 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
         routes, forks = routes_through(entry.mask, entry.box[:2])
         if any(np.array_equal(other.points, route.points) for other in routes):
             return ()
-        return tuple(routes) if forks and len(routes) > 1 else ()
+        if forks and len(routes) > 1:
+            return tuple(routes)
+        return ()
     return ()
 
 
@@ -450,11 +454,15 @@ def _refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
     # The page has a button for the other pen.
-    options = ("vfplan review", "--colour") if other_pen else ("vfplan review",)
+    options = ("vfplan review",)
+    if other_pen:
+        options = ("vfplan review", "--colour")
     sentences = re.split(r"(?<=\.) ", error.message)
     kept = [words for words in sentences if not any(option in words for option in options)]
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place = tuple(map(float, places)) if len(places) == 2 else None
+    place = None
+    if len(places) == 2:
+        place = tuple(map(float, places))
     text = " ".join(kept) or error.message
     return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
             "other_pen": other_pen}  # fmt: skip

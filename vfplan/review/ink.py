@@ -234,7 +234,9 @@ class SliceInk:
             offset, has_ink, width = self.nearest(points, closed, reach)
             if not has_ink.any():
                 return drawn_by_hand(path, closed)
-            usual = float(np.median(width[has_ink])) if pen_px is None else pen_px
+            usual = pen_px
+            if pen_px is None:
+                usual = float(np.median(width[has_ink]))
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
@@ -316,7 +318,9 @@ class SliceInk:
     def width_along(self, path: NDArray, closed: bool) -> float:
         """The usual width of the ink along a path [px]; 3 where there is none."""
         _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
-        return 3.0 if not has_ink.any() else float(np.median(width[has_ink]))
+        if not has_ink.any():
+            return 3.0
+        return float(np.median(width[has_ink]))
 
 
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
@@ -328,4 +332,6 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
-    return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
+    if ink is None:
+        return drawn_by_hand(path, closed)
+    return ink.draw(path, closed, REACH_PX, free)

@@ -172,7 +172,8 @@ class Paper:
     ) -> Box:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
         words = printable(words)
-        page = self.page if page is None else page
+        if page is None:
+            page = self.page
         self._texts[page].append((x, y, words, style, colour))
         box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
         self.boxes.append(box)
@@ -223,7 +224,9 @@ class Paper:
                 cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
                 blend(canvas, cover, colour, column, row)
             texts.clear()
-        return self._pages[0] if len(self._pages) == 1 else np.vstack(self._pages)
+        if len(self._pages) == 1:
+            return self._pages[0]
+        return np.vstack(self._pages)
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
@@ -269,7 +272,9 @@ def _font(points: float, bold: bool) -> Any:
     from PIL import ImageFont
 
     place = Path(find_spec("matplotlib").submodule_search_locations[0])
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    name = "DejaVuSans.ttf"
+    if bold:
+        name = "DejaVuSans-Bold.ttf"
     return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
 
 
@@ -325,12 +330,16 @@ def draw_distance(
             thickness = max(1, round(distance[k] + distance[k - 1]))
             draw_line(within, points[k - 1 : k + 1], 255, thickness)
     height, width = within.shape
-    colour = BAND_COLOUR if is_bound else MARGIN_COLOUR
+    colour = MARGIN_COLOUR
+    if is_bound:
+        colour = BAND_COLOUR
     for contour in contours_of(within):
         outline = contour[:, 0]
         x, y = outline.T
         inner = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-        length = 14 if is_bound else len(outline)
+        length = 14
+        if not is_bound:
+            length = len(outline)
         for start in range(0, len(outline), length + 8):
             dash = outline[start : start + length]
             dash = dash[inner[start : start + length]]

@@ -74,7 +74,9 @@ def draw_views(sheet: paper.Paper, content: SheetInput, y: float) -> tuple[float
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
     for number, (words, *axes) in enumerate(SIDES):
         row, column = divmod(number, 2)
-        x = MARGIN + paper.CONTENT_WIDTH - VIEW_PX if column == 1 else MARGIN
+        x = MARGIN
+        if column == 1:
+            x = MARGIN + paper.CONTENT_WIDTH - VIEW_PX
         view_y = round(y) + row * (VIEW_PX + 60)
         view = View(*axes, (low + high) / 2, scale)
         sheet.text(x, view_y, words, STRONG)
@@ -166,7 +168,9 @@ def draw_tag(
     plate = part[y : y + height, x : x + width]
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground
-    letters = BLACK if ground == WHITE else WHITE
+    letters = WHITE
+    if ground == WHITE:
+        letters = BLACK
     sheet.text(box.x + x + 6, box.y + y + 1, words, STRONG, letters)
 
 
@@ -213,7 +217,9 @@ class Panel:
 
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
-        half_width = stroke.width / 2 if stroke.width is not None else USUAL_HALF_WIDTH
+        half_width = USUAL_HALF_WIDTH
+        if stroke.width is not None:
+            half_width = stroke.width / 2
         return half_width * self.zoom + OUTLINE_GAP
 
 
@@ -229,7 +235,9 @@ def draw_picture(
     zoom = min(PICTURE_WIDTH / width, PICTURE_HEIGHT / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     enlarged = cv2.INTER_LINEAR if zoom < 2 else cv2.INTER_NEAREST
-    method = cv2.INTER_AREA if zoom < 1 else enlarged
+    method = enlarged
+    if zoom < 1:
+        method = cv2.INTER_AREA
     panel = Panel(MARGIN, round(y), *size, zoom)
     box = sheet.picture(panel.x, panel.y, cv2.resize(rgb, size, interpolation=method))
     sheet.frame(box)
@@ -307,7 +315,9 @@ def _residual_enlargement(content: SheetInput, panel: Panel) -> float | None:
     if not lengths:
         return None
     longest = max(lengths)
-    return 1.0 if not 0 < longest < ARROW_LENGTH else nice_length(ARROW_LENGTH / longest)
+    if not 0 < longest < ARROW_LENGTH:
+        return 1.0
+    return nice_length(ARROW_LENGTH / longest)
 
 
 def _draw_markers(
@@ -385,7 +395,9 @@ def _draw_captions(
         if finding.place_px is not None:
             tag(finding.place_px, f"F{number}", ground=BLACK)
     for marker in content.markers:
-        residual = f"{marker.residual_m * 1e3:.2f} mm" if marker.is_used else "left out"
+        residual = "left out"
+        if marker.is_used:
+            residual = f"{marker.residual_m * 1e3:.2f} mm"
         tag(marker.place, f"{marker.label} {residual}")
     for entry in content.account:
         tag((entry.u, entry.v), str(entry.number))
@@ -413,7 +425,9 @@ def _draw_legend(
     x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean."""
-    line = f"the line of the pen ({content.pen})" if content.pen else "the curve"
+    line = "the curve"
+    if content.pen:
+        line = f"the line of the pen ({content.pen})"
     rows: list[tuple[str, paper.Colour, bool]] = [
         (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
     ]
@@ -430,13 +444,17 @@ def _draw_legend(
     elif content.tre95_m is not None:
         rows.append(("Purple dashes: 95 % band, see the last enlargement", paper.BAND_COLOUR, True))
     if enlargement is not None:
-        length = f"drawn {enlargement:g} times as long" if enlargement != 1 else "true length"
+        length = "true length"
+        if enlargement != 1:
+            length = f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     sheet.text(x, y, "On the picture", paper.HEADING)
     y += paper.HEADING.line_height + 4
     for words, colour, is_dashed in rows:
         middle = y + BODY.line_height / 2
-        dashes = ((0, 12), (17, 29), (34, 44)) if is_dashed else ((0, 44),)
+        dashes = ((0, 44),)
+        if is_dashed:
+            dashes = ((0, 12), (17, 29), (34, 44))
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)

@@ -216,7 +216,9 @@ class Plan:
             # The files themselves, as long as nobody changed a marker.
             if self.fit is source.fit and source.marker_files:
                 files = source.marker_files
-            image = source.image if source.slice_path is not None else None
+            image = None
+            if source.slice_path is not None:
+                image = source.image
             try:
                 planned = register(curve, *files, self.fit.settings, image=image)
             except VfplanError as error:

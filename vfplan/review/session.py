@@ -98,7 +98,9 @@ class Session:
             # answer is the last of the dictionary.
             kept.setdefault("utc", next(reversed(plan.answers.values()))[1])
         # A look takes nothing back, so what was undone can still be done again.
-        undone = self.undone if kept["do"] == "viewed" else ()
+        undone = ()
+        if kept["do"] == "viewed":
+            undone = self.undone
         return replace(self, steps=(*self.steps, kept), undone=undone, _plans=(*self._plans, plan))
 
     def undo(self) -> Session:
@@ -244,7 +246,9 @@ def _first_and_last(flags: np.ndarray) -> list[list[int]]:
 
 
 def _finite(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(value)
+    if value is None or not np.isfinite(value):
+        return None
+    return float(value)
 
 
 def _title(step: dict[str, Any]) -> str:

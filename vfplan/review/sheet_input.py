@@ -209,7 +209,9 @@ def _pixel_in_words(record: SheetInput, fixture: Fixture) -> str:
     # Where markers and image say different sizes, both stand there.
     size = stated = f"{record.metres_per_px * 1e3:.4g}"
     by_markers = fixture.registration is not None and fixture.registration.source_frame == "image"
-    spacing_mm = fixture.image.pixel_spacing_mm if fixture.image is not None else None
+    spacing_mm = None
+    if fixture.image is not None:
+        spacing_mm = fixture.image.pixel_spacing_mm
     if by_markers and spacing_mm is not None:
         stated = f"{math.sqrt(spacing_mm[0] * spacing_mm[1]):.4g}"
     if stated == size:
@@ -253,15 +255,21 @@ def _margin_in_words(record: SheetInput, fixture: Fixture) -> str:
         return f"{record.margin_m * 1e3:.2f} mm on every side"
     if "margin" in fixture.provenance.settings:
         return "the 95 % bound"
-    return "none" if fixture.rendering is not None else ""
+    if fixture.rendering is not None:
+        return "none"
+    return ""
 
 
 def _wall_in_words(fixture: Fixture) -> str:
     rendering = fixture.rendering
     if rendering is None:
         return ""
-    drawn = "points" if fixture.curve is None else "line"
-    what = "surface" if fixture.mesh is not None else drawn
+    drawn = "line"
+    if fixture.curve is None:
+        drawn = "points"
+    what = drawn
+    if fixture.mesh is not None:
+        what = "surface"
     radius = rendering.contact_radius + rendering.point_radius
     stiffness = stiffness_in_words(rendering.stiffness)
     return f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}"
@@ -270,7 +278,9 @@ def _wall_in_words(fixture: Fixture) -> str:
 def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
     """The stiffness of the wall, one number where it is the same along all axes."""
     x, y, z = stiffness
-    return f"{x:g} N/m" if x == y == z else f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
+    if x == y == z:
+        return f"{x:g} N/m"
+    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
 
 
 def of_plan(plan: PlanResult, title: str) -> SheetInput:
@@ -353,7 +363,9 @@ def of_fixture(
             points = points @ place[:, :2].T + place[:, 2]
         tre95_m = registration.tre95_curve_m(points)
     # The size of a pixel: by the markers, else as the image or the bundle says.
-    metres_per_px = _size_of(axes) if axes is not None else None
+    metres_per_px = None
+    if axes is not None:
+        metres_per_px = _size_of(axes)
     spacing_mm = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
     if axes is None and spacing_mm is not None:
         metres_per_px = float(np.sqrt(spacing_mm[0] * spacing_mm[1])) * 1e-3
@@ -391,13 +403,17 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     The slice need not be given where the bundle itself says how its pixels lie.
     """
     convert = to_pixels(fixture, image)
-    units_per_px = 1.0 if fixture.frame == "image" else _size_of(_pixel_axes(fixture, image))
+    units_per_px = 1.0
+    if fixture.frame != "image":
+        units_per_px = _size_of(_pixel_axes(fixture, image))
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        sigma = stroke.sigma / units_per_px if stroke.sigma is not None else None
+        sigma = None
+        if stroke.sigma is not None:
+            sigma = stroke.sigma / units_per_px
         strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
     return tuple(strokes)
 
@@ -454,7 +470,9 @@ def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
     margin = fixture.provenance.settings.get("margin")
     if margin is None or (margin == "tre95" and tre95_m is None):
         return None
-    return float(tre95_m.max()) if margin == "tre95" else float(margin)
+    if margin == "tre95":
+        return float(tre95_m.max())
+    return float(margin)
 
 
 def _pixel_axes(fixture: Fixture, image: PlannedImage | None) -> Array | None:
@@ -534,4 +552,6 @@ def _registration_again(fixture: Fixture) -> Registration | None:
     except VfplanError:
         return None
     is_own = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
-    return again if is_own else None
+    if not is_own:
+        return None
+    return again

@@ -230,7 +230,9 @@ def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
         for number, stroke in enumerate(geometry.strokes)
         for end in (path[0], path[-1])
     ]
-    return None if not distances or min(distances)[0] > JOIN_PX else min(distances)[1]
+    if not distances or min(distances)[0] > JOIN_PX:
+        return None
+    return min(distances)[1]
 
 
 def cut(plan: Plan, step: Step) -> Plan:
@@ -238,8 +240,12 @@ def cut(plan: Plan, step: Step) -> Plan:
     number, stroke = _stroke_of(plan, step)
     if "start" not in step and "end" not in step:
         raise _malformed(step, "start", "a place, as start or as end")
-    start = _place(plan, step, "start") if "start" in step else None
-    end = _place(plan, step, "end") if "end" in step else None
+    start = None
+    if "start" in step:
+        start = _place(plan, step, "start")
+    end = None
+    if "end" in step:
+        end = _place(plan, step, "end")
     return _with_stroke(plan, number, stroke.cut(start, end))
 
 
@@ -365,8 +371,12 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     if len(fit.markers) >= MAX_MARKERS:
         text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
         raise SettingError(text, code="too-many-markers")
-    place = tuple(_place(plan, step, "at").tolist()) if step.get("at") is not None else None
-    target = _numbers(step, "target_m", 3) if step.get("target_m") is not None else None
+    place = None
+    if step.get("at") is not None:
+        place = tuple(_place(plan, step, "at").tolist())
+    target = None
+    if step.get("target_m") is not None:
+        target = _numbers(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
     return plan.changed(fit=replace(fit, markers=markers))
 
@@ -451,7 +461,9 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding", numbers={"findings": len(findings)})
-    by = _label(step, "by") if step.get("by") is not None else None
+    by = None
+    if step.get("by") is not None:
+        by = _label(step, "by")
     utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise _malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
@@ -487,4 +499,6 @@ def apply(plan: Plan, step: Any) -> Plan:
     """The plan after a step; raises `SettingError` for one that does not fit."""
     name = named(step)
     after = STEPS[name](plan, step)
-    return replace(after, is_shaped=True) if name in BY_HAND else after
+    if name in BY_HAND:
+        return replace(after, is_shaped=True)
+    return after

@@ -235,8 +235,12 @@ class MendedStroke(Stroke):
             for other_end in (0, -1)
         ]
         _, end, other_end = min(pairs)
-        first = self.reversed() if end == 0 else self
-        second = other.reversed() if other_end == -1 else other
+        first = self
+        if end == 0:
+            first = self.reversed()
+        second = other
+        if other_end == -1:
+            second = other.reversed()
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         around = np.vstack([first.points[[-1 - reach, -1]], second.points[[0, reach]]])
         spline = path_through(around, False)
@@ -352,7 +356,9 @@ class MendedStroke(Stroke):
         if last == count:
             inner = inner[inner < len(stretch.points) - 1]
             stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
-        border = [first, first + len(stretch.points) - 1] if last < count else [first]
+        border = [first]
+        if last < count:
+            border = [first, first + len(stretch.points) - 1]
         shift = first + len(stretch.points) - (last + 1)
         before = self.knots[self.knots < first]
         behind = self.knots[self.knots > last] + shift

@@ -64,7 +64,8 @@ class Segments:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        x = x * [1.0, 1.0, 0.0] if self.endless else x
+        if self.endless:
+            x = x * [1.0, 1.0, 0.0]
         nearest, along = nearest_on_segments(self.a, self.b, x)
         flat = [along]
         if self.endless:
@@ -164,7 +165,9 @@ class Link:
     @property
     def length(self) -> float:
         """Arc length [m]."""
-        return abs(self.sweep) * self.radius if self.sweep else float(np.hypot(*(self.b - self.a)))
+        if self.sweep:
+            return abs(self.sweep) * self.radius
+        return float(np.hypot(*(self.b - self.a)))
 
     def at(self, s: Vector) -> Vector:
         """(K, 2) positions at the arc lengths s (K,) from `a`."""

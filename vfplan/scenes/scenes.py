@@ -121,7 +121,9 @@ class Scene(ABC):
     @property
     def _flat(self) -> Vector:
         """(3,) 1 for each coordinate of a position that counts, else 0."""
-        return np.array([1.0, 1.0, 0.0]) if self.along_z else np.ones(3)
+        if self.along_z:
+            return np.array([1.0, 1.0, 0.0])
+        return np.ones(3)
 
     @property
     def along_z(self) -> bool:
@@ -176,7 +178,9 @@ class Drawn(Scene):
     @property
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""
-        return None if self.extrude else "z"
+        if self.extrude:
+            return None
+        return "z"
 
     @property
     def along_z(self) -> bool:

@@ -51,7 +51,9 @@ def is_bag(path: Path) -> bool:
 
 def bag_files(path: Path) -> list[Path]:
     """The files that a bag consists of, in order of their names."""
-    return [path] if path.is_file() else sorted(part for part in path.iterdir() if part.is_file())
+    if path.is_file():
+        return [path]
+    return sorted(part for part in path.iterdir() if part.is_file())
 
 
 def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
@@ -117,7 +119,9 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
     """Yield (time since the first message [s], hip [m]) a block at a time."""
     path = Path(place)
     ros = RosOptions(*options)
-    tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
+    tip = None
+    if ros.tool_tip is not None:
+        tip = np.asarray(ros.tool_tip, float)
     start = None
     times, hips = [], []
     with _opened_bag(path) as reader:
@@ -125,8 +129,10 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
         for _, recorded, raw in reader.messages(connections=[connection]):
             message = reader.deserialize(raw, connection.msgtype)
             stamp = _header_stamp(message)
-            stamp = recorded if stamp is None else stamp
-            start = stamp if start is None else start
+            if stamp is None:
+                stamp = recorded
+            if start is None:
+                start = stamp
             times.append((stamp - start) * 1e-9)
             value = _value_at(message, ros.field or "")
             hips.append(tip_position(value, tip, factor, path.name))
@@ -216,7 +222,9 @@ def _value_at(message: Any, field: str) -> Any:
 
 def _choose_field(message: Any, field: str | None, where: str) -> str:
     """The field that holds a position: the one that is named, or the first of `FIELDS`."""
-    names = (field,) if field is not None else FIELDS
+    names = FIELDS
+    if field is not None:
+        names = (field,)
     for name in names:
         try:
             value = _value_at(message, name)

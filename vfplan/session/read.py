@@ -92,7 +92,9 @@ def open_session(
             run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
         )
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
-        kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
+        kind = "npz"
+        if signature == HDF5_SIGNATURE:
+            kind = "hdf5"
         notes["format"] = kind
         length, statements = run_once(f"vfplan.session.read:{kind}_header", name, **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
@@ -258,7 +260,9 @@ def plain_attribute(value: Any) -> Any:
     """An attribute's value in Python's types. h5py gives text of fixed length as bytes."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return value
 
 
 def _check_shapes(time: Any, hip: Any, where: str) -> int:

@@ -265,7 +265,9 @@ def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
     if units not in ("m", "mm"):
         raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
-    return 1.0 if units == "m" else 1e-3
+    if units == "m":
+        return 1.0
+    return 1e-3
 
 
 def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
@@ -295,12 +297,16 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
             k = int(np.argmin(good))
             x, y, z = hip[k]
             is_finite = np.isfinite([time[k], x, y, z]).all()
-            fault = "is out of range" if is_finite else "is not finite"
+            fault = "is not finite"
+            if is_finite:
+                fault = "is out of range"
             message = (
                 f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Give "
                 f"finite positions within {MAX_COORDINATE:g} m"
             )
-            code = "sample-out-of-range" if is_finite else "sample-not-finite"
+            code = "sample-not-finite"
+            if is_finite:
+                code = "sample-out-of-range"
             raise SessionError(message, where=where, code=code, numbers={"sample": count + k})
         with_last = np.concatenate(([last_time], time))
         increases = np.diff(with_last) >= MIN_STEP_S

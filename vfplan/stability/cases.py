@@ -84,7 +84,9 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
         make_engine = partial(engine_for, rule="robust")
     else:
         rule = best_rule(fixture)
-        band = fixture.band if rule == "robust" else None
+        band = None
+        if rule == "robust":
+            band = fixture.band
         contact = next(contacts.contacts_along(as_rendered(fixture, rule), 3), None)
         make_engine = partial(engine_for, rule=rule, band=band)
         if contact is None:
@@ -137,7 +139,8 @@ def surface_direction(contact: Contact) -> Vector:
     """(3,) a unit vector along the surface, across an ignored axis."""
     normal = contact.normals[0]
     other = check_axis(contact.ignore_axis)
-    other = np.eye(3)[int(np.argmin(np.abs(normal)))] if other is None else other
+    if other is None:
+        other = np.eye(3)[int(np.argmin(np.abs(normal)))]
     along = np.cross(normal, other)
     return along / np.linalg.norm(along)
 
@@ -335,7 +338,9 @@ class EnergyBalance:
     @property
     def excess(self) -> float:
         """(work - bound) / stored. Above 0 the fixture was active."""
-        return 0.0 if self.stored_j <= 0 else (self.work_j - self.bound_j) / self.stored_j
+        if self.stored_j <= 0:
+            return 0.0
+        return (self.work_j - self.bound_j) / self.stored_j
 
 
 def random_cycle(contact: Contact, rng: np.random.Generator) -> Vector:

@@ -160,7 +160,9 @@ def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], f
     """
     if isinstance(on, str):
         return on, SCENES[on](), None
-    band = on.band if rule == "robust" else None
+    band = None
+    if rule == "robust":
+        band = on.band
     return "bundle", contacts_along(as_rendered(on, rule), 5), band
 
 
@@ -286,4 +288,6 @@ def outcome_of(is_good: bool, rule: str = "robust") -> Outcome:
     """The outcome of a check of what `rule` did."""
     if is_good:
         return "pass"
-    return "finding" if rule == "paper" else "fail"
+    if rule == "paper":
+        return "finding"
+    return "fail"

@@ -88,7 +88,8 @@ class Plant:
         """
         from scipy.linalg import expm
 
-        t = self.period if t is None else t
+        if t is None:
+            t = self.period
         # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is
         # then a number without a unit.
         alpha = self.damping * t / self.mass
@@ -110,7 +111,9 @@ def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray
     matrix[1, :2] = -vf * plant.hand, vv
 
     # The spring acts on the position of d ticks ago, which is the last one of the state.
-    sampled = 1 + d if d > 0 else 0
+    sampled = 0
+    if d > 0:
+        sampled = 1 + d
     matrix[0, sampled] -= xf * stiffness
     matrix[1, sampled] -= vf * stiffness
 
@@ -293,7 +296,9 @@ def simulate(
             force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
             limited_ticks += is_limited
         if robot.force_step_limit_n is not None:
-            base = force if previous_force is None else previous_force
+            base = previous_force
+            if previous_force is None:
+                base = force
             force, is_limited = limit_change(force, base, robot.force_step_limit_n)
             limited_ticks += is_limited
             previous_force = force

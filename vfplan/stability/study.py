@@ -88,7 +88,9 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
     if fixture.guidance is None:
         return region
     guide = fixture.guidance.stiffness
-    return guide + region if len(fixture.forbidden) > 0 else guide
+    if len(fixture.forbidden) > 0:
+        return guide + region
+    return guide
 
 
 def judge(
@@ -182,7 +184,9 @@ class Study:
     def as_text(self, every_case: bool = False) -> str:
         """The short report: the verdict, and each case that failed, or every case."""
         outcomes = Counter(row.outcome for row in self.rows)
-        summary = "stable" if self.verdict.stable else "NOT STABLE"
+        summary = "NOT STABLE"
+        if self.verdict.stable:
+            summary = "stable"
         summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
         if outcomes["fail"]:
             summary += f", {outcomes['fail']} fail"
@@ -191,7 +195,9 @@ class Study:
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
         lines = [verdict_text(self.verdict), summary]
-        shown = self.rows if every_case else self.failed
+        shown = self.failed
+        if every_case:
+            shown = self.rows
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in shown]
         if every_case:
             lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
@@ -238,7 +244,9 @@ def study(
     """
     check_robot(robot)
     number("margin", safety_factor, "", least=1.0)
-    rendered = DEFAULT_STIFFNESS if fixture is None else largest_rendered_stiffness(fixture)
+    rendered = DEFAULT_STIFFNESS
+    if fixture is not None:
+        rendered = largest_rendered_stiffness(fixture)
     if stiffness is not None:
         rendered = number("stiffness", stiffness, "N/m", above=0.0)
     stiffness = rendered
@@ -281,7 +289,9 @@ def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
-    bundle = [] if fixture is None else [fixture]
+    bundle = [fixture]
+    if fixture is None:
+        bundle = []
     names = scenes_for(fixture)[0]
     pairs: list[tuple[Rule, Fixture | str]] = [
         (rule, on) for rule in RULES for on in (*bundle, *names)
@@ -341,4 +351,6 @@ def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
 
 def csv_number(value: float | None) -> str:
     """Six digits, or nothing for `None`."""
-    return "" if value is None else f"{value:.6g}"
+    if value is None:
+        return ""
+    return f"{value:.6g}"

@@ -497,7 +497,9 @@ def slice_name(normal: Array, z: float) -> str:
 
 def first_of(places: list[str]) -> str:
     """The first of some places, and how many more there are."""
-    return places[0] if len(places) == 1 else f"{places[0]} and {len(places) - 1} more"
+    if len(places) == 1:
+        return places[0]
+    return f"{places[0]} and {len(places) - 1} more"
 
 
 def common_normal(contours: Contours) -> Array:
@@ -518,7 +520,9 @@ def common_normal(contours: Contours) -> Array:
             )
         normal = vectors[:, 0]
     axis = int(np.abs(normal).argmax())
-    return np.eye(3)[axis] if abs(abs(normal[axis]) - 1) < 1e-15 else normal * np.sign(normal[axis])
+    if abs(abs(normal[axis]) - 1) < 1e-15:
+        return np.eye(3)[axis]
+    return normal * np.sign(normal[axis])
 
 
 def rotation_into_slices(normal: Array) -> Array:

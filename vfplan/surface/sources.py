@@ -164,7 +164,9 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
         f"{others} contours are open or single points and are left out. Close them if they are "
         "outlines."
     )
-    remarks = (remark,) if others else ()
+    remarks = ()
+    if others:
+        remarks = (remark,)
     return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
 
 
@@ -180,7 +182,9 @@ def ring_of_contour(contour: Any) -> Array:
             code="outline-not-finite",
         )
     points = numbers.reshape(-1, 3) * 1e-3
-    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
+    if len(points) > 3 and np.array_equal(points[0], points[-1]):
+        return points[:-1]
+    return points
 
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
@@ -207,7 +211,9 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
         if kind == "FRACTIONAL":
             borders = volumes.rings_of_share(pixels / largest_share)
         else:
-            label = chosen.number if kind == "LABELMAP" else 1
+            label = 1
+            if kind == "LABELMAP":
+                label = chosen.number
             borders, is_smooth = volumes.rings_of_mask(pixels == label)
             stairs += not is_smooth
         for border in borders:
@@ -251,7 +257,8 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
     for k in range(count):
         corner, frame_axes = frame_place(dataset, k)
         corners.append(corner)
-        axes = frame_axes if axes is None else axes
+        if axes is None:
+            axes = frame_axes
         if np.abs(frame_axes - axes).max() > 1e-12:
             raise InputError(
                 f"frame {k + 1} differs from the first in orientation or pixel spacing. Export "
@@ -323,7 +330,9 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             types = {str(markup.get("type")) for markup in markups}
             if types != {"ClosedCurve"}:
                 types.discard("ClosedCurve")
-                content = repr(min(types)[:32]) if types else "nothing"
+                content = "nothing"
+                if types:
+                    content = repr(min(types)[:32])
                 raise InputError(
                     f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
                 )
@@ -405,6 +414,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
         f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
         "forgotten."
     )
-    remarks = (remark,) if slices_without_drawing else ()
+    remarks = ()
+    if slices_without_drawing:
+        remarks = (remark,)
     inputs = {"slices": digest.hexdigest()}
     return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)

@@ -150,7 +150,9 @@ def read_by_suffix(
         raise CurveError(f"is not text. {WANTED}", code="vector-not-text") from None
     if suffix in (".json", ".fcsv"):
         refuse_origin(origin, "Slicer's curves")
-        read_slicer = read_markups if suffix == ".json" else read_control_points
+        read_slicer = read_control_points
+        if suffix == ".json":
+            read_slicer = read_markups
         return read_slicer(text, where)
     return read_table(text, origin, where)
 
@@ -196,7 +198,9 @@ def read_control_points(text: str, where: str) -> VectorDrawing:
 def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawing:
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
     rows = [row for _, row in split_rows(text, where, MarkerError)]
-    header = [name.strip() for name in rows[0]] if rows else []
+    header = []
+    if rows:
+        header = [name.strip() for name in rows[0]]
     if is_xy_table(header):
         points = read_xy_table(rows, origin)
     elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.
@@ -321,7 +325,9 @@ def parse_pixels(rows: list[list[str]]) -> NDArray[np.float64]:
 
 def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
     """Points that are counted from a pixel's centre or corner, counted from centres."""
-    return points - CORNER_PX if origin == "corner" else points
+    if origin == "corner":
+        return points - CORNER_PX
+    return points
 
 
 def _wrong_selection(description: str) -> CurveError:
