@@ -6,7 +6,7 @@ import pytest
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.registration import fit_registration
-from vfplan.registration.touch import NearestOnMesh
+from vfplan.registration.touch import NearestOnMesh, refine_by_touch
 from vfplan.surface.build import SurfaceSettings, surface
 
 MARKS = 1e-3 * np.array(
@@ -45,7 +45,7 @@ def flank(points):
 
 
 def refined(bone, start, touched, **settings):
-    return refined(bone, start, touched, **settings)
+    return refine_by_touch(start, touched, bone.points, bone.mesh, **settings)
 
 
 def off(registration, bone):
