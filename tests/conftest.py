@@ -57,7 +57,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     config = session.config
     if hasattr(config, "workerinput"):
         return
-    is_whole = config.args_source is config.ArgsSource.TESTPATHS and not config.option.keyword
+    chosen = config.option.keyword or config.option.markexpr or config.option.collectonly
+    is_whole = config.args_source is config.ArgsSource.TESTPATHS and not chosen
     if is_whole and (config.getoption("--all") or config.getoption("--full")):
         _codes_left.extend(codes.left())
         if _codes_left and os.environ.get("VFPLAN_REQUIRE_PACKAGES"):
