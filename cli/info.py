@@ -162,9 +162,9 @@ def vfplan_diff(a, b, session) -> CommandResult:
         lines.append("the contents are the same")
 
     # What they render.
-    touched = True
+    is_tested = True
     if session is not None:
-        comparison, touched = compare_replays(a, b, session)
+        comparison, is_tested = compare_replays(a, b, session)
         data |= comparison
         tick = comparison["first_tick"]
         if tick is not None:
@@ -174,9 +174,9 @@ def vfplan_diff(a, b, session) -> CommandResult:
                 f"at most {comparison['proxy_max_m']:.3g} m and "
                 f"{comparison['force_max_n']:.3g} N apart"
             )
-        elif touched:
+        elif is_tested:
             lines.append("both render the session alike")
-        if not touched:
+        if not is_tested:
             failed.append("not tested: the session touches neither fixture")
             lines.insert(0, "NOT TESTED: the session touches neither fixture")
             clearance = comparison.get("clearance_min_m")
@@ -185,7 +185,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
 
     verdict = "pass"
     next_step = "nothing: either bundle may stand for the other"
-    if not touched:
+    if not is_tested:
         verdict = "not-tested"
         next_step = "give a session that touches the fixtures"
     elif failed:

@@ -73,12 +73,12 @@ def refusal(path: Path, message: str, code: str) -> OutputError:
 def _refuse(paths: list[Path]) -> None:
     """Raise `OutputError` for the first path that cannot become an output of this call."""
     context = click.get_current_context(silent=True)
-    given = ()
+    values = ()
     if context is not None:
-        given = context.params.values()
+        values = context.params.values()
     inputs = {
         value.resolve()
-        for value in given
+        for value in values
         if isinstance(value, Path) and not any(value is path for path in paths)
     }
     resolved: set[Path] = set()

@@ -124,12 +124,12 @@ def registered_text(report: dict[str, Any]) -> str:
             moved_px = max(marker["moved_px"] for marker in report["markers_found"])
             lines.append(f"  the marks on the slice are up to {moved_px:.2f} px away")
     if "touched" in report:
-        touched = report["touched"]
-        used = touched["points"] - len(touched["left_out"])
+        refined = report["touched"]
+        used = refined["points"] - len(refined["left_out"])
         lines.append(
-            f"  refined by {used} touched points: {millimetres(touched['before_rms_m'])} rms off "
-            f"the surface before, {millimetres(touched['rms_m'])} after; the surface moved by "
-            f"{millimetres(touched['moved_max_m'])} at most"
+            f"  refined by {used} touched points: {millimetres(refined['before_rms_m'])} rms off "
+            f"the surface before, {millimetres(refined['rms_m'])} after; the surface moved by "
+            f"{millimetres(refined['moved_max_m'])} at most"
         )
     if report.get("seen_from"):
         lines.append(f"  The slice is seen from {report['seen_from']}.")

@@ -127,7 +127,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         index_path = report_folder / "index.html"
     elif arguments["image"] is not None:
         raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
-    made = [path for path in (output, csv_out, index_path) if path is not None]
+    written = [path for path in (output, csv_out, index_path) if path is not None]
     with outputs(output, csv_out, index_path) as (result, table, index):
         replayed = replay_with_outputs(fixture, session, result, table, arguments)
         if index is not None:
@@ -136,7 +136,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             text = page(replayed, image=arguments["image"], command=command_line())
             write_whole(index, [text.encode("utf-8")], overwrite=True)
     metrics = replayed.metrics
-    lines = [replay_text(metrics), *(f"wrote {path}" for path in made)]
+    lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
@@ -155,7 +155,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         warnings=warnings,
         failed=failed_line(metrics),
         verdict=replayed.verdict + left_open,
-        next_step=next_step(metrics, fixture, arguments["robot"], index_path, bool(made)),
+        next_step=next_step(metrics, fixture, arguments["robot"], index_path, bool(written)),
     )
 
 

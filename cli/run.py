@@ -189,11 +189,11 @@ class PagedCommand(click.Command):
         options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
         records = [(option, option.get_help_record(ctx)) for option in options]
         records = [(option, record) for option, record in records if record is not None]
-        shown = [record for option, record in records if is_whole or listed & set(option.opts)]
-        if shown:
+        visible = [record for option, record in records if is_whole or listed & set(option.opts)]
+        if visible:
             with formatter.section("Options"):
-                formatter.write_dl(shown)
-        hidden_count = len(records) - len(shown)
+                formatter.write_dl(visible)
+        hidden_count = len(records) - len(visible)
         if hidden_count:
             formatter.write_paragraph()
             formatter.write_text(f"{hidden_count} more options: {ctx.command_path} --help-all")
@@ -277,9 +277,9 @@ class Printer:
         """
         # A person reads the findings first, in the log.
         words = {"doubt": "warning", "note": "note"}
-        told = [(words[finding.severity], finding.text) for finding in result.findings or ()]
-        told += [("warning", warning) for warning in result.warnings]
-        for word, text in told:
+        labelled = [(words[finding.severity], finding.text) for finding in result.findings or ()]
+        labelled += [("warning", warning) for warning in result.warnings]
+        for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
             reason = " ".join((result.failed or "a check did not hold").split())
@@ -289,8 +289,8 @@ class Printer:
         if self.as_json:
             name = click.get_current_context().info_name
             data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
-            if told:
-                data.setdefault("warnings", [text for _, text in told])
+            if labelled:
+                data.setdefault("warnings", [text for _, text in labelled])
             if result.findings is not None:
                 data.setdefault("findings", [finding.as_dict() for finding in result.findings])
             if result.verdict and result.verdict_in_json:

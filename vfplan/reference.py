@@ -150,11 +150,11 @@ def main_algorithm(
 
 def normal_vector(p: Vector, proxy: Vector, r1: float, r3: float) -> Vector:
     """Eq. (1): the weighted mean of the unit vectors from the points to the proxy, normalised."""
-    away = proxy - p
-    r = np.linalg.norm(away, axis=1)
-    away, r = away[r > 0], r[r > 0]
+    outward = proxy - p
+    r = np.linalg.norm(outward, axis=1)
+    outward, r = outward[r > 0], r[r > 0]
     phi = wendland(r, r1, r3)
-    nk = (away / r[:, None] * phi[:, None]).sum(axis=0)
+    nk = (outward / r[:, None] * phi[:, None]).sum(axis=0)
     length = np.linalg.norm(nk)
     # A sum of eq. (1) that cancels to rounding has no direction.
     if length <= ROUNDING * phi.sum():
@@ -181,8 +181,8 @@ def step_free_motion(
     if d == 0 and hip_inside:  # Special case 1
         up = projection(u, n)
         s = along(up, tangential_step(up, par))
-    away = np.linalg.norm(p - hip, axis=1).mean() > np.linalg.norm(p - proxy, axis=1).mean()
-    if not hip_inside and away:  # Special case 2
+    is_receding = np.linalg.norm(p - hip, axis=1).mean() > np.linalg.norm(p - proxy, axis=1).mean()
+    if not hip_inside and is_receding:  # Special case 2
         s = u
     return s
 

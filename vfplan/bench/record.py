@@ -336,10 +336,10 @@ def table_lines(
         lines.append(f"{stage}: " + header.strip())
         for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
-            shown = scene_results
+            visible = scene_results
             if not every_setting:
-                shown = best_of_each_method(scene_results)
-            lines += map(result_row, sorted(shown, key=lambda r: r["time_us_median"]))
+                visible = best_of_each_method(scene_results)
+            lines += map(result_row, sorted(visible, key=lambda r: r["time_us_median"]))
     for refusal in document.get("refused", ()):
         if refusal["stage"] in stages:
             what = f"{refusal['method']} {settings_text(refusal['settings'])}"

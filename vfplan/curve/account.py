@@ -97,9 +97,13 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
         if not curve.closed:
             to_end, _ = _core.nearest(curve.points[[0, -1]], pixels)
             end_distance = np.minimum(end_distance, to_end)
-    left = edge_distance > tuned.EDGE_BLUR_PX
-    pixels, edge_distance, end_distance = pixels[left], edge_distance[left], end_distance[left]
-    mirrored = mirrored[left]
+    outside = edge_distance > tuned.EDGE_BLUR_PX
+    pixels, edge_distance, end_distance = (
+        pixels[outside],
+        edge_distance[outside],
+        end_distance[outside],
+    )
+    mirrored = mirrored[outside]
     if len(pixels) == 0:
         return []
     u, v = (pixels - pixels.min(0)).T
@@ -193,12 +197,12 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
     """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
-    beside = [piece for piece in leftover if not piece.mirrored]
+    unmirrored = [piece for piece in leftover if not piece.mirrored]
     reach = tuned.END_REACH_GAPS * max_gap_px
-    at_end = [piece for piece in beside if piece.end_distance <= reach]
+    at_end = [piece for piece in unmirrored if piece.end_distance <= reach]
     touching = [
         piece
-        for piece in beside
+        for piece in unmirrored
         if piece.end_distance > reach and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX
     ]
     findings = []
@@ -292,8 +296,8 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     beside all the rest of the line is a stroke of a letter at the line's end.
     """
     ratio = choose.relative_width(curve)
-    near = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
-    is_wide = ratio > (near.min() + near.max()) / 2
+    window = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
+    is_wide = ratio > (window.min() + window.max()) / 2
     on_line = np.ones(len(ratio), bool)
     if not curve.closed:
         first_end, last_end = curve.ends

@@ -71,16 +71,16 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
         neighbours[a].append(b)
         neighbours[b].append(a)
     waiting = ~junction
-    found = []
+    branches = []
     for start in np.flatnonzero(waiting).tolist():
         if waiting[start] and len(neighbours[start]) < 2:
-            found.append((_walk(start, neighbours, waiting), False))
+            branches.append((_walk(start, neighbours, waiting), False))
     # What is left are rings. Each is cut between two neighbours, and walked the other way.
     for start, _ in inner:
         if waiting[start]:
-            found.append((_walk(start, neighbours, waiting), True))
-    found.sort(key=lambda branch: min(branch[0]))
-    return [(pixels[branch], closed) for branch, closed in found], pixels[junction]
+            branches.append((_walk(start, neighbours, waiting), True))
+    branches.sort(key=lambda branch: min(branch[0]))
+    return [(pixels[branch], closed) for branch, closed in branches], pixels[junction]
 
 
 def _edges(bone: Flags, v: Pixels, u: Pixels) -> Pixels:

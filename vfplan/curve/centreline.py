@@ -139,8 +139,8 @@ def drawn_length(path: NDArray, closed: bool) -> float:
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
     normal = normals(filters.gaussian(path, tuned.SMOOTH_PX), False)
-    away = (width / 2 + 2 * tuned.FLANK_PX) * normal
-    places = np.rint(np.vstack([path - away, path + away])).astype(int)
+    flank = (width / 2 + 2 * tuned.FLANK_PX) * normal
+    places = np.rint(np.vstack([path - flank, path + flank])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
     return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
 
@@ -170,9 +170,9 @@ def _up_to_ends(valid: Flags, ends: tuple[End, End]) -> tuple[Flags, Flags]:
     at = np.arange(len(valid))
     visible = np.flatnonzero(valid)
     between = (at >= ends[0].whole) & (at <= ends[1].whole)
-    seen = valid | (between & ((at < visible[0]) | (at > visible[-1])))
-    whole = seen & between
-    return seen, seen if whole.sum() < tuned.MIN_PROFILES else whole
+    in_view = valid | (between & ((at < visible[0]) | (at > visible[-1])))
+    whole = in_view & between
+    return in_view, in_view if whole.sum() < tuned.MIN_PROFILES else whole
 
 
 def without_ink_ahead(valid: Flags) -> Flags:

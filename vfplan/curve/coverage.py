@@ -251,14 +251,14 @@ def sample(plane: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float32]:
     """
     height, width = plane.shape[:2]
     u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
-    left = np.minimum(u.astype(np.intp), max(width - 2, 0))
+    column = np.minimum(u.astype(np.intp), max(width - 2, 0))
     top = np.minimum(v.astype(np.intp), max(height - 2, 0))
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    x, y = (u - left).astype(np.float32), (v - top).astype(np.float32)
+    right, bottom = np.minimum(column + 1, width - 1), np.minimum(top + 1, height - 1)
+    x, y = (u - column).astype(np.float32), (v - top).astype(np.float32)
     if plane.ndim == 3:
         x, y = x[..., None], y[..., None]
-    upper = (1 - x) * plane[top, left].astype(np.float32) + x * plane[top, right]
-    lower = (1 - x) * plane[bottom, left].astype(np.float32) + x * plane[bottom, right]
+    upper = (1 - x) * plane[top, column].astype(np.float32) + x * plane[top, right]
+    lower = (1 - x) * plane[bottom, column].astype(np.float32) + x * plane[bottom, right]
     return (1 - y) * upper + y * lower
 
 

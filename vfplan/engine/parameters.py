@@ -375,10 +375,10 @@ def core_settings(**units: str) -> Iterator[None]:
         yield
     except _core.OutOfRange as error:
         message, name, value = error.args
-        given = name
+        chosen = name
         if name in units:
-            given = f"{name}_{units[name]}"
-        raise SettingError(message.replace(name, given, 1), numbers={given: value}) from None
+            chosen = f"{name}_{units[name]}"
+        raise SettingError(message.replace(name, chosen, 1), numbers={chosen: value}) from None
 
 
 @contextmanager

@@ -188,11 +188,11 @@ def solve_banded(band: Array, right: Array) -> Array:
     rows[number[count:], BLOCK + number[count:] % BLOCK] = 1.0
     for k in range(width):
         rows[number[:count], BLOCK + number[:count] % BLOCK + k - width // 2] = band[:, k]
-    before, own, after = np.moveaxis(rows.reshape(blocks, BLOCK, 3, BLOCK), 2, 0)
+    before, diagonal, after = np.moveaxis(rows.reshape(blocks, BLOCK, 3, BLOCK), 2, 0)
     right = np.pad(right, [(0, blocks * BLOCK - count), (0, 0)]).reshape(blocks, BLOCK, -1)
-    carried, solution = np.zeros_like(own), np.zeros_like(right)
+    carried, solution = np.zeros_like(diagonal), np.zeros_like(right)
     for k in range(blocks):
-        matrix = own[k] - before[k] @ carried[k - 1]
+        matrix = diagonal[k] - before[k] @ carried[k - 1]
         known = right[k] - before[k] @ solution[k - 1]
         solved = np.linalg.solve(matrix, np.hstack([after[k], known]))
         carried[k], solution[k] = solved[:, :BLOCK], solved[:, BLOCK:]

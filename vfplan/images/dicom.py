@@ -173,13 +173,13 @@ def windowed_grey(
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
         values = apply_windowing(values, dataset)
     low, high = float(values.min()), float(values.max())
-    shown = (values - low) / (high - low or 1.0)
+    brightness = (values - low) / (high - low or 1.0)
     if inverted:
-        shown = 1 - shown
+        brightness = 1 - brightness
     depth = np.uint8
     if stored.dtype.itemsize > 1:
         depth = np.uint16
-    grey = np.rint(np.iinfo(depth).max * shown).astype(depth)
+    grey = np.rint(np.iinfo(depth).max * brightness).astype(depth)
     return np.repeat(grey[..., None], 3, axis=2)
 
 

@@ -159,14 +159,14 @@ def _find_marker(
             if fit.misfit > MAX_MISFIT or moved > search_px:
                 continue
             position = (fit.u + column, fit.v + row)
-            found = DrawnMarker(label, position, moved, fit.shape, fit.misfit)
+            drawn = DrawnMarker(label, position, moved, fit.shape, fit.misfit)
             # The better fit of one mark; of two marks the nearer.
             if best is None:
-                best = found
+                best = drawn
             elif np.hypot(*np.subtract(position, best.position_px)) < 2:
-                best = min(best, found, key=lambda marker: marker.misfit)
+                best = min(best, drawn, key=lambda marker: marker.misfit)
             else:
-                best = min(best, found, key=lambda marker: marker.moved_px)
+                best = min(best, drawn, key=lambda marker: marker.moved_px)
         if best is not None and best.misfit < CLEAR_MISFIT:
             break
     return best

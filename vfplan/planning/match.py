@@ -179,14 +179,14 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
     """Refuse an image of another size than the slice: its pixels are not those of the curve."""
     if image is None or curve.image is None:
         return
-    given = (image.width_px, image.height_px)
+    size = (image.width_px, image.height_px)
     drawn_on = (curve.image.width_px, curve.image.height_px)
-    if given != drawn_on:
+    if size != drawn_on:
         raise ImageError(
-            f"The image has {given[0]} x {given[1]} px, and the slice that the curve was drawn on "
+            f"The image has {size[0]} x {size[1]} px, and the slice that the curve was drawn on "
             f"had {drawn_on[0]} x {drawn_on[1]}. Give the original, not cut and not scaled.",
             code="image-size-differs",
-            numbers={"width_px": given[0], "height_px": given[1]},
+            numbers={"width_px": size[0], "height_px": size[1]},
         )
 
 

@@ -138,15 +138,15 @@ def refuse_wrong_order(
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    found = None
+    order = None
     if holds_markers(image):
-        found = "it holds markers"
+        order = "it holds markers"
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
-            found = f"{path} is a picture"
-    if found is not None:
+            order = f"{path} is a picture"
+    if order is not None:
         raise InputError(
-            f"the files are in the wrong order: {found}. Give the slice first and the markers "
+            f"the files are in the wrong order: {order}. Give the slice first and the markers "
             "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
         )  # fmt: skip
 
@@ -314,8 +314,8 @@ def make_fixture(
     if curve.mesh is not None:
         # The samples of a surface keep the tolerance that they were made with.
         settings = replace(settings, tolerance_m=None)
-    made = Provenance.now(curve.provenance.inputs | record.inputs, settings)
-    chosen = curve.provenance.settings | made.settings | record.settings
+    provenance = Provenance.now(curve.provenance.inputs | record.inputs, settings)
+    chosen = curve.provenance.settings | provenance.settings | record.settings
     # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
     image, transform = None, None
     if matched.correspondences.target_frame == "robot_base":
@@ -323,7 +323,7 @@ def make_fixture(
         transform = registration.record(carried.source, source_frame=curve.frame)
     return Fixture(
         frame=matched.correspondences.target_frame, points=carried.points, sigma=carried.sigma,
-        provenance=replace(made, settings=chosen, history=curve.provenance.history),
+        provenance=replace(provenance, settings=chosen, history=curve.provenance.history),
         curve=carried.curve, image=image, rendering=rendering, registration=transform,
         mesh=curve.mesh, sample_radius=curve.sample_radius,
     )  # fmt: skip

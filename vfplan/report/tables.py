@@ -96,9 +96,9 @@ def checks(metrics: dict[str, Any]) -> str:
 def findings(metrics: dict[str, Any]) -> str:
     """What a person should look at."""
     rows = [
-        [f'<b class="{found["severity"]}">{found["severity"]}</b>', found["code"],
-         escape(found["message"])]
-        for found in metrics["findings"]
+        [f'<b class="{finding["severity"]}">{finding["severity"]}</b>', finding["code"],
+         escape(finding["message"])]
+        for finding in metrics["findings"]
     ]  # fmt: skip
     if not rows:
         return "<p>Nothing to remark.</p>"

@@ -35,44 +35,44 @@ def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
         Whether the sheet shows the slice that the curve was drawn on. A sheet without it has
         another digest: who saw that sheet has not seen the ends of the line.
     """
-    seen = hashlib.sha256()
+    sha = hashlib.sha256()
     # So that no other program's digest of the same values is taken for one of a review.
-    _add(seen, "vfplan review sheet 1")
-    _add(seen, fixture)
+    _add(sha, "vfplan review sheet 1")
+    _add(sha, fixture)
     is_drawn = fixture.provenance.inputs.get("image") is not None
-    _add(seen, "slice not shown" if is_drawn and not slice_shown else "all shown")
-    return seen.hexdigest()
+    _add(sha, "slice not shown" if is_drawn and not slice_shown else "all shown")
+    return sha.hexdigest()
 
 
-def _add(seen: Any, value: Any) -> None:
+def _add(sha: Any, value: Any) -> None:
     """Feed a value to the hash, each with its kind and its length, so that no two run together."""
     if is_dataclass(value) and not isinstance(value, type):
         value = {f.name: getattr(value, f.name) for f in fields(value)}
     if isinstance(value, dict):
         kept = {str(k): v for k, v in value.items() if k not in LEFT_OUT and v is not None}
-        seen.update(b"{%d" % len(kept))
+        sha.update(b"{%d" % len(kept))
         for name in sorted(kept):
-            _add(seen, name)
-            _add(seen, kept[name])
+            _add(sha, name)
+            _add(sha, kept[name])
     elif isinstance(value, str):
         text = value.encode()
-        seen.update(b"s%d:" % len(text) + text)
+        sha.update(b"s%d:" % len(text) + text)
     elif isinstance(value, (list, tuple)):
-        seen.update(b"[%d" % len(value))
+        sha.update(b"[%d" % len(value))
         for item in value:
-            _add(seen, item)
+            _add(sha, item)
     elif isinstance(value, np.ndarray):
-        _add(seen, "x".join(map(str, value.shape)))
-        _add_array(seen, value)
+        _add(sha, "x".join(map(str, value.shape)))
+        _add_array(sha, value)
     else:
-        _add_array(seen, np.asarray(value))
+        _add_array(sha, np.asarray(value))
 
 
-def _add_array(seen: Any, array: np.ndarray) -> None:
+def _add_array(sha: Any, array: np.ndarray) -> None:
     """Numbers by their values alone: a 1 read from a file may have another type than it had."""
     if array.dtype.kind not in "biuf":
         raise TypeError(f"no digest is defined for a value of type {array.dtype}")
-    seen.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    sha.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
 
 
 def accept(
@@ -108,14 +108,14 @@ def accept(
             "the sheet.",
             code="name-missing",
         )
-    given, digest, with_slice = digest, digest.lower(), digest_of(fixture)
+    typed, digest, with_slice = digest, digest.lower(), digest_of(fixture)
     if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
         raise CheckFailed(
             "This digest is not that of the bundle: the sheet that was looked at shows another "
             "plan. Draw the sheet of this bundle and look at it: vfplan review FIXTURE.h5 --slice "
             "IMAGE --sheet-out SHEET.png.",
             code="digest-other",
-            numbers={"given": given, "expected": with_slice},
+            numbers={"given": typed, "expected": with_slice},
         )
     if digest != with_slice:
         if not any(finding.code == "slice-not-shown" for finding in fixture.findings):

@@ -87,22 +87,22 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
         to_line, _ = cKDTree(line.points).query(pixels)
         edge_distance = np.minimum(edge_distance, to_line - line.width / 2)
     # Connected pieces, but for specks.
-    left = pixels[edge_distance > tuned.EDGE_BLUR_PX]
+    outside = pixels[edge_distance > tuned.EDGE_BLUR_PX]
     pieces = []
-    if len(left):
-        corner = left.min(axis=0)
-        width, height = (left.max(axis=0) - corner + 1).tolist()
+    if len(outside):
+        corner = outside.min(axis=0)
+        width, height = (outside.max(axis=0) - corner + 1).tolist()
         picture = np.zeros((height, width), np.uint8)
-        picture[left[:, 1] - corner[1], left[:, 0] - corner[0]] = 1
+        picture[outside[:, 1] - corner[1], outside[:, 0] - corner[0]] = 1
         _, labels = cv2.connectedComponents(picture, connectivity=8)
-        label = labels[left[:, 1] - corner[1], left[:, 0] - corner[0]]
+        label = labels[outside[:, 1] - corner[1], outside[:, 0] - corner[0]]
         sizes = np.bincount(label)[1:]
         pieces = np.split(np.argsort(label, kind="stable"), np.cumsum(sizes)[:-1])
     rows = []
     for members in pieces:
         if len(members) < tuned.SPECK_PX:
             continue
-        piece = left[members]
+        piece = outside[members]
         low, high = piece.min(axis=0), piece.max(axis=0)
         box = (*low.tolist(), *(high - low + 1).tolist())
         piece_mask = np.zeros((box[3], box[2]), bool)
@@ -144,12 +144,12 @@ def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSetting
 
 def boxes_of(text: Any) -> tuple[Box, ...]:
     """The boxes of a bundle's setting, such as "1,2,30,40;5,6,7,8"."""
-    boxes = []
+    areas = []
     for part in str(text or "").split(";"):
         numbers = part.split(",")
         if len(numbers) == 4 and all(number.strip().isdigit() for number in numbers):
-            boxes.append(tuple(int(number) for number in numbers))
-    return tuple(boxes)
+            areas.append(tuple(int(number) for number in numbers))
+    return tuple(areas)
 
 
 MAX_ROUTES = 9

@@ -72,12 +72,12 @@ def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[
     places = np.flatnonzero(has_ink)
     if closed:
         places = np.concatenate([places - count, places, places + count])
-    own = np.arange(count)
-    after = np.clip(np.searchsorted(places, own), 0, len(places) - 1)
+    indices = np.arange(count)
+    after = np.clip(np.searchsorted(places, indices), 0, len(places) - 1)
     before = np.clip(after - 1, 0, None)
-    is_before = np.abs(places[before] - own) < np.abs(places[after] - own)
+    is_before = np.abs(places[before] - indices) < np.abs(places[after] - indices)
     nearest = np.where(is_before, places[before], places[after])
-    distance = np.abs(nearest - own)
+    distance = np.abs(nearest - indices)
     nearest %= count
     fade = np.exp(-0.5 * (distance / 10.0) ** 2)
     return np.where(has_ink, offset, offset[nearest] * fade)
@@ -252,10 +252,10 @@ class SliceInk:
                 profiles = read_profiles(self.found, points[at], across, usual)
                 alone[at] = profiles.valid
                 mass[at] = profiles.mass
-                found = profiles.offset(noisy)
+                offsets = profiles.offset(noisy)
                 if noisy:
-                    found = add_brightness(self.found, points[at], across, profiles, found)
-                offset[at] = found
+                    offsets = add_brightness(self.found, points[at], across, profiles, offsets)
+                offset[at] = offsets
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.

@@ -101,9 +101,9 @@ def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: flo
     for heading, words in (*facts, *content.facts):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
-        beside = HEADING.width_of(f"{heading}  ")
-        if beside + BODY.width_of(words) <= width:
-            sheet.text(x + beside, y + HEADING.baseline - BODY.baseline, words)
+        heading_width = HEADING.width_of(f"{heading}  ")
+        if heading_width + BODY.width_of(words) <= width:
+            sheet.text(x + heading_width, y + HEADING.baseline - BODY.baseline, words)
             y += HEADING.line_height + 10
         else:
             y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10

@@ -44,9 +44,9 @@ def stack(looks: list[Look]) -> Look:
 
 def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
     """Distance to the nearest points; `flat` (M, k, 3): directions along which it is straight."""
-    away = x - nearest
-    distance = np.linalg.norm(away, axis=1)
-    normal = away / np.where(distance > 0, distance, 1.0)[:, None]
+    offset = x - nearest
+    distance = np.linalg.norm(offset, axis=1)
+    normal = offset / np.where(distance > 0, distance, 1.0)[:, None]
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     across = across - np.einsum("mki,mkj->mij", flat, flat)
     return Look(distance, normal, across / np.where(distance > 0, distance, 1.0)[:, None, None])
@@ -134,9 +134,9 @@ class Arcs:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        away = x[:2] - self.centre
+        offset = x[:2] - self.centre
         middle = self.start + self.sweep / 2
-        angle = np.arctan2(away[:, 1], away[:, 0]) - middle
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) - middle
         angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
         half = np.abs(self.sweep) / 2
         inner = np.abs(angle) < half
@@ -146,7 +146,7 @@ class Arcs:
         flat = np.tile([0.0, 0.0, 1.0], (len(self.radius), 1, 1))
         look = from_nearest(np.array([x[0], x[1], 0.0]), nearest, flat)
         # On the arc itself the distance is that from the centre, less the radius.
-        r = np.hypot(away[:, 0], away[:, 1])
+        r = np.hypot(offset[:, 0], offset[:, 1])
         curved = look.distance / np.where(r > 0, r, 1.0) * np.where(r >= self.radius, 1.0, -1.0)
         return look._replace(hessian=look.hessian * np.where(inner, curved, 1.0)[:, None, None])
 

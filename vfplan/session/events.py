@@ -272,9 +272,9 @@ def as_the_loop_saw(
     if poses is not None:
         # A pose arrived at the first tick whose count includes it.
         tick = np.searchsorted(pose_count, accepted)
-        taken = tick < len(time)
-        arrived = np.maximum.accumulate(time[tick[taken]])
-        poses = Poses(poses.time[taken], poses.pose[taken], arrived)
+        in_session = tick < len(time)
+        arrived = np.maximum.accumulate(time[tick[in_session]])
+        poses = Poses(poses.time[in_session], poses.pose[in_session], arrived)
     if events is not None:
         ticks = np.searchsorted(event_count, np.arange(len(events)), side="right").tolist()
         pairs = zip(events, ticks, strict=True)

@@ -382,17 +382,17 @@ class FailureTolerantFile:
 
     def write(self, data: memoryview) -> int:
         """Write at the position, as for any file."""
-        rest = memoryview(data).cast("B")
+        remaining = memoryview(data).cast("B")
         offset = self._position
         try:
-            while len(rest) and self._failure is None:
-                count = os.pwrite(self._descriptor, rest, offset)
-                rest = rest[count:]
+            while len(remaining) and self._failure is None:
+                count = os.pwrite(self._descriptor, remaining, offset)
+                remaining = remaining[count:]
                 offset += count
         except OSError as error:
             self._failure = error
-        if len(rest):
-            self._unwritten.append((offset, bytes(rest)))
+        if len(remaining):
+            self._unwritten.append((offset, bytes(remaining)))
         self._position += len(data)
         self._size = max(self._size, self._position)
         return len(data)

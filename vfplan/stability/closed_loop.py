@@ -291,12 +291,12 @@ def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
     or_more = ""
     if largest.is_above_search:
         or_more = " or more"
-    rest = "no rest"
+    ending = "no rest"
     if pressed.rest_s is not None:
-        rest = f"rest in {pressed.rest_s:.2f} s"
+        ending = f"rest in {pressed.rest_s:.2f} s"
     return (
         f"largest stable K {largest.measured:.0f} N/m{or_more}, {largest.ratio:.3f} of the exact "
-        f"bound; pressed: overshoot {pressed.overshoot:.2f}, {rest}, limit cycle "
+        f"bound; pressed: overshoot {pressed.overshoot:.2f}, {ending}, limit cycle "
         f"{pressed.limit_cycle_m * 1e6:.2g} µm, {pressed.energy_j * 1e6:.3g} µJ to the hand"
     )
 

@@ -195,10 +195,10 @@ class Study:
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
         lines = [verdict_text(self.verdict), summary]
-        shown = self.failed
+        listed = self.failed
         if every_case:
-            shown = self.rows
-        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in shown]
+            listed = self.rows
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
         if every_case:
             lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
         return "\n".join(lines)

@@ -41,9 +41,9 @@ def draw_surface(result: Surface, path: Path) -> None:
     figure = new_figure(11.0, 6.4)
     with style():
         grid = figure.add_gridspec(3, 2, width_ratios=(1.5, 1))
-        left = figure.add_subplot(grid[:, 0])
-        draw_from_side(left, result)
-        left.set_title(
+        large = figure.add_subplot(grid[:, 0])
+        draw_from_side(large, result)
+        large.set_title(
             f"{result.report['slices']} slices, {result.report['spacing_mm']:.3g} mm apart; "
             f"{result.report['triangles']} triangles"
         )
