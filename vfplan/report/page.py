@@ -1,6 +1,6 @@
 """The page of a replay: verdict, slice and force first, files and hashes last.
 
-What the scrubber and the plots need: frames, envelopes and the cloud, in mm, rounded.
+Its scrubber and plots get frames, envelopes and the cloud in mm, rounded.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from vfplan.figures.replay import (
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
-from vfplan.io.writing import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.findings import change_words, gap_words, has_touched
@@ -152,18 +151,13 @@ LIVE_POLICY = "; connect-src 'self'"
 """What a live page may do in addition: listen to the server that it came from."""
 
 
-def write_report(
-    replayed: Replay, folder: Path, *, image: Path | None = None, overwrite: bool = False,
-    command: str = "",
-) -> Path:  # fmt: skip
-    """Write `folder/index.html`, a page that needs nothing else.
+def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> str:
+    """The HTML text of the report, which needs nothing else.
 
     Parameters
     ----------
     replayed
         A replay that kept ticks.
-    folder
-        Made if it does not exist; with `overwrite` its `index.html` is replaced.
     image
         The planned slice, to map depth back onto it.
     command
@@ -174,15 +168,6 @@ def write_report(
     InputError
         The image is not the one that the fixture was planned on.
     """
-    folder = Path(folder)
-    text = page(replayed, image=image, command=command)
-    with made_folder(folder):
-        write_whole(folder / "index.html", [text.encode("utf-8")], overwrite=overwrite)
-    return folder / "index.html"
-
-
-def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> str:
-    """The HTML text of the report: verdict, slice and force first, files and hashes last."""
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
     body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>"]
