@@ -137,7 +137,8 @@ def surface_direction(contact: Contact) -> Vector:
     """(3,) a unit vector along the surface, across an ignored axis."""
     normal = contact.normals[0]
     other = check_axis(contact.ignore_axis)
-    other = np.eye(3)[int(np.argmin(np.abs(normal)))] if other is None else other
+    if other is None:
+        other = np.eye(3)[int(np.argmin(np.abs(normal)))]
     along = np.cross(normal, other)
     return along / np.linalg.norm(along)
 

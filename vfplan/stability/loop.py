@@ -88,7 +88,8 @@ class Plant:
         """
         from scipy.linalg import expm
 
-        t = self.period if t is None else t
+        if t is None:
+            t = self.period
         # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is
         # then a number without a unit.
         alpha = self.damping * t / self.mass
