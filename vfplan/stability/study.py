@@ -310,11 +310,10 @@ def skipped_scenes(part: str, fixture: Fixture | None) -> dict[str, str]:
 
 def extreme_tasks(fixture: Fixture | None, full: bool) -> list[Task]:
     """One task for the short cases, and one for the long cases, which share a run."""
-    lengths = (False, True) if full else (False,)
-    return [
-        partial(run_extreme_cases, [case for case in CASES if case.full is is_long], fixture)
-        for is_long in lengths
-    ]
+    tasks = [partial(run_extreme_cases, [case for case in CASES if not case.full], fixture)]
+    if full:
+        tasks.append(partial(run_extreme_cases, [case for case in CASES if case.full], fixture))
+    return tasks
 
 
 def skipped_extremes(full: bool) -> dict[str, str]:
@@ -327,8 +326,13 @@ def skipped_extremes(full: bool) -> dict[str, str]:
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
     """The results of all tasks in their order, run in `jobs` processes."""
     results = []
-    with nullcontext() if jobs == 1 else worker_processes(jobs) as pool:
-        for rows in map(call, tasks) if pool is None else pool.map(call, tasks):
+    if jobs == 1:
+        for task in tasks:
+            results += task()
+            done(1)
+        return results
+    with worker_processes(jobs) as pool:
+        for rows in pool.map(call, tasks):
             results += rows
             done(1)
     return results
