@@ -222,15 +222,19 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     comparison.update(first.trace, second.trace)
     report = comparison.report()
     tick = report.get("first_difference_tick")
-    data = {"first_tick": tick, "ticks": len(recorded.time)}
-    data |= {name: report[name] for name in ("proxy_max_m", "force_max_n")}
+    data = {
+        "first_tick": tick,
+        "proxy_max_m": report["proxy_max_m"],
+        "force_max_n": report["force_max_n"],
+        "ticks": len(recorded.time),
+    }
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
-    both = (first.metrics, second.metrics)
-    clearances = [m["clearance_min_m"] for m in both if "clearance_min_m" in m]
+    results = (first.metrics, second.metrics)
+    clearances = [result["clearance_min_m"] for result in results if "clearance_min_m" in result]
     if clearances:
         data["clearance_min_m"] = min(clearances)
-    return data, any(map(has_touched, both))
+    return data, has_touched(first.metrics) or has_touched(second.metrics)
 
 
 @command("validate")

@@ -24,15 +24,14 @@ from replays import probing
 from review_slices import clear
 from rosbags import rosbag2
 from rosbags.typesys import Stores, get_typestore
-from vfplan.bench.extract import thin_hue_mask
 from vfplan.cli.bench import vfplan_bench
 from vfplan.cli.extract import write_pictures
 from vfplan.cli.outputs import refuse_folder, refuse_place
-from vfplan.io.table import MAX_COLUMNS, open_number_table
 
 import vfplan
 from vfplan.arm.rehearsal import check_session
 from vfplan.bench import peers
+from vfplan.bench.pipeline import thin_hue_mask
 from vfplan.bundle.importing import check_spacing, drawn
 from vfplan.bundle.validation import validate
 from vfplan.burr.burr import burr
@@ -41,10 +40,11 @@ from vfplan.campaign.store import Store, blocks_on_cluster, run_campaign
 from vfplan.errors import InputError, VfplanError
 from vfplan.fixture import Stroke
 from vfplan.images.read import read_image
-from vfplan.io.files import MAX_LINE_BYTES, decompress, opened_file
+from vfplan.io.files import MAX_COLUMNS, MAX_LINE_BYTES, decompress, open_number_table, opened_file
 from vfplan.live.sources import stream_udp
-from vfplan.planning import match, rendering
+from vfplan.planning import match
 from vfplan.planning.extraction import read_vectors, resample
+from vfplan.planning.plan import add_guidance, ignored_axis
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.registration.registration import fit_registration
 from vfplan.registration.touch import refine_by_touch
@@ -61,7 +61,7 @@ from vfplan.session import bags
 from vfplan.session.events import Event, _check_counts
 from vfplan.session.read import _NpzMember
 from vfplan.session.result import ResultWriter, read_result, stored_ticks
-from vfplan.surface import curves, dicom, mesh, outline, slicing, volumes
+from vfplan.surface import mesh, outline, sources, volumes
 from vfplan.surface.build import read_contours
 from vfplan.view3d import Stage, ready_pyvista
 
@@ -134,7 +134,7 @@ def touched(source, target):
 
 
 def labelled(layers):
-    return volumes.labelled_volume(layers, np.eye(4), "", "f")
+    return volumes.places_of_labels(layers)
 
 
 def empty_bag(path):
@@ -197,8 +197,9 @@ CALLS = {
     # Settings of a plan.
     "gate-range": lambda d: FixtureSettings(max_tre_m=-1.0),
     "guide-stiffness": lambda d: FixtureSettings(guide_m=1e-3, stiffness=(0.0, 0.0, 0.0)),
-    "guide-without-curve": lambda d: rendering.add_guidance(SMALL, FixtureSettings(guide_m=1e-3)),
-    "no-normal": lambda d: rendering.ignored_axis(
+    "guide-without-curve": lambda d: add_guidance(
+        SMALL, FixtureSettings(guide_m=1e-3), match.Record()),
+    "no-normal": lambda d: ignored_axis(
         "normal", as_is(T_target_source=np.eye(4), source=np.zeros((3, 3)))),
     "density-of-surface": lambda d: vfplan.register(
         bundles.sheet(), "m.csv", settings=FixtureSettings(density_per_m=1e3)),
@@ -208,8 +209,8 @@ CALLS = {
     "find-markers-no-image": lambda d: match.find_drawn(as_is(source_frame="image"), None, None),
     "find-markers-other-image": lambda d: match.find_drawn(
         as_is(source_frame="image"), as_is(), None),
-    "touch-no-mesh": lambda d: match.refine(SMALL, None, "t.csv", 0.0),
-    "tip-radius-range": lambda d: match.refine(bundles.sheet(), None, "t.csv", -1.0),
+    "touch-no-mesh": lambda d: match.refine(SMALL, None, "t.csv", 0.0, None),
+    "tip-radius-range": lambda d: match.refine(bundles.sheet(), None, "t.csv", -1.0, None),
     "touch-no-surface": lambda d: touched(*solid(noise=1e-5)),
     "picture-without-image": lambda d: write_pictures(
         as_is(image=None, extraction=None), d / "m.png", None),
@@ -240,8 +241,8 @@ CALLS = {
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
     # Files, tables and folders.
     "file-unreadable": lambda d: opened_file(d / "a\0b"),
-    "compressed-data-cut": lambda d: decompress(gzip.compress(b"whole")[:-8], "gzip", "f"),
-    "compressed-data-damaged": lambda d: decompress(b"none", "bzip2", "f"),
+    "compressed-data-cut": lambda d: decompress(gzip.compress(b"whole")[:-8], "gzip", 99),
+    "compressed-data-damaged": lambda d: decompress(b"none", "bzip2", 99),
     "line-too-long": lambda d: table(b"x" * (MAX_LINE_BYTES + 1)),
     "too-many-columns": lambda d: table(b"x," * MAX_COLUMNS + b"x"),
     "folder-is-a-file": lambda d: refuse_folder(written(d / "f", "")),
@@ -251,18 +252,18 @@ CALLS = {
     "structure-none": lambda d: outline.choose_structure((), None),
     "surface-too-fine": lambda d: mesh.grid_axes(
         as_is(outlines=[as_is(rings=[RING])], z=np.array([0.0, 1.0])), 1e-2, False),
-    "voxel-size": lambda d: volumes.checked_place(1e-9 * np.eye(4), "f"),
-    "voxel-axes": lambda d: volumes.checked_place(np.full((4, 4), 1e-3), "f"),
+    "voxel-size": lambda d: volumes.checked_place(1e-9 * np.eye(4)),
+    "voxel-axes": lambda d: volumes.checked_place(np.full((4, 4), 1e-3)),
     "volume-unsupported": lambda d: labelled(np.zeros((2, 1, 1, 1), int)),
     "not-a-label-map": lambda d: labelled(np.full((1, 1, 1, 1), -1)),
-    "outline-not-finite": lambda d: dicom.ring_of_contour(
-        as_is(get_item=lambda name: as_is(value=["1", "nan", "2"])), "f"),
+    "outline-not-finite": lambda d: sources.ring_of_contour(
+        as_is(get_item=lambda name: as_is(value=["1", "nan", "2"]))),
     "source-several": lambda d: read_contours([Path("a.nrrd"), Path("b.nrrd")], None, None),
-    "slice-alone": lambda d: slicing.runs_of_slices(
+    "slice-alone": lambda d: outline.runs_of_slices(
         [as_is(z=0.0), as_is(z=1e-3), as_is(z=2e-3)], np.array([5e-4]), np.eye(3)[2], None),
-    "curve-not-closed": lambda d: curves.read_slicer_curves(
+    "curve-not-closed": lambda d: sources.read_slicer_curves(
         [written(d / "f.mrk.json", slicer_files.mrk([]))]),
-    "outline-open": lambda d: curves.read_drawn_slices(two_slices(d), None),
+    "outline-open": lambda d: sources.read_drawn_slices(two_slices(d), None),
 }
 # The same, where what is wrong is made so: what is put in the place of which name.
 PATCHED = {
@@ -313,7 +314,7 @@ def test_what_a_replay_of_a_run_and_of_changes_remarks():
     report = {"clearance_min_m": -1e-3, "episodes": [], "crossed_ticks": 1, "poses_refused": 2}
     report |= {f"{name}_ticks": 3 for name in ("inside", "too_fast", "bad_hip")}
     found = run_findings(report, as_is(band=1e-5, rule="paper", r1=1e-3))
-    assert [(finding["code"], finding["severity"]) for finding in found] == [
+    assert [(finding.code, finding.severity) for finding in found] == [
         ("proxy-inside", "warning"), ("started-inside", "warning"), ("crossed", "warning"),
         ("poses-refused", "warning"), ("too-fast", "warning"), ("hip-out-of-range", "error"),
     ]  # fmt: skip

@@ -249,12 +249,12 @@ def _choose_field(message: Any, field: str | None, where: str) -> str:
 
 def _choose_connection(reader: Any, topic: str | None, field: str | None, where: str) -> Any:
     """The topic that is named, or the only one whose messages hold a position."""
-    fitting = [
-        connection
-        for connection in reader.connections
-        if topic in (None, connection.topic) and connection.msgcount
-        if topic is not None or holds_position(reader, connection, field)
-    ]
+    fitting = []
+    for connection in reader.connections:
+        if topic not in (None, connection.topic) or connection.msgcount == 0:
+            continue
+        if topic is not None or holds_position(reader, connection, field):
+            fitting.append(connection)
     topics = sorted({connection.topic for connection in fitting})
     if len(topics) == 1:
         return fitting[0]
