@@ -6,6 +6,7 @@ others lead round is left out.
 
 from __future__ import annotations
 
+import ast
 import sys
 from pathlib import Path
 
@@ -15,8 +16,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-from test_layers import LAYERS, imports, layer, sources  # noqa: E402
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "support")]
+from test_layers import LAYERS, layer, ours, sources  # noqa: E402
 
 INK = "#1b3a57"
 PALE = "#9db4c8"
@@ -31,14 +32,11 @@ def arrows() -> dict[str, set[str]]:
         for name in row:
             uses[name] = set()
             rank[name] = number
-    for path, module in sources():
+    for module, _, tree in sources():
         owner = layer(module)
-        if not owner:
-            continue
-        for name in imports(path):
-            target = layer(name.removeprefix("vfplan."))
-            if name.startswith("vfplan.") and target and rank[target] < rank[owner]:
-                uses[owner].add(target)
+        if owner:
+            targets = filter(None, map(layer, ours(ast.walk(tree))))
+            uses[owner] |= {target for target in targets if rank[target] < rank[owner]}
     return uses
 
 
