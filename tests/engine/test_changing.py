@@ -1,7 +1,5 @@
 """A fixture exchanged or edited under the hand: side kept, force bounded, as one made afresh."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

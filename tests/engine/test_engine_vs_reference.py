@@ -5,8 +5,6 @@ programs could agree on; they are found by permuting the points for the referenc
 counted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from motion import even, grid
@@ -72,13 +70,8 @@ def touching(points, proxy, distance, rng):
 def settings(rng):
     rc = 10 ** rng.uniform(-3, -1.5)
     band = rc * 10 ** rng.uniform(-6, -0.5)
-    chosen = {
-        "contact_radius": rc,
-        "band": band,
-        "outer_radius": (rc + band) * rng.uniform(1.1, 3),
-        "gain": rng.uniform(0.1, 1),
-        "stiffness": rng.uniform(1, 3000, 3),
-    }
+    chosen = {"contact_radius": rc, "band": band, "outer_radius": (rc + band) * rng.uniform(1.1, 3),
+        "gain": rng.uniform(0.1, 1), "stiffness": rng.uniform(1, 3000, 3)}  # fmt: skip
     if rng.random() < 0.5:
         chosen["point_radius"] = rc * 10 ** rng.uniform(-2, 1)
     if rng.random() < 0.4:
@@ -105,20 +98,15 @@ def test_random_states():
 
 
 SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
-CLOUDS = {
-    "sheet": SHEET,
-    "dust": np.random.default_rng(1).uniform(-0.02, 0.02, (2000, 3)),
+CLOUDS = {"sheet": SHEET, "dust": np.random.default_rng(1).uniform(-0.02, 0.02, (2000, 3)),
     "duplicates": np.repeat(np.random.default_rng(1).uniform(-0.02, 0.02, (300, 3)), 3, axis=0),
-    "far away": SHEET + np.array([900.0, -400.0, 5.0]),
-}
+    "far away": SHEET + np.array([900.0, -400.0, 5.0])}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-@pytest.mark.parametrize(
-    "more",
+@pytest.mark.parametrize("more",
     [{}, {"ignore_axis": "z"}, {"ignore_axis": (1, 2, 3)}, {"point_radius": 2e-3}, {"gain": 0.5}],
-    ids=str,
-)
+    ids=str)  # fmt: skip
 def test_states_among_many_points(name, more):
     """Around the cloud and on contact with it, where a grid finds the points."""
     points, rng, tally = CLOUDS[name], np.random.default_rng(7), Tally()

@@ -1,7 +1,5 @@
 """What every rule keeps, over (rule, scene, path): bits, bad positions, resets, starts inside."""
 
-from __future__ import annotations
-
 import curves
 import meshes
 import numpy as np
@@ -115,9 +113,8 @@ def used_curves(rng):
     return lambda: ProxyEngine.along(curve, R), hips[::-1], hips[0] + [1, 0, 0], hips
 
 
-@pytest.mark.parametrize(
-    ("used_before", "cases"), [(used_clouds, 60), (used_closely, 80), (used_curves, 3)]
-)
+@pytest.mark.parametrize(("used_before", "cases"),
+    [(used_clouds, 60), (used_closely, 80), (used_curves, 3)])  # fmt: skip
 def test_nothing_survives_a_reset_to_the_bit(used_before, cases):
     """A used engine after reset answers as a fresh one, wherever its HIP was and stays."""
     rng = np.random.default_rng(7)

@@ -3,8 +3,6 @@
 `curves.py` draws the cases and judges them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import curves
@@ -55,10 +53,8 @@ def case(seed, tally, rooms=False):
             tally["stuck"] += int(curves.way_left(parts, x[-1], hips[-1, :2]) > 0.05)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "ticks"),
-    [(range(40), 2.5e4), pytest.param(range(100, 15000), 1e7, marks=pytest.mark.full)],
-)
+@pytest.mark.parametrize(("seeds", "ticks"),
+    [(range(40), 2.5e4), pytest.param(range(100, 15000), 1e7, marks=pytest.mark.full)])  # fmt: skip
 def test_never_inside_never_grows_and_rests(seeds, ticks):
     tally = Counter()
     for seed in seeds:
@@ -164,12 +160,10 @@ def test_what_is_no_curve_is_refused():
         vfplan.ProxyEngine(ok.vertices, rule="exact", ignore_axis="z")
     with pytest.raises(SettingError, match="planar"):
         vfplan.ProxyEngine.along(ok, ignore_axis=None)
-    wrong = {
-        "half circle": Pieces(ok.vertices, np.array([1.5, 0]), ok.stroke, ok.closed),
+    wrong = {"half circle": Pieces(ok.vertices, np.array([1.5, 0]), ok.stroke, ok.closed),
         "one of each": Pieces(ok.vertices, np.zeros(3), ok.stroke, ok.closed),
         "strokes": Pieces(ok.vertices, ok.bulges, np.array([1, 0]), np.array([False] * 2)),
-        "finite": Pieces(ok.vertices * np.nan, ok.bulges, ok.stroke, ok.closed),
-    }
+        "finite": Pieces(ok.vertices * np.nan, ok.bulges, ok.stroke, ok.closed)}  # fmt: skip
     for said, pieces in wrong.items():
         with pytest.raises(SceneError, match=said):
             vfplan.ProxyEngine.along(pieces)

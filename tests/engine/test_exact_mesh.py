@@ -3,8 +3,6 @@
 `meshes.py` draws the cases and judges them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -54,15 +52,10 @@ def case(seed, tally, mesh=meshes.mesh):
                 tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "mesh", "ticks"),
-    [
-        (range(12), meshes.mesh, 2e3 / 0.3),
-        (range(4), meshes.facets, 0),
-        pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
-        pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full),
-    ],
-)
+@pytest.mark.parametrize(("seeds", "mesh", "ticks"), [
+    (range(12), meshes.mesh, 2e3 / 0.3), (range(4), meshes.facets, 0),
+    pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
+    pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full)])  # fmt: skip
 def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
     tally = Counter()
     for seed in seeds:
@@ -236,11 +229,9 @@ def test_what_sticks_out_of_a_plane_or_its_edge_stays():
     assert disc.distance(edge).max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("triangles", "said"),
-    [([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
-     ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")],
-)  # fmt: skip
+@pytest.mark.parametrize(("triangles", "said"), [
+    ([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
+    ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")])  # fmt: skip
 def test_what_is_no_mesh_is_refused(triangles, said):
     with pytest.raises(SceneError, match=said):
         vfplan.ProxyEngine.on(np.eye(3), triangles)

@@ -1,18 +1,16 @@
 """Extreme clouds and settings: the right value within the limit, or a refusal by name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from motion import grid, play
+from replays import fixture_of
 
 from vfplan import ProxyEngine
 from vfplan.bundle.content import to_content
 from vfplan.bundle.leak import certificate
 from vfplan.errors import SceneError
-from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.cases import ROUNDING_M, breach, random_path
 from vfplan.stability.contacts import Contact, patch
 
@@ -150,24 +148,15 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
 
 @pytest.mark.parametrize(("spacing", "holds"), [(2.1 * R, False), (1.9 * R, True)])
 def test_the_bundles_certificate_tells_a_curve_that_leaks(spacing, holds):
-    fixture = Fixture(
-        "robot_base",
-        np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]),
-        Provenance("2026-01-01T00:00:00Z", "vfplan"),
-        curve=Curve(np.zeros(10, np.int32), np.array([False])),
-        rendering=Rendering(np.full(3, 1e3), R, 1e-5, ignore_axis=np.array([0.0, 0.0, 1.0])),
-    )
+    fixture = fixture_of(np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]))
     assert certificate(to_content(fixture))["/leak@certified"] == holds
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [{"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3},
-     {"point_radius": 1e3}, {"point_radius": 10e-3}, {"point_radius": 100e-3},
-     {"outer_radius": 2e6}, {"band": 1e-5, "outer_radius": 5.01e-3 * (1 + 1e-12)},
-     {"band": 1e-5, "outer_radius": 0.501}],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("settings", [
+    {"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3}, {"point_radius": 1e3},
+    {"point_radius": 10e-3}, {"point_radius": 100e-3}, {"outer_radius": 2e6},
+    {"band": 1e-5, "outer_radius": 5.01e-3 * (1 + 1e-12)},
+    {"band": 1e-5, "outer_radius": 0.501}], ids=str)  # fmt: skip
 def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
     lift = settings.get("point_radius", 0.0) * UP[0]
     assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M

@@ -1,7 +1,5 @@
 """The governor: closed forms, an independent twin, and limits that nothing crosses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from motion import NATIVE, compiled, output, sizes
@@ -133,16 +131,13 @@ def test_what_is_no_number_fades_out_and_is_said():
     assert force == pytest.approx([9.4, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("settings", "numbers"),
-    [*(({name: value}, {name: value}) for name, value in (
+@pytest.mark.parametrize(("settings", "numbers"), [
+    *(({name: value}, {name: value}) for name, value in (
         ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_max_n", -1.0), ("mass_kg", 0.0),
         ("stiffness_n_per_m", 0.0), ("rate_hz", 0.0), ("torque_step_nm", 0.0))),
-     ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
-     ({"torque_step_nm": np.ones(17)}, {}),
-     ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9}),
-     ({"torque_step_nm": "much"}, {})],
-)  # fmt: skip
+    ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
+    ({"torque_step_nm": np.ones(17)}, {}), ({"torque_step_nm": "much"}, {}),
+    ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9})])  # fmt: skip
 def test_settings_out_of_range_are_refused(settings, numbers):
     good = {"force_step_n": 0.5, "force_max_n": 20, "stiffness_n_per_m": K, "mass_kg": M}
     with pytest.raises(SettingError) as caught:

@@ -4,8 +4,6 @@ Hypothesis draws the cases, derandomised: the same ones in every run. `guarantee
 brute force.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np
@@ -63,13 +61,8 @@ def singular(rng):
     ][rng.integers(6)]
 
 
-CLOUDS = {
-    "plane": lambda rng: scattered(rng, 2),
-    "curve": curve,
-    "space": lambda rng: scattered(rng, 3),
-    "bumpy": bumpy,
-    "singular": singular,
-}
+CLOUDS = {"plane": lambda rng: scattered(rng, 2), "curve": curve,
+    "space": lambda rng: scattered(rng, 3), "bumpy": bumpy, "singular": singular}  # fmt: skip
 PLANAR = {"plane", "curve"}
 
 
@@ -108,10 +101,8 @@ def play(rng, engine, points, axis, chunks=10):
         before = np.vstack([proxy, trace.proxy[:-1]])
         along = hips - across(hips, axis)
         assert np.abs(trace.proxy - across(trace.proxy, axis) - along).max() < SLACK
-        yield trace, Past(
-            across(points, axis), radius, engine.parameters.band,
-            across(hips, axis), across(before, axis), across(trace.proxy, axis), trace.state,
-        )  # fmt: skip
+        yield trace, Past(across(points, axis), radius, engine.parameters.band, across(hips, axis),
+            across(before, axis), across(trace.proxy, axis), trace.state)  # fmt: skip
         proxy, normal = trace.proxy[-1], trace.normal[-1]
 
 
@@ -146,10 +137,8 @@ def judge(trace, past, rooms, engine, axis):
     TALLY["let go"] += int(go.sum())
 
 
-@settings(
-    derandomize=True, max_examples=320, deadline=None, database=None,
-    suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+@settings(derandomize=True, max_examples=320, deadline=None, database=None,
+    suppress_health_check=list(HealthCheck))  # fmt: skip
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(CLOUDS)))
 def every_case(seed, kind):
     case(seed, kind, 10)

@@ -1,7 +1,5 @@
 """Guidance: a tube around the drawn curve that the guide follows locally."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -99,14 +97,10 @@ def test_a_crossing_is_gone_through_straight_on():
     assert trace.force == pytest.approx(np.broadcast_to([0, 0, -1.0], (4000, 3)), abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("points", "closed", "radius", "fits", "why"),
-    [
-        (circle(2e-3), True, 2.1e-3, 2e-3, "turns round"),
-        (hairpin(), False, 5.2e-3, 4.95e-3, "beside each other|turns round"),
-        (hairpin(apart=4e-3), False, 6e-3, 2e-3, "beside each other|turns round"),
-    ],
-)
+@pytest.mark.parametrize(("points", "closed", "radius", "fits", "why"), [
+    (circle(2e-3), True, 2.1e-3, 2e-3, "turns round"),
+    (hairpin(), False, 5.2e-3, 4.95e-3, "beside each other|turns round"),
+    (hairpin(apart=4e-3), False, 6e-3, 2e-3, "beside each other|turns round")])  # fmt: skip
 def test_a_tube_that_runs_into_itself_is_refused_with_the_place(points, closed, radius, fits, why):
     with pytest.raises(SettingError, match=rf"radius .* mm fit, as .*({why}).* at arc .* mm, \["):
         vfplan.Guide(points, radius, closed)
@@ -250,21 +244,16 @@ def test_a_bad_hip_changes_nothing():
     assert guide.step([0.03, 3e-3, 0]).force == pytest.approx(good.force)
 
 
-@pytest.mark.parametrize(
-    ("error", "message", "change"),
-    [
-        (SettingError, "radius .*-1 m", {"radius": -1}),
-        (SettingError, "stiffness .*0 N/m", {"stiffness": 0}),
-        (SettingError, "ends .*'wrap'.*stop, open", {"ends": "wrap"}),
-        (SettingError, "closed .*2 values", {"closed": [True, False]}),
-        (SettingError, "lead_speed .*0 m/s", {"lead_speed": 0}),
-        (SceneError, "2 points that differ", {"points": [[0, 0, 0], [0, 0, 0]]}),
-        (SettingError, "radius 500 mm: at most 100 mm, the extent", {"radius": 0.5}),
-        (SceneError, r"points .*\[\]", {"points": []}),
-        (SceneError, "points .*3", {"points": 3}),
-        (SceneError, r"points .*\(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]}),
-    ],
-)
+@pytest.mark.parametrize(("error", "message", "change"), [
+    (SettingError, "radius .*-1 m", {"radius": -1}),
+    (SettingError, "stiffness .*0 N/m", {"stiffness": 0}),
+    (SettingError, "ends .*'wrap'.*stop, open", {"ends": "wrap"}),
+    (SettingError, "closed .*2 values", {"closed": [True, False]}),
+    (SettingError, "lead_speed .*0 m/s", {"lead_speed": 0}),
+    (SceneError, "2 points that differ", {"points": [[0, 0, 0], [0, 0, 0]]}),
+    (SettingError, "radius 500 mm: at most 100 mm, the extent", {"radius": 0.5}),
+    (SceneError, r"points .*\[\]", {"points": []}), (SceneError, "points .*3", {"points": 3}),
+    (SceneError, r"points .*\(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]})])  # fmt: skip
 def test_bad_settings_are_refused(error, message, change):
     with pytest.raises(error, match=message):
         vfplan.Guide(**({"points": along_x(), "radius": 1e-3} | change))

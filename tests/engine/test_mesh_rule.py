@@ -1,7 +1,5 @@
 """Which rule a mesh is rendered by when nothing is asked for, and what then stands on triangles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

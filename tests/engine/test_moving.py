@@ -1,7 +1,5 @@
 """A fixture that moves: its frame against closed forms, its engine's guarantees in that frame."""
 
-from __future__ import annotations
-
 import motion
 import numpy as np
 import pytest
@@ -96,10 +94,8 @@ def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
     assert early.stale
 
 
-BAD_TICKS = {
-    "good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 100 s": 99,
-    "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1,
-}  # fmt: skip
+BAD_TICKS = {"good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 100 s": 99,
+    "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1}  # fmt: skip
 
 
 def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
@@ -119,12 +115,8 @@ def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
 @pytest.mark.parametrize("has_poses", [False, True])
 @pytest.mark.parametrize("case", ["good", "stuck", "back 100 s", "one tick back"])
 def test_a_bad_clock_is_stale(case, has_poses):
-    times = {
-        "good": lambda k: 100 + k * T,
-        "stuck": lambda k: 100.0,
-        "back 100 s": lambda k: k * T,
-        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T,
-    }[case]
+    times = {"good": lambda k: 100 + k * T, "stuck": lambda k: 100.0, "back 100 s": lambda k: k * T,
+        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T}[case]  # fmt: skip
     e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
     hip = [0, 0, 3e-3]
     f.pose(100.0, np.eye(4))
@@ -184,9 +176,7 @@ def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     draw = np.random.default_rng(3)
     n = 4000
     t = T * np.arange(n)
-    hips = np.stack(
-        (8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), axis=1
-    )
+    hips = np.stack((8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), 1)
     seen = 0
     for first in range(0, n, 17):
         pose = turned([1, 1, 3], 0.5 * np.sin(t[first]), [3e-3 * np.sin(1.5 * t[first]), 0, 0])

@@ -56,15 +56,12 @@ def test_band_scales_with_the_scene(scale):
     assert band / scale == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.5e-6), rel=1e-9)
 
 
-OUT_OF_RANGE = {
-    "contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1e300],
+OUT_OF_RANGE = {"contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1e300],
     "point_radius": [-1e-3, -1e-9, np.inf, 1e300],
     "band": [0.0, -1e-5, 5.1e-3, 6e-3, 1e-12, 1e-22, 4.9e-11, 5e-324],
-    "outer_radius": [5e-3, 1e300],
-    "gain": [0.0, 1.5],
+    "outer_radius": [5e-3, 1e300], "gain": [0.0, 1.5],
     "stiffness": [0.0, -1.0, [1e3, -1.0, 1e3], np.inf, np.nan],
-    "ignore_axis": [[0, 0, 0], [0, np.nan, 1]],
-}
+    "ignore_axis": [[0, 0, 0], [0, np.nan, 1]]}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -83,11 +80,10 @@ def test_a_number_outside_its_range_is_refused_by_its_name(setting, name):
     assert isinstance(caught.value, VfplanError)
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [{"contact_radius": "5"}, {"contact_radius": True}, {"stiffness": [1e3, 1e3]},
-     {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"}, {"ignore_axis": [1, 0]}],
-)  # fmt: skip
+@pytest.mark.parametrize("setting", [
+    {"contact_radius": "5"}, {"contact_radius": True}, {"stiffness": [1e3, 1e3]},
+    {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"},
+    {"ignore_axis": [1, 0]}])  # fmt: skip
 def test_what_is_no_such_setting_is_refused(setting):
     with pytest.raises(SettingError) as caught:
         MAKE(POINT, **setting)
@@ -125,16 +121,14 @@ def test_the_ends_of_the_ranges_are_taken():
     assert MAKE(POINT, outer_radius=2e6).outer_radius == 2e6
 
 
-@pytest.mark.parametrize(
-    ("points", "says"),
-    [(np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
-     ([[0.0, 0.0]], "shape (1, 2)"),
-     ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
-     ([[np.inf, 0.0, 0.0]], "finite"), ([[0.0, 0.0, 1e300]], "at most 1e+06 m"),
-     ([["a", "b", "c"]], "real numbers"), ([[1j, 0, 0]], "complex128"),
-     ([[True, False, True]], "bool"), ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
-     (None, "object"), (1.0, "shape ()")],
-)  # fmt: skip
+@pytest.mark.parametrize(("points", "says"), [
+    (np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
+    ([[0.0, 0.0]], "shape (1, 2)"),
+    ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
+    ([[np.inf, 0.0, 0.0]], "finite"), ([[0.0, 0.0, 1e300]], "at most 1e+06 m"),
+    ([["a", "b", "c"]], "real numbers"), ([[1j, 0, 0]], "complex128"),
+    ([[True, False, True]], "bool"), ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
+    (None, "object"), (1.0, "shape ()")])  # fmt: skip
 @pytest.mark.parametrize("make", [MAKE, ProxyEngine])
 def test_cloud_that_cannot_be_rendered_is_refused(make, points, says):
     with pytest.raises(SceneError) as caught:

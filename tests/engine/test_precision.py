@@ -7,8 +7,6 @@ checked that have a closed form: where a flight meets a single point, and the di
 One ulp here is that of R, 8.7e-19 m at 5 mm: positions are of that size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from decimal import Decimal, localcontext
 from typing import Any

@@ -29,11 +29,9 @@ def test_without_a_reset_the_first_hip_is_the_first_proxy():
     assert step.force.tolist() == [0.0, 0, 0]
 
 
-@pytest.mark.parametrize(
-    ("distance", "state"),
-    [(4.9899e-3, 2), (RC - BAND, 1), (RC, 1), (RC + BAND, 1), (5.0101e-3, 0), (9.9999e-3, 0),
-     (2 * RC, -1), (10.01e-3, -1)],
-)  # fmt: skip
+@pytest.mark.parametrize(("distance", "state"), [
+    (4.9899e-3, 2), (RC - BAND, 1), (RC, 1), (RC + BAND, 1), (5.0101e-3, 0), (9.9999e-3, 0),
+    (2 * RC, -1), (10.01e-3, -1)])  # fmt: skip
 @pytest.mark.parametrize("rv", [0.0, 2e-3])
 def test_states_are_the_lists_of_algorithm_1(distance, state, rv):
     """The proxy lies on -x, so that de is exact; bounds belong to 'in contact' and 'out'."""

@@ -4,8 +4,6 @@ Thick pixel lines, as a mask of a drawn curve gives them, and hollows about as n
 The judge knows no engine: it walks in small free steps towards the HIP until none is left.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import numpy as np
@@ -134,10 +132,8 @@ def rests(points, kind, rng):
         yield gain / band, np.linalg.norm(held[-100:] - held[-1], axis=1).max()
 
 
-@pytest.mark.parametrize(
-    ("kind", "make", "cases"),
-    [("thick line", thick_line, 40), ("hollow", hollow, 40), ("groove", groove, 12)],
-)
+@pytest.mark.parametrize(("kind", "make", "cases"),
+    [("thick line", thick_line, 40), ("hollow", hollow, 40), ("groove", groove, 12)])  # fmt: skip
 def test_where_it_rests_there_is_no_way_on(kind, make, cases):
     """Within 4.2 bands of a local minimum (most within 2), and it moves no more."""
     found = []
@@ -297,15 +293,10 @@ def three_walls(rng):
 
 
 # Clouds, and cases in which a proxy without regard to the noise wandered by 0.1 to 8 bands.
-TREMBLING = {
-    "dust": (dust, [4, 11, 18, 25]),
-    "ball": (ball, [5, 19, 26]),
-    "dent": (dent, [7, 18, 33]),
-    "thick line": (flat(thick_line, "thick line"), [26]),
-    "hollow": (flat(hollow, "hollow"), [11]),
-    "edge": (edge, [5, 6, 7, 8, 24]),
-    "three walls": (three_walls, []),
-}
+TREMBLING = {"dust": (dust, [4, 11, 18, 25]), "ball": (ball, [5, 19, 26]),
+    "dent": (dent, [7, 18, 33]), "thick line": (flat(thick_line, "thick line"), [26]),
+    "hollow": (flat(hollow, "hollow"), [11]), "edge": (edge, [5, 6, 7, 8, 24]),
+    "three walls": (three_walls, [])}  # fmt: skip
 
 
 def trembled(make, seed, share):

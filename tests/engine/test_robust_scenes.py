@@ -1,7 +1,5 @@
 """Rule "robust" on scenes with known truth: rest, sliding, starts inside, and the field's traps."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -52,12 +50,10 @@ def test_cylinder_within_three_micrometres(flat):
     assert error.max() <= 10e-6
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [("point", "press"), ("segment", "above"), ("segment", "along"), ("sheet", "front"),
-     ("sheet", "back"), ("circle", "outside"), ("circle", "inside"), ("sphere", "outside"),
-     ("sphere", "inside"), ("omega", "inside")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "route"), [
+    ("point", "press"), ("segment", "above"), ("segment", "along"), ("sheet", "front"),
+    ("sheet", "back"), ("circle", "outside"), ("circle", "inside"), ("sphere", "outside"),
+    ("sphere", "inside"), ("omega", "inside")])  # fmt: skip
 def test_never_worse_than_paper_on_smooth_scenes(name, route):
     scene = scenes.SCENES[name](**({"spacing": 1e-3} if name in {"sheet", "sphere"} else {}))
     hips = scene.path(route, speed=0.05 if name in {"point", "segment"} else 0.2)

@@ -78,10 +78,8 @@ def test_the_bound_of_a_curve_counts_at_least_what_is_around_any_place():
     draw = np.random.default_rng(6)
     corners = draw.normal(size=(400, 2)) * 0.02
     p = _core.Parameters(ignore_axis=np.array([0.0, 0, 1]))
-    found = _core.proven_tick_work(
-        np.column_stack([corners, np.zeros(400)]), np.zeros(400), np.zeros(400, np.int32),
-        np.zeros(1, np.uint8), p,
-    )  # fmt: skip
+    found = _core.proven_tick_work(np.column_stack([corners, np.zeros(400)]), np.zeros(400),
+        np.zeros(400, np.int32), np.zeros(1, np.uint8), p)  # fmt: skip
     near = (found / 32 - 9.5e-6) / 12.5e-9
     low, high = np.minimum(corners[1:], corners[:-1]), np.maximum(corners[1:], corners[:-1])
     places = draw.normal(size=(2000, 1, 2)) * 0.02
@@ -153,12 +151,10 @@ def program(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("make", "options", "code", "says"),
-    [(bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
-     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
-     (bundles.minimal, [], 2, "without rendering parameters")],
-)  # fmt: skip
+@pytest.mark.parametrize(("make", "options", "code", "says"), [
+    (bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
+    (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
+    (bundles.minimal, [], 2, "without rendering parameters")])  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     words = [program, tmp_path / "a.h5", *options]

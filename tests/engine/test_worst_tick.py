@@ -68,11 +68,10 @@ def rendered(fixture, draw):
     """With a tool, a band and iterations of its own."""
     radius = 10 ** draw.uniform(-3, -1.7)
     planar = fixture.pieces is not None or (fixture.mesh is None and draw.random() < 0.3)
-    return replace(fixture, rendering=Rendering(
-        np.full(3, 10 ** draw.uniform(2, 3.7)), radius, radius * 10 ** draw.uniform(-4, -2),
-        point_radius=draw.choice([0.0, 1e-3]), max_iterations=draw.choice([None, 10, 400]),
-        ignore_axis=np.array([0.0, 0, 1]) if planar else None,
-    ))  # fmt: skip
+    return replace(fixture, rendering=Rendering(np.full(3, 10 ** draw.uniform(2, 3.7)), radius,
+        radius * 10 ** draw.uniform(-4, -2), point_radius=draw.choice([0.0, 1e-3]),
+        max_iterations=draw.choice([None, 10, 400]),
+        ignore_axis=np.array([0.0, 0, 1]) if planar else None))  # fmt: skip
 
 
 def measured(program, bundles, ticks):

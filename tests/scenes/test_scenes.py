@@ -130,10 +130,8 @@ def test_corner_of_any_angle_is_the_projection_onto_its_cone(angle):
         assert proxy[:2] == pytest.approx(apex + best, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [(n, r) for n in ("omega", "teapot", "wedge", "channel") for r in make(n).routes],
-)
+@pytest.mark.parametrize(("name", "route"),
+    [(n, r) for n in ("omega", "teapot", "wedge", "channel") for r in make(n).routes])  # fmt: skip
 def test_truth_is_free_and_nothing_near_it_is_better(name, route):
     """Slow reference: a dense cloud (1 µm) and random positions around the proxy."""
     scene = make(name)
@@ -276,11 +274,9 @@ def test_a_recording_does_not_lead_through_a_closed_curve(shared_data):
     follow_closed(corners, hip[start], hip[start:])
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
-     ("three-walls", "edge"), ("wedge", "over")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "route"), [
+    ("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
+    ("three-walls", "edge"), ("wedge", "over")])  # fmt: skip
 def test_sensitivity_is_the_slope_of_the_truth(name, route):
     """Where the truth is smooth, its central differences along the three axes."""
     scene, e = make(name), 1e-8
@@ -314,13 +310,13 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     a, b, c = rng.normal(size=(3, 12, 3))
     c -= b * ((b * c).sum(axis=1) / (b * b).sum(axis=1))[:, None]
     angle = rng.uniform(-3, 3, 12)
+    ends = np.vstack([b[:6], a[6:]])
     made = {
-        "segments": outline.Segments(a, np.vstack([b[:6], a[6:]])),
-        "walls": outline.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
-        "rectangles": outline.Rectangles(a, b, c),
+        "segments": outline.Segments(a, ends), "rectangles": outline.Rectangles(a, b, c),
+        "walls": outline.Segments(a * FLAT, ends * FLAT, endless=True),
         "spheres": outline.Spheres(a, rng.uniform(0.5, 3, 12)),
         "arcs": outline.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),
-    }[kind]
+    }[kind]  # fmt: skip
     for _ in range(30):
         x, e = rng.normal(size=3) * 2, 1e-5
         look = made.look(x)

@@ -1,7 +1,5 @@
 """The extreme motions of `vfplan stability` come out, and can tell right from wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -32,9 +30,8 @@ def bay():
 
 
 @pytest.mark.parametrize("on", [None, whole(), bay()], ids=["patch", "bundle", "open curve"])
-@pytest.mark.parametrize(
-    "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
-)
+@pytest.mark.parametrize("case", [c for c in CASES if not c.full and c.name not in SLOW],
+    ids=lambda c: c.name)  # fmt: skip
 def test_case_comes_out_as_the_table_says(case, on):
     [row] = run_extreme_cases([case], on)
     assert row.outcome == "pass", row.detail

@@ -1,7 +1,5 @@
 """The closed loop against closed forms, each stage alone, and the largest stable K."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sampled-data passivity bound: tight in closed form, and kept by the engine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
