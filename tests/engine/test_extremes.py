@@ -14,8 +14,7 @@ from vfplan.errors import SceneError
 from vfplan.stability.cases import ROUNDING_M, breach, random_path
 from vfplan.stability.contacts import Contact, patch
 
-R = 5e-3
-UP = np.array([[0.0, 1.0, 0.0]])
+R, UP = 5e-3, np.array([[0.0, 1.0, 0.0]])
 
 
 def engine_at(place, **settings):
@@ -137,8 +136,7 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     x, y = curve()
     points = np.column_stack([x, y, 0 * x])
     place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
-    engine = engine_at(place)
-    way = [place.start]
+    engine, way = engine_at(place), [place.start]
     for p in points[:: max(1, len(points) // 60)]:
         way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
     at = np.linspace(0, len(way) - 1, 40 * len(way))
@@ -164,8 +162,7 @@ def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(setti
 
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e9, (1.0, 1e3, 1e6)])
 def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
-    engine = engine_at(patch(), stiffness=stiffness)
-    hips = random_path(patch(), 2000)
+    engine, hips = engine_at(patch(), stiffness=stiffness), random_path(patch(), 2000)
     trace = engine.run(hips)
     expected = np.broadcast_to(stiffness, 3) * (trace.proxy - hips)
     error = np.abs(trace.force - expected)

@@ -161,8 +161,7 @@ def test_the_lag_is_the_way_that_is_left():
     f.pose(T, turned([1, 0, 0], turn, [0.5, 0, 0]))
     for k in range(1, 5001):
         f.at(k * T)
-        went = min(0.25 * (k - 1) * T, 0.5)
-        left = turn - 0.25 * (k - 1) * T
+        went, left = min(0.25 * (k - 1) * T, 0.5), turn - 0.25 * (k - 1) * T
         chord = 2 * 0.13**0.5 * np.sin(max(left, 0) / 2)
         moved = place + np.array([went, 0, 0])
         assert f.lag_m(moved) == pytest.approx(np.hypot(0.5 - went, chord), abs=1e-6)
@@ -173,8 +172,7 @@ def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     k = [400.0, 700.0, 1000.0]
     e = vfplan.ProxyEngine(sheet(), stiffness=k)
     f = vfplan.MovingFrame(max_turn_rad_s=20, max_speed_m_s=1)
-    draw = np.random.default_rng(3)
-    n = 4000
+    draw, n = np.random.default_rng(3), 4000
     t = T * np.arange(n)
     hips = np.stack((8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), 1)
     seen = 0
@@ -200,8 +198,7 @@ def test_a_guide_moves_with_its_frame():
     x = np.arange(0, 0.06, 1e-3)
     curve = np.stack((x, 2e-3 * np.sin(90 * x), 0 * x), axis=1)
     made = [vfplan.Guide(curve, 1e-3, lead_force=0.5) for _ in range(2)]
-    f = vfplan.MovingFrame(pivot=[0.03, 0, 0])
-    t = T * np.arange(1200)
+    f, t = vfplan.MovingFrame(pivot=[0.03, 0, 0]), T * np.arange(1200)
     hips = np.stack((0.03 + 0.02 * np.sin(3 * t), 3e-3 * np.cos(7 * t), 2e-3 * np.sin(9 * t)), 1)
     parts = []
     assert f.step(made[0], 0.0, hips[0]).status == Status.STALE
@@ -222,8 +219,7 @@ def test_a_guide_moves_with_its_frame():
 
 
 def test_what_is_no_pose_is_refused():
-    f = vfplan.MovingFrame()
-    mirror = np.diag([1.0, 1.0, -1.0, 1.0])
+    f, mirror = vfplan.MovingFrame(), np.diag([1.0, 1.0, -1.0, 1.0])
     for bad in (np.eye(3), 2 * np.eye(4), mirror, np.full((4, 4), np.nan), shifted(2e6)):
         with pytest.raises(SceneError, match="pose"):
             f.pose(0.0, bad)
