@@ -7,8 +7,7 @@ from motion import grid
 
 from vfplan.engine.parameters import default_band
 
-R = 5e-3
-Z = np.array([0.0, 0.0, 1.0])
+R, Z = 5e-3, np.array([0.0, 0.0, 1.0])
 
 
 def band(points, axis=None, radius=R):

@@ -1,7 +1,5 @@
 """A fixture exchanged or edited under the hand: side kept, force bounded, as one made afresh."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -72,8 +70,7 @@ def test_the_old_way_pops_through_and_an_exchange_does_not():
 def test_a_hole_that_opens_lets_the_force_go_slowly():
     """6 mm open under the proxy: the old way drops 2 N in one tick."""
     e, h = pressed(depth=-3e-3)
-    before = e.step(h).force
-    hole = sheet(hole=6e-3)
+    before, hole = e.step(h).force, sheet(hole=6e-3)
     old = engine(hole)
     old.reset(e.step(h).proxy)
     assert np.linalg.norm(old.step(h).force - before) > 1.9
@@ -136,8 +133,7 @@ def test_a_plan_moved_over_the_proxy_pushes_it_out_on_its_own_side(seed):
         turn = turned(y, draw.uniform(-3, 3))
         e, up, deep = wall(i % 3, turn, 0), turn[:, 2], draw.uniform(0, 4e-3)
         e.run(np.linspace(8e-3, -deep, 100)[:, None] * up)
-        last = e.step(-deep * up)
-        axis = y if i % 3 else draw.normal(size=3)
+        last, axis = e.step(-deep * up), y if i % 3 else draw.normal(size=3)
         turn, height = turned(axis, draw.uniform(-0.3, 0.3)) @ turn, draw.uniform(-3 * R, 3 * R)
         over = turn[:, 2] @ last.proxy - height
         if BAND - R < over < R:  # else its place is free
@@ -152,8 +148,7 @@ def test_a_plan_moved_over_the_proxy_pushes_it_out_on_its_own_side(seed):
 
 def test_where_no_free_way_is_left_it_is_told():
     """A room that is filled: out through what was its wall."""
-    g = np.linspace(-9e-3, 9e-3, 37)
-    side = np.full(37, 9e-3)
+    g, side = np.linspace(-9e-3, 9e-3, 37), np.full(37, 9e-3)
     pairs = ((g, side), (g, -side), (side, g), (-side, g))
     room = np.concatenate([np.stack(pair, 1) for pair in pairs])
     e = engine(np.insert(room, 1, 0, axis=1), ignore_axis=[0, 1, 0])
@@ -170,8 +165,7 @@ def test_where_no_free_way_is_left_it_is_told():
 
 def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
     e, h = pressed()
-    before = e.step(h).force
-    other = engine(sheet(-1e-3))
+    before, other = e.step(h).force, engine(sheet(-1e-3))
     e.exchange(other)
     with pytest.raises(RuntimeError, match="in exchange"):
         other.step(h)
@@ -187,15 +181,12 @@ def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
 @pytest.mark.parametrize("n", [400, 40_000])
 def test_after_any_edits_the_answer_is_a_fresh_engines(n):
     """Within the band before the cloud is made anew, to the bit after it."""
-    draw = np.random.default_rng(n)
-    half = 0.5e-3 * np.sqrt(n)
+    draw, half = np.random.default_rng(n), 0.5e-3 * np.sqrt(n)
     points = grid(np.arange(-half, half, 1e-3), np.arange(-half, half, 1e-3))
     points[:, 2] = 0.3e-3 * np.sin(200 * points[:, 0])
-    e = engine(points)
-    start = [0, 0, 8e-3]
+    e, start = engine(points), [0, 0, 8e-3]
     e.run(np.linspace(start, [0, 0, 2e-3], 100))
-    alive = dict(enumerate(points))
-    number = len(points)
+    alive, number = dict(enumerate(points)), len(points)
     for _ in range(12):
         gone = draw.choice(list(alive), 30, replace=False)
         new = np.vstack([alive[i] for i in gone]) + draw.normal(0, 2e-6, (30, 3))

@@ -5,11 +5,9 @@ programs could agree on; they are found by permuting the points for the referenc
 counted.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from motion import even, grid
+from motion import SHEET
 
 import vfplan
 from vfplan.reference import PaperProxy
@@ -53,8 +51,7 @@ class Tally:
 
 def near(rng, points, reach, count):
     """Positions around points of the cloud, at all distances up to 2.5 times `reach`."""
-    at = points[rng.integers(len(points), size=count)]
-    way = rng.normal(size=(count, 3))
+    at, way = points[rng.integers(len(points), size=count)], rng.normal(size=(count, 3))
     way /= np.linalg.norm(way, axis=1)[:, None]
     return at + way * rng.uniform(0, 2.5, (count, 1)) * reach
 
@@ -72,13 +69,8 @@ def touching(points, proxy, distance, rng):
 def settings(rng):
     rc = 10 ** rng.uniform(-3, -1.5)
     band = rc * 10 ** rng.uniform(-6, -0.5)
-    chosen = {
-        "contact_radius": rc,
-        "band": band,
-        "outer_radius": (rc + band) * rng.uniform(1.1, 3),
-        "gain": rng.uniform(0.1, 1),
-        "stiffness": rng.uniform(1, 3000, 3),
-    }
+    chosen = {"contact_radius": rc, "band": band, "outer_radius": (rc + band) * rng.uniform(1.1, 3),
+        "gain": rng.uniform(0.1, 1), "stiffness": rng.uniform(1, 3000, 3)}  # fmt: skip
     if rng.random() < 0.5:
         chosen["point_radius"] = rc * 10 ** rng.uniform(-2, 1)
     if rng.random() < 0.4:
@@ -104,21 +96,15 @@ def test_random_states():
     assert min(tally.states.values()) > 200, tally.states
 
 
-SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
-CLOUDS = {
-    "sheet": SHEET,
-    "dust": np.random.default_rng(1).uniform(-0.02, 0.02, (2000, 3)),
+CLOUDS = {"sheet": SHEET, "dust": np.random.default_rng(1).uniform(-0.02, 0.02, (2000, 3)),
     "duplicates": np.repeat(np.random.default_rng(1).uniform(-0.02, 0.02, (300, 3)), 3, axis=0),
-    "far away": SHEET + np.array([900.0, -400.0, 5.0]),
-}
+    "far away": SHEET + np.array([900.0, -400.0, 5.0])}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-@pytest.mark.parametrize(
-    "more",
+@pytest.mark.parametrize("more",
     [{}, {"ignore_axis": "z"}, {"ignore_axis": (1, 2, 3)}, {"point_radius": 2e-3}, {"gain": 0.5}],
-    ids=str,
-)
+    ids=str)  # fmt: skip
 def test_states_among_many_points(name, more):
     """Around the cloud and on contact with it, where a grid finds the points."""
     points, rng, tally = CLOUDS[name], np.random.default_rng(7), Tally()
@@ -134,13 +120,10 @@ def test_states_among_many_points(name, more):
 
 def degenerate():
     """Clouds and states in which something is equal, zero, or cancels."""
-    rc = 5e-3
-    point = np.zeros((1, 3))
-    turn = np.arange(12) * (np.pi / 6)
+    rc, point, turn = 5e-3, np.zeros((1, 3)), np.arange(12) * (np.pi / 6)
     ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     line = np.arange(-20, 21)[:, None] * 1e-3 * np.array([[1.0, 0, 0]])
-    pair = np.array([[rc, 0, 0], [-rc, 0, 0]])
-    origin = np.zeros(3)
+    pair, origin = np.array([[rc, 0, 0], [-rc, 0, 0]]), np.zeros(3)
     yield "on the only point", point, origin
     yield "at exactly r_c", point, np.array([rc, 0, 0])
     yield "at exactly r3", point, np.array([2 * rc, 0, 0])

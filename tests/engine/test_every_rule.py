@@ -1,20 +1,16 @@
 """What every rule keeps, over (rule, scene, path): bits, bad positions, resets, starts inside."""
 
-from __future__ import annotations
-
 import curves
 import meshes
 import numpy as np
 import pytest
 from failures import floor, inside
-from motion import even, grid, hold, led_out, play, same, sizes
+from motion import SHEET, R, hold, led_out, play, same, sizes
 
 from vfplan import ProxyEngine, Status, scenes
 from vfplan.errors import SceneError
 from vfplan.reference import PaperProxy
 
-R = 5e-3
-SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
 BOX = meshes.box()
 LINE = curves.pieces([(np.array([[-0.04, 0], [0.04, 0]]), np.zeros(2), False)])
 
@@ -42,8 +38,9 @@ def test_a_bad_hip_is_a_status_and_leaves_the_proxy_where_it_was(make, bad):
     first = engine.step([0, bad, 0])
     assert (first.status, first.state) == (Status.BAD_HIP, -1)
     assert np.concatenate([first.proxy, first.normal, first.force]).tolist() == [0] * 9
-    # The first good one begins.
-    assert engine.step([0, 0.03, 0.03]).proxy.tolist() == [0, 0.03, 0.03]
+    for begun in (engine, make()):  # the first good one begins
+        step = begun.step([0, 0.03, 0.03])
+        assert (step.proxy.tolist(), step.force.tolist()) == ([0, 0.03, 0.03], [0, 0, 0])
     engine.reset([1e-3, 8e-3, 0.02])
     deep = [1e-3, 1e-3, 1e-3]
     engine.step(deep)
@@ -66,8 +63,7 @@ def wandering(rng, count, start=(0, 0, 4e-3), step=4e-4):
 def test_a_run_is_step_by_step_and_repeats_to_the_bit(make):
     hips = wandering(np.random.default_rng(5), 300)
     one, two, three = make(), make(), make()
-    trace = one.run(hips)
-    halves = [two.run(hips[:100]), two.run(hips[100:])]
+    trace, halves = one.run(hips), [two.run(hips[:100]), two.run(hips[100:])]
     same(trace, [three.step(hip) for hip in hips])
     for name, rows in vars(trace).items():
         assert np.array_equal(rows, np.concatenate([getattr(half, name) for half in halves]))
@@ -115,9 +111,8 @@ def used_curves(rng):
     return lambda: ProxyEngine.along(curve, R), hips[::-1], hips[0] + [1, 0, 0], hips
 
 
-@pytest.mark.parametrize(
-    ("used_before", "cases"), [(used_clouds, 60), (used_closely, 80), (used_curves, 3)]
-)
+@pytest.mark.parametrize(("used_before", "cases"),
+    [(used_clouds, 60), (used_closely, 80), (used_curves, 3)])  # fmt: skip
 def test_nothing_survives_a_reset_to_the_bit(used_before, cases):
     """A used engine after reset answers as a fresh one, wherever its HIP was and stays."""
     rng = np.random.default_rng(7)
@@ -187,8 +182,7 @@ def test_jump_of_the_cloud_under_a_resting_tool_is_a_start_inside():
     points, hip = floor(0.5e-3, 0.015), np.array([0, 4e-3, 0])
     before = ProxyEngine(points)
     before.reset([0, 0.01, 0])
-    old = hold(before, hip, 10)
-    after = ProxyEngine(points + np.array([0, 2e-3, 0]))
+    old, after = hold(before, hip, 10), ProxyEngine(points + np.array([0, 2e-3, 0]))
     trace = play(after, np.tile(hip, (500, 1)), old.proxy[-1])
     assert trace.status[0] & Status.INSIDE
     assert sizes(trace.force, old.force[-1]).max() <= 2.0

@@ -3,8 +3,6 @@
 `curves.py` draws the cases and judges them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import curves
@@ -13,11 +11,12 @@ import pytest
 from curves import R
 from motion import drag, play, unbroken
 from oracle.guarantees import Rooms
+from replays import of_pieces
 
 import vfplan
 from vfplan import scenes
 from vfplan.errors import SceneError, SettingError
-from vfplan.fixture import Curve, Fixture, Pieces, Provenance, Rendering
+from vfplan.fixture import Pieces
 from vfplan.scenes.outline import in_space
 
 LINE = np.array([[-0.04, 0], [0.04, 0]]), np.zeros(2), False
@@ -55,10 +54,8 @@ def case(seed, tally, rooms=False):
             tally["stuck"] += int(curves.way_left(parts, x[-1], hips[-1, :2]) > 0.05)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "ticks"),
-    [(range(40), 2.5e4), pytest.param(range(100, 15000), 1e7, marks=pytest.mark.full)],
-)
+@pytest.mark.parametrize(("seeds", "ticks"),
+    [(range(40), 2.5e4), pytest.param(range(100, 15000), 1e7, marks=pytest.mark.full)])  # fmt: skip
 def test_never_inside_never_grows_and_rests(seeds, ticks):
     tally = Counter()
     for seed in seeds:
@@ -97,11 +94,9 @@ def test_the_checks_find_what_samples_miss():
 def test_a_ring_is_followed_as_it_is(inside):
     """Outside and in the hollow the rest is the HIP, carried to the ring's offset."""
     ring = curves.pieces([(np.array([[0.02, 0], [-0.02, 0]]), np.ones(2), True)])
-    engine = vfplan.ProxyEngine.along(ring, R)
-    turn = np.linspace(0.1, 14, 3000)
+    engine, turn = vfplan.ProxyEngine.along(ring, R), np.linspace(0.1, 14, 3000)
     round_ = in_space(np.column_stack([np.cos(turn), np.sin(turn)]))
-    depth = np.linspace(1e-3, 1e-2, 3000)[:, None]
-    rest = 0.015 if inside else 0.025
+    depth, rest = np.linspace(1e-3, 1e-2, 3000)[:, None], 0.015 if inside else 0.025
     hips = round_ * (rest + (depth if inside else -depth))
     trace = play(engine, hips, round_[0] * (0.01 if inside else 0.03))
     assert np.abs(trace.proxy - rest * round_).max() < 1e-14
@@ -137,22 +132,13 @@ def test_distance_is_to_the_curve():
         assert found == pytest.approx(curves.distance(curves.links(curve), x), abs=1e-13)
 
 
-def fixture(pieces, axis=(0.0, 0.0, 1.0)):
-    points = pieces.vertices
-    known = Curve(pieces.stroke, pieces.closed, pieces=pieces)
-    axis = None if axis is None else np.array(axis)
-    rendering = Rendering(np.full(3, 800.0), R, 1e-5, ignore_axis=axis)
-    record = Provenance("2026-01-01T00:00:00Z", "vfplan test")
-    return Fixture("robot_base", points, record, curve=known, rendering=rendering)
-
-
 def test_of_takes_the_curve_where_there_is_one():
-    whole = fixture(curves.pieces([LINE]))
+    whole = of_pieces(curves.pieces([LINE]))
     rules = [vfplan.ProxyEngine.of(whole, rule).rule for rule in (None, "paper", "robust")]
     assert rules == ["exact", "paper", "robust"]
     engine = vfplan.ProxyEngine.of(whole)
     assert engine.distance([[0.01, 0.004, 9]])[0] == pytest.approx(0.004, abs=1e-17)
-    in_depth = fixture(curves.pieces([LINE]), axis=None)
+    in_depth = of_pieces(curves.pieces([LINE]), axis=None)
     assert vfplan.ProxyEngine.of(in_depth).rule == "robust"
     with pytest.raises(SceneError, match="needs a curve"):
         vfplan.ProxyEngine.of(in_depth, "exact")
@@ -164,12 +150,10 @@ def test_what_is_no_curve_is_refused():
         vfplan.ProxyEngine(ok.vertices, rule="exact", ignore_axis="z")
     with pytest.raises(SettingError, match="planar"):
         vfplan.ProxyEngine.along(ok, ignore_axis=None)
-    wrong = {
-        "half circle": Pieces(ok.vertices, np.array([1.5, 0]), ok.stroke, ok.closed),
+    wrong = {"half circle": Pieces(ok.vertices, np.array([1.5, 0]), ok.stroke, ok.closed),
         "one of each": Pieces(ok.vertices, np.zeros(3), ok.stroke, ok.closed),
         "strokes": Pieces(ok.vertices, ok.bulges, np.array([1, 0]), np.array([False] * 2)),
-        "finite": Pieces(ok.vertices * np.nan, ok.bulges, ok.stroke, ok.closed),
-    }
+        "finite": Pieces(ok.vertices * np.nan, ok.bulges, ok.stroke, ok.closed)}  # fmt: skip
     for said, pieces in wrong.items():
         with pytest.raises(SceneError, match=said):
             vfplan.ProxyEngine.along(pieces)

@@ -3,8 +3,6 @@
 `meshes.py` draws the cases and judges them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from meshes import R
 from motion import drag, hold, play, unbroken
+from replays import meshed
 from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
 
@@ -23,7 +22,6 @@ from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
 from vfplan.engine.proxy import sampled
 from vfplan.errors import SceneError
-from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.scenes import god_object
 
 BROKEN = "inside", "grown", "through", "restless", "stuck"
@@ -54,15 +52,10 @@ def case(seed, tally, mesh=meshes.mesh):
                 tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "mesh", "ticks"),
-    [
-        (range(12), meshes.mesh, 2e3 / 0.3),
-        (range(4), meshes.facets, 0),
-        pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
-        pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full),
-    ],
-)
+@pytest.mark.parametrize(("seeds", "mesh", "ticks"), [
+    (range(12), meshes.mesh, 2e3 / 0.3), (range(4), meshes.facets, 0),
+    pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
+    pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full)])  # fmt: skip
 def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
     tally = Counter()
     for seed in seeds:
@@ -75,8 +68,7 @@ def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
 def test_a_box_is_rounded_in_closed_form():
     """Over faces, edges and corners: the HIP, carried from the box's nearest place to R from it."""
     size = np.array([0.03, 0.02, 0.025])
-    engine = vfplan.ProxyEngine.on(*meshes.box(size), R)
-    rng = np.random.default_rng(5)
+    engine, rng = vfplan.ProxyEngine.on(*meshes.box(size), R), np.random.default_rng(5)
     way = np.cumsum(rng.normal(size=(4000, 3)), axis=0)
     way /= np.linalg.norm(way, axis=1)[:, None]
     nearest = np.clip(way * 0.05, -size / 2, size / 2)
@@ -124,8 +116,7 @@ def test_a_rough_sheet_as_the_slow_god_object_has_it():
 def test_a_sphere_of_many_triangles_is_the_sphere():
     """Of its offset, outside and inside, by a tenth of a micrometre; no facet is felt."""
     points, triangles = meshes.sphere(0.03, 5)
-    engine = vfplan.ProxyEngine.on(points, triangles, R)
-    turn = np.linspace(0, 1, 600)
+    engine, turn = vfplan.ProxyEngine.on(points, triangles, R), np.linspace(0, 1, 600)
     way = np.column_stack([np.cos(turn), np.sin(turn) * 0.8, np.sin(turn) * 0.6])
     for start, hip, proxy in ((0.05, 0.033, 0.035), (0.01, 0.029, 0.025)):
         trace = play(engine, hip * way, start * way[0])
@@ -135,21 +126,15 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
 
 
-def fixture(points, triangles):
-    made = Provenance("2026-01-01T00:00:00Z", "vfplan test")
-    rendering = Rendering(np.full(3, 1000.0), R, 1e-5)
-    return Fixture("robot_base", points, made, mesh=triangles, rendering=rendering)
-
-
 def test_a_fixture_with_a_mesh():
-    ball = fixture(*meshes.sphere(0.03, 4))
+    ball = meshed(*meshes.sphere(0.03, 4))
     engine = vfplan.ProxyEngine.of(ball)
     assert engine.rule == "exact"
     middle = ball.points[ball.mesh[0]].mean(axis=0)
     assert engine.distance([middle])[0] < 1e-15
     assert vfplan.ProxyEngine.of(ball, "robust").distance([middle])[0] > 1e-4
     with pytest.raises(SceneError, match="needs a curve of pieces and an axis, or a mesh"):
-        vfplan.ProxyEngine.of(fixture(ball.points, None), "exact")
+        vfplan.ProxyEngine.of(meshed(ball.points, None), "exact")
 
 
 @pytest.mark.parametrize("times", [0, 2])
@@ -189,7 +174,7 @@ def test_samples_of_a_mesh_leave_no_place_farther_away(cover):
 
 
 def test_more_samples_than_a_bundle_holds_are_refused():
-    drawn = replace(fixture(*meshes.box()), sample_radius=1e-6)
+    drawn = replace(meshed(*meshes.box()), sample_radius=1e-6)
     assert vfplan.ProxyEngine.of(drawn).rule == "exact"
     with pytest.raises(SceneError, match="more than 4000000"):
         vfplan.ProxyEngine.of(drawn, "robust")
@@ -199,7 +184,7 @@ def test_more_samples_than_a_bundle_holds_are_refused():
 def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     """A box's side is 18 mm from any corner in its middle: corners alone let the tool through."""
     points, triangles = meshes.box()
-    drawn = replace(fixture(points, triangles), sample_radius=6e-4)
+    drawn = replace(meshed(points, triangles), sample_radius=6e-4)
     way = np.linspace(0.02, 0.0, 400)[:, None] * [0.0, 0.0, 1.0] + [1e-3, 2e-3, points[:, 2].max()]
     engine = vfplan.ProxyEngine.of(drawn, rule)
     trace = play(engine, way)
@@ -215,7 +200,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
 
 
 def test_engines_of_drawn_meshes_are_exchanged_under_the_hand():
-    drawn = replace(fixture(*meshes.box()), sample_radius=6e-4)
+    drawn = replace(meshed(*meshes.box()), sample_radius=6e-4)
     engine = vfplan.ProxyEngine.of(drawn, "robust")
     engine.exchange(drawn)
     assert engine.rule == "exact"
@@ -236,11 +221,9 @@ def test_what_sticks_out_of_a_plane_or_its_edge_stays():
     assert disc.distance(edge).max() < 1e-12
 
 
-@pytest.mark.parametrize(
-    ("triangles", "said"),
-    [([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
-     ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")],
-)  # fmt: skip
+@pytest.mark.parametrize(("triangles", "said"), [
+    ([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
+    ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")])  # fmt: skip
 def test_what_is_no_mesh_is_refused(triangles, said):
     with pytest.raises(SceneError, match=said):
         vfplan.ProxyEngine.on(np.eye(3), triangles)
@@ -248,7 +231,7 @@ def test_what_is_no_mesh_is_refused(triangles, said):
 
 def test_too_many_triangles_in_one_place_are_refused():
     points, triangles = meshes.sphere(0.004, 5)
-    dense = fixture(points, triangles)
+    dense = meshed(points, triangles)
     with pytest.raises(SceneError, match="a tick may take"):
         vfplan.ProxyEngine.of(dense, "exact")
     assert vfplan.ProxyEngine.of(dense, "exact", offline=True).rule == "exact"

@@ -1,23 +1,20 @@
 """Extreme clouds and settings: the right value within the limit, or a refusal by name."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from motion import grid, play
+from replays import fixture_of
 
 from vfplan import ProxyEngine
 from vfplan.bundle.content import to_content
 from vfplan.bundle.leak import certificate
 from vfplan.errors import SceneError
-from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.cases import ROUNDING_M, breach, random_path
 from vfplan.stability.contacts import Contact, patch
 
-R = 5e-3
-UP = np.array([[0.0, 1.0, 0.0]])
+R, UP = 5e-3, np.array([[0.0, 1.0, 0.0]])
 
 
 def engine_at(place, **settings):
@@ -139,8 +136,7 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     x, y = curve()
     points = np.column_stack([x, y, 0 * x])
     place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
-    engine = engine_at(place)
-    way = [place.start]
+    engine, way = engine_at(place), [place.start]
     for p in points[:: max(1, len(points) // 60)]:
         way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
     at = np.linspace(0, len(way) - 1, 40 * len(way))
@@ -150,24 +146,15 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
 
 @pytest.mark.parametrize(("spacing", "holds"), [(2.1 * R, False), (1.9 * R, True)])
 def test_the_bundles_certificate_tells_a_curve_that_leaks(spacing, holds):
-    fixture = Fixture(
-        "robot_base",
-        np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]),
-        Provenance("2026-01-01T00:00:00Z", "vfplan"),
-        curve=Curve(np.zeros(10, np.int32), np.array([False])),
-        rendering=Rendering(np.full(3, 1e3), R, 1e-5, ignore_axis=np.array([0.0, 0.0, 1.0])),
-    )
+    fixture = fixture_of(np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]))
     assert certificate(to_content(fixture))["/leak@certified"] == holds
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [{"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3},
-     {"point_radius": 1e3}, {"point_radius": 10e-3}, {"point_radius": 100e-3},
-     {"outer_radius": 2e6}, {"band": 1e-5, "outer_radius": 5.01e-3 * (1 + 1e-12)},
-     {"band": 1e-5, "outer_radius": 0.501}],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("settings", [
+    {"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3}, {"point_radius": 1e3},
+    {"point_radius": 10e-3}, {"point_radius": 100e-3}, {"outer_radius": 2e6},
+    {"band": 1e-5, "outer_radius": 5.01e-3 * (1 + 1e-12)},
+    {"band": 1e-5, "outer_radius": 0.501}], ids=str)  # fmt: skip
 def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
     lift = settings.get("point_radius", 0.0) * UP[0]
     assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M
@@ -175,8 +162,7 @@ def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(setti
 
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e9, (1.0, 1e3, 1e6)])
 def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
-    engine = engine_at(patch(), stiffness=stiffness)
-    hips = random_path(patch(), 2000)
+    engine, hips = engine_at(patch(), stiffness=stiffness), random_path(patch(), 2000)
     trace = engine.run(hips)
     expected = np.broadcast_to(stiffness, 3) * (trace.proxy - hips)
     error = np.abs(trace.force - expected)

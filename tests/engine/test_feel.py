@@ -4,48 +4,39 @@ import feel
 import numpy as np
 import pytest
 
-
-@pytest.fixture(scope="module")
-def wave():
-    return feel.Wave()
-
-
-@pytest.fixture(scope="module")
-def hips(wave):
-    return wave.hand(16.0, feel.R, np.random.default_rng(0))
+WAVE = feel.Wave()
+HIPS = WAVE.hand(16.0, feel.R, np.random.default_rng(0))
+EXACT = WAVE.exact(HIPS, feel.R)
 
 
-def test_the_closed_form_is_what_a_god_object_slides_to(wave, hips):
-    exact = wave.exact(hips, feel.R)
+def test_the_closed_form_is_what_a_god_object_slides_to():
     for begin in (1000, 9000):
         some = slice(begin, begin + 150, 3)
-        slid = wave.truth(hips[some], feel.R, start=exact[begin])
-        assert slid == pytest.approx(exact[some], abs=1e-9)
+        slid = WAVE.truth(HIPS[some], feel.R, start=EXACT[begin])
+        assert slid == pytest.approx(EXACT[some], abs=1e-9)
 
 
-def test_the_hand_presses_slides_and_trembles_as_it_says(wave, hips):
-    exact = wave.exact(hips, feel.R)
-    deep = np.linalg.norm(exact - hips, axis=1)
+def test_the_hand_presses_slides_and_trembles_as_it_says():
+    deep = np.linalg.norm(EXACT - HIPS, axis=1)
     assert 7e-3 < deep.max() < feel.DEEPEST_M + 4 * feel.TREMOR_M
     assert (deep > 0).mean() > 0.9
-    speed = np.linalg.norm(np.diff(hips, axis=0), axis=1) * feel.RATE_HZ
+    speed = np.linalg.norm(np.diff(HIPS, axis=0), axis=1) * feel.RATE_HZ
     assert 0.05 < speed.max() < 0.3
-    fast = np.abs(np.fft.rfft(np.diff(hips[:, 1], 2)))
-    assert 8 <= np.fft.rfftfreq(len(hips) - 2, 1e-3)[np.argmax(fast)] <= 12
+    fast = np.abs(np.fft.rfft(np.diff(HIPS[:, 1], 2)))
+    assert 8 <= np.fft.rfftfreq(len(HIPS) - 2, 1e-3)[np.argmax(fast)] <= 12
 
 
-def test_force_steps_are_counted_where_the_exact_proxy_makes_none(wave, hips):
-    exact = wave.exact(hips, feel.R)
-    proxy = exact.copy()
+def test_force_steps_are_counted_where_the_exact_proxy_makes_none():
+    proxy = EXACT.copy()
     proxy[500:, 0] += 0.7e-3
     proxy[900:, 1] -= 2.1e-3
-    trace = feel.Trace(proxy, proxy, proxy, np.zeros(len(hips)), np.zeros(len(hips), np.uint8))
-    more = feel.judge(trace, hips, exact, {})
+    trace = feel.Trace(proxy, proxy, proxy, np.zeros(len(HIPS)), np.zeros(len(HIPS), np.uint8))
+    more = feel.judge(trace, HIPS, EXACT, {})
     assert (more["force_jumps"], more["force_jumps_large"]) == (2, 1)
     assert more["force_step_max_n"] == pytest.approx(2.1)
 
 
-def test_neither_exact_nor_robust_steps_on_an_even_curve(wave):
+def test_neither_exact_nor_robust_steps_on_an_even_curve():
     trials = {trial.method: trial for trial in next(feel.scenes(True, 1e-5))}
     for method, near in (("exact", 1e-8), ("robust", 5e-5)):
         errors = trials[method].score(trials[method].run()[0])

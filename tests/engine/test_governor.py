@@ -1,7 +1,5 @@
 """The governor: closed forms, an independent twin, and limits that nothing crosses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from motion import NATIVE, compiled, output, sizes
@@ -41,8 +39,7 @@ def test_a_release_is_a_straight_ramp_and_gives_what_the_formula_says():
     By 1 N a tick some 7 mJ of 0.1 J.
     """
     for step in (0.5, 1.0, 2.0):
-        g = governor(step)
-        n = int(15 / step)
+        g, n = governor(step), int(15 / step)
         start = g.run(np.linspace([0, 0, 0], [0, 15.0, 0], 40 * n))[-1]
         assert start.tolist() == [0, 15.0, 0]
         ramp = g.run(np.zeros((n, 3)))
@@ -72,9 +69,7 @@ def test_the_least_passive_step_is_where_given_meets_stored():
 
 def test_the_direction_of_a_change_is_kept_by_one_scale():
     g = governor(0.5, torque_step_nm=[0.1, 9, 9], torque_max_nm=[5.0, 9, 9])
-    to = np.array([3.0, -4.0, 12.0])
-    jacobian = np.eye(3)
-    before = np.zeros(3)
+    to, jacobian, before = np.array([3.0, -4.0, 12.0]), np.eye(3), np.zeros(3)
     for _ in range(300):
         force = g.step(to, jacobian)
         moved, left = force - before, to - before
@@ -133,16 +128,13 @@ def test_what_is_no_number_fades_out_and_is_said():
     assert force == pytest.approx([9.4, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("settings", "numbers"),
-    [*(({name: value}, {name: value}) for name, value in (
+@pytest.mark.parametrize(("settings", "numbers"), [
+    *(({name: value}, {name: value}) for name, value in (
         ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_max_n", -1.0), ("mass_kg", 0.0),
         ("stiffness_n_per_m", 0.0), ("rate_hz", 0.0), ("torque_step_nm", 0.0))),
-     ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
-     ({"torque_step_nm": np.ones(17)}, {}),
-     ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9}),
-     ({"torque_step_nm": "much"}, {})],
-)  # fmt: skip
+    ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
+    ({"torque_step_nm": np.ones(17)}, {}), ({"torque_step_nm": "much"}, {}),
+    ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, {"torque_step_nm": 1e-9})])  # fmt: skip
 def test_settings_out_of_range_are_refused(settings, numbers):
     good = {"force_step_n": 0.5, "force_max_n": 20, "stiffness_n_per_m": K, "mass_kg": M}
     with pytest.raises(SettingError) as caught:
@@ -151,8 +143,7 @@ def test_settings_out_of_range_are_refused(settings, numbers):
 
 
 def test_shapes_are_refused_and_a_jacobian_is_asked_for():
-    g = governor()
-    turning = governor(torque_step_nm=np.ones(7))
+    g, turning = governor(), governor(torque_step_nm=np.ones(7))
     for says, call, *given in (
         (r"force .*\(2,\)", g.step, [1, 2]),
         (r"jacobian .*\(7, 3\)", g.step, [1, 2, 3], np.ones((7, 3))),

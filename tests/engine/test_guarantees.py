@@ -4,8 +4,6 @@ Hypothesis draws the cases, derandomised: the same ones in every run. `guarantee
 brute force.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np
@@ -63,20 +61,14 @@ def singular(rng):
     ][rng.integers(6)]
 
 
-CLOUDS = {
-    "plane": lambda rng: scattered(rng, 2),
-    "curve": curve,
-    "space": lambda rng: scattered(rng, 3),
-    "bumpy": bumpy,
-    "singular": singular,
-}
+CLOUDS = {"plane": lambda rng: scattered(rng, 2), "curve": curve,
+    "space": lambda rng: scattered(rng, 3), "bumpy": bumpy, "singular": singular}  # fmt: skip
 PLANAR = {"plane", "curve"}
 
 
 def chunk(rng, proxy, normal, points):
     """A piece of path: pressing, sliding, holding, lifting off, jumping, or exactly singular."""
-    kind = rng.integers(8)
-    target = points[rng.integers(len(points))]
+    kind, target = rng.integers(8), points[rng.integers(len(points))]
     if kind == 0:  # hold still
         return np.tile(target + rng.normal(size=3) * R, (CHUNK, 1))
     if kind == 1:  # lift off along the normal, or aslant
@@ -105,20 +97,16 @@ def play(rng, engine, points, axis, chunks=10):
     for _ in range(chunks):
         hips = chunk(rng, proxy, normal, points)
         trace = engine.run(hips)
-        before = np.vstack([proxy, trace.proxy[:-1]])
-        along = hips - across(hips, axis)
+        before, along = np.vstack([proxy, trace.proxy[:-1]]), hips - across(hips, axis)
         assert np.abs(trace.proxy - across(trace.proxy, axis) - along).max() < SLACK
-        yield trace, Past(
-            across(points, axis), radius, engine.parameters.band,
-            across(hips, axis), across(before, axis), across(trace.proxy, axis), trace.state,
-        )  # fmt: skip
+        yield trace, Past(across(points, axis), radius, engine.parameters.band, across(hips, axis),
+            across(before, axis), across(trace.proxy, axis), trace.state)  # fmt: skip
         proxy, normal = trace.proxy[-1], trace.normal[-1]
 
 
 def make(rng, kind, rule="robust"):
     """A cloud of a kind and an engine on it, every parameter drawn."""
-    points = CLOUDS[kind](rng)
-    axis = np.array([0, 0, 1.0]) if kind in PLANAR else None
+    points, axis = CLOUDS[kind](rng), np.array([0, 0, 1.0]) if kind in PLANAR else None
     chosen = {"ignore_axis": axis, "stiffness": rng.uniform(100, 3000, 3)}
     share = rng.choice([0.0, 0.0, 0.3, 0.7, 0.95])  # of R that belongs to the points
     chosen["contact_radius"], chosen["point_radius"] = R * (1 - share), R * share
@@ -146,10 +134,8 @@ def judge(trace, past, rooms, engine, axis):
     TALLY["let go"] += int(go.sum())
 
 
-@settings(
-    derandomize=True, max_examples=320, deadline=None, database=None,
-    suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+@settings(derandomize=True, max_examples=320, deadline=None, database=None,
+    suppress_health_check=list(HealthCheck))  # fmt: skip
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(CLOUDS)))
 def every_case(seed, kind):
     case(seed, kind, 10)

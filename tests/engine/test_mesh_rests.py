@@ -5,8 +5,6 @@ ever, or used up its iterations in every tick without a move. The other two did 
 places.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,14 +1,12 @@
 """Which rule a mesh is rendered by when nothing is asked for, and what then stands on triangles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
 import meshes
 import numpy as np
 import pytest
-from replays import fixture_of
+from replays import meshed
 
 import vfplan
 from vfplan.bundle.importing import refined
@@ -18,10 +16,6 @@ from vfplan.session.session import Session
 from vfplan.stability.cases import breach, breach_by_jump, engine_at_start, random_path
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import contacts_along
-
-
-def meshed(points, triangles, axis=None):
-    return replace(fixture_of(points, axis=axis, curve=False), mesh=triangles)
 
 
 @pytest.mark.parametrize("shape", [meshes.box(), meshes.sphere(0.02, 3)])
@@ -44,8 +38,7 @@ def test_ticks_too_long_for_its_triangles_leave_its_points():
 
 def test_replay_gate_and_probes_stand_on_the_triangles():
     """A box of 12 triangles has no point near the middle of its sides."""
-    fixture = meshed(*refined(*meshes.box(), 12e-3))
-    s = np.linspace(0, 1, 400)[:, None]
+    fixture, s = meshed(*refined(*meshes.box(), 12e-3)), np.linspace(0, 1, 400)[:, None]
     hips = (1 - s) * [0.0, 0.03, 0.0] + s * [0.0, 0.012, 0.004]
     found = replay(fixture, Session(np.arange(400) / 1000, hips)).metrics
     assert found["rule"] == "exact"

@@ -1,7 +1,5 @@
 """A fixture that moves: its frame against closed forms, its engine's guarantees in that frame."""
 
-from __future__ import annotations
-
 import motion
 import numpy as np
 import pytest
@@ -96,10 +94,8 @@ def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
     assert early.stale
 
 
-BAD_TICKS = {
-    "good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 100 s": 99,
-    "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1,
-}  # fmt: skip
+BAD_TICKS = {"good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 100 s": 99,
+    "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1}  # fmt: skip
 
 
 def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
@@ -119,12 +115,8 @@ def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
 @pytest.mark.parametrize("has_poses", [False, True])
 @pytest.mark.parametrize("case", ["good", "stuck", "back 100 s", "one tick back"])
 def test_a_bad_clock_is_stale(case, has_poses):
-    times = {
-        "good": lambda k: 100 + k * T,
-        "stuck": lambda k: 100.0,
-        "back 100 s": lambda k: k * T,
-        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T,
-    }[case]
+    times = {"good": lambda k: 100 + k * T, "stuck": lambda k: 100.0, "back 100 s": lambda k: k * T,
+        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T}[case]  # fmt: skip
     e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
     hip = [0, 0, 3e-3]
     f.pose(100.0, np.eye(4))
@@ -169,8 +161,7 @@ def test_the_lag_is_the_way_that_is_left():
     f.pose(T, turned([1, 0, 0], turn, [0.5, 0, 0]))
     for k in range(1, 5001):
         f.at(k * T)
-        went = min(0.25 * (k - 1) * T, 0.5)
-        left = turn - 0.25 * (k - 1) * T
+        went, left = min(0.25 * (k - 1) * T, 0.5), turn - 0.25 * (k - 1) * T
         chord = 2 * 0.13**0.5 * np.sin(max(left, 0) / 2)
         moved = place + np.array([went, 0, 0])
         assert f.lag_m(moved) == pytest.approx(np.hypot(0.5 - went, chord), abs=1e-6)
@@ -181,12 +172,9 @@ def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     k = [400.0, 700.0, 1000.0]
     e = vfplan.ProxyEngine(sheet(), stiffness=k)
     f = vfplan.MovingFrame(max_turn_rad_s=20, max_speed_m_s=1)
-    draw = np.random.default_rng(3)
-    n = 4000
+    draw, n = np.random.default_rng(3), 4000
     t = T * np.arange(n)
-    hips = np.stack(
-        (8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), axis=1
-    )
+    hips = np.stack((8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), 1)
     seen = 0
     for first in range(0, n, 17):
         pose = turned([1, 1, 3], 0.5 * np.sin(t[first]), [3e-3 * np.sin(1.5 * t[first]), 0, 0])
@@ -210,8 +198,7 @@ def test_a_guide_moves_with_its_frame():
     x = np.arange(0, 0.06, 1e-3)
     curve = np.stack((x, 2e-3 * np.sin(90 * x), 0 * x), axis=1)
     made = [vfplan.Guide(curve, 1e-3, lead_force=0.5) for _ in range(2)]
-    f = vfplan.MovingFrame(pivot=[0.03, 0, 0])
-    t = T * np.arange(1200)
+    f, t = vfplan.MovingFrame(pivot=[0.03, 0, 0]), T * np.arange(1200)
     hips = np.stack((0.03 + 0.02 * np.sin(3 * t), 3e-3 * np.cos(7 * t), 2e-3 * np.sin(9 * t)), 1)
     parts = []
     assert f.step(made[0], 0.0, hips[0]).status == Status.STALE
@@ -232,8 +219,7 @@ def test_a_guide_moves_with_its_frame():
 
 
 def test_what_is_no_pose_is_refused():
-    f = vfplan.MovingFrame()
-    mirror = np.diag([1.0, 1.0, -1.0, 1.0])
+    f, mirror = vfplan.MovingFrame(), np.diag([1.0, 1.0, -1.0, 1.0])
     for bad in (np.eye(3), 2 * np.eye(4), mirror, np.full((4, 4), np.nan), shifted(2e6)):
         with pytest.raises(SceneError, match="pose"):
             f.pose(0.0, bad)

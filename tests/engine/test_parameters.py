@@ -9,8 +9,7 @@ from vfplan.engine.parameters import PAPER_BAND, check_points
 from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError, VfplanError
 
-POINT = [[0.0, 0.0, 0.0]]
-MAKE = ProxyParameters.make
+POINT, MAKE = [[0.0, 0.0, 0.0]], ProxyParameters.make
 
 
 def square(spacing):
@@ -34,37 +33,33 @@ def test_frozen_in_every_part():
             array[0] = 1.0
 
 
-def test_band_left_open_is_the_dimple_of_experiment_one():
-    assert MAKE(square(0.5e-3)).band == pytest.approx((5 - np.sqrt(25 - 0.125)) * 1e-3)
-    assert MAKE(square(0.5e-3), rule="paper").band == PAPER_BAND
-    assert MAKE(square(0.1e-3)).band == PAPER_BAND  # its dimple is 0.5 um deep
+SHEET_BAND, ROW_BAND = (5e-3 - np.sqrt(25e-6 - square / 4) for square in (2e-6, 1e-6))
+# Points, settings, the band, and to which share of itself.
+BANDS = {
+    "dimple of experiment one": (square(0.5e-3), {}, (5 - np.sqrt(25 - 0.125)) * 1e-3, 1e-6),
+    "the paper's rule": (square(0.5e-3), {"rule": "paper"}, PAPER_BAND, 0),
+    "a dimple of 0.5 um": (square(0.1e-3), {}, PAPER_BAND, 0),
+    # A sheet seen along x is a row of points: stacked ones count once.
+    "plane": (square(1e-3), {"ignore_axis": "x"}, ROW_BAND, 1e-8),
+    "at most half": (square(8e-3), {"contact_radius": 1e-3, "point_radius": 10e-3}, 0.5e-3, 0),
+    # 1e-8 R is more than the paper's 10 µm.
+    "points of 1 km": (POINT, {"point_radius": 1e3}, 1e-8 * (5e-3 + 1e3), 0),
+    "scale 1": (square(1e-3), {"contact_radius": 5e-3}, SHEET_BAND, 1e-9),
+    "scale 1000": (square(1.0), {"contact_radius": 5.0}, 1e3 * SHEET_BAND, 1e-9),
+}
 
 
-def test_planar_band_is_a_curves():
-    """A sheet seen along x is a row of points: stacked ones count once."""
-    found = MAKE(square(1e-3), ignore_axis="x").band
-    assert found == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.25e-6), abs=1e-12)
+@pytest.mark.parametrize(("points", "settings", "band", "share"), BANDS.values(), ids=BANDS)
+def test_a_band_left_open_is_the_depth_of_a_dimple(points, settings, band, share):
+    assert MAKE(points, **settings).band == pytest.approx(band, rel=share, abs=0)
 
 
-def test_band_never_exceeds_half_of_the_contact_radius():
-    assert MAKE(square(8e-3), contact_radius=1e-3, point_radius=10e-3).band == 0.5e-3
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e3])
-def test_band_scales_with_the_scene(scale):
-    band = MAKE(square(1e-3 * scale), contact_radius=5e-3 * scale).band
-    assert band / scale == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.5e-6), rel=1e-9)
-
-
-OUT_OF_RANGE = {
-    "contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1e300],
+OUT_OF_RANGE = {"contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1e300],
     "point_radius": [-1e-3, -1e-9, np.inf, 1e300],
     "band": [0.0, -1e-5, 5.1e-3, 6e-3, 1e-12, 1e-22, 4.9e-11, 5e-324],
-    "outer_radius": [5e-3, 1e300],
-    "gain": [0.0, 1.5],
+    "outer_radius": [5e-3, 1e300], "gain": [0.0, 1.5],
     "stiffness": [0.0, -1.0, [1e3, -1.0, 1e3], np.inf, np.nan],
-    "ignore_axis": [[0, 0, 0], [0, np.nan, 1]],
-}
+    "ignore_axis": [[0, 0, 0], [0, np.nan, 1]]}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -83,11 +78,10 @@ def test_a_number_outside_its_range_is_refused_by_its_name(setting, name):
     assert isinstance(caught.value, VfplanError)
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [{"contact_radius": "5"}, {"contact_radius": True}, {"stiffness": [1e3, 1e3]},
-     {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"}, {"ignore_axis": [1, 0]}],
-)  # fmt: skip
+@pytest.mark.parametrize("setting", [
+    {"contact_radius": "5"}, {"contact_radius": True}, {"stiffness": [1e3, 1e3]},
+    {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"},
+    {"ignore_axis": [1, 0]}])  # fmt: skip
 def test_what_is_no_such_setting_is_refused(setting):
     with pytest.raises(SettingError) as caught:
         MAKE(POINT, **setting)
@@ -112,11 +106,6 @@ def test_the_native_engine_refuses_it_too():
     _core.Engine(far, _core.Parameters(band=2.3e-6), 0)
 
 
-def test_the_default_band_is_one_that_serves():
-    """r_v = 1 km: 1e-8 R is more than the paper's 10 µm."""
-    assert MAKE(POINT, point_radius=1e3).band == 1e-8 * (5e-3 + 1e3)
-
-
 def test_the_ends_of_the_ranges_are_taken():
     for rc in (1e-9, 1e6):
         for rv in (0.0, 1e6 if rc > 1 else 1e-7):
@@ -125,16 +114,14 @@ def test_the_ends_of_the_ranges_are_taken():
     assert MAKE(POINT, outer_radius=2e6).outer_radius == 2e6
 
 
-@pytest.mark.parametrize(
-    ("points", "says"),
-    [(np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
-     ([[0.0, 0.0]], "shape (1, 2)"),
-     ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
-     ([[np.inf, 0.0, 0.0]], "finite"), ([[0.0, 0.0, 1e300]], "at most 1e+06 m"),
-     ([["a", "b", "c"]], "real numbers"), ([[1j, 0, 0]], "complex128"),
-     ([[True, False, True]], "bool"), ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
-     (None, "object"), (1.0, "shape ()")],
-)  # fmt: skip
+@pytest.mark.parametrize(("points", "says"), [
+    (np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
+    ([[0.0, 0.0]], "shape (1, 2)"),
+    ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
+    ([[np.inf, 0.0, 0.0]], "finite"), ([[0.0, 0.0, 1e300]], "at most 1e+06 m"),
+    ([["a", "b", "c"]], "real numbers"), ([[1j, 0, 0]], "complex128"),
+    ([[True, False, True]], "bool"), ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
+    (None, "object"), (1.0, "shape ()")])  # fmt: skip
 @pytest.mark.parametrize("make", [MAKE, ProxyEngine])
 def test_cloud_that_cannot_be_rendered_is_refused(make, points, says):
     with pytest.raises(SceneError) as caught:

@@ -2,20 +2,15 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
-from motion import even, grid, led_out, play, same
+from motion import SHEET, R, even, grid, led_out, play, same
 
 import vfplan
 from vfplan import Status, _core
 from vfplan.errors import SettingError
-
-R = 5e-3
-
-
-def sheet():
-    return grid(even(0.02, 5e-4), even(0.02, 5e-4))
 
 
 def dust(n=2000, half=0.02, seed=1):
@@ -32,7 +27,7 @@ def press_and_slide(ticks=2000):
 def test_lets_go_perpendicularly():
     z = np.r_[np.linspace(0.01, -0.005, 100), np.linspace(-0.005, 0.03, 100)]
     hips = np.column_stack([0 * z, 0 * z, z])
-    trace = vfplan.ProxyEngine(sheet()).run(hips)
+    trace = vfplan.ProxyEngine(SHEET).run(hips)
     assert np.abs(trace.force).max() > 5
     assert np.array_equal(trace.proxy[z > R + 1e-5], hips[z > R + 1e-5])
     assert np.array_equal(trace.force[-1], np.zeros(3))
@@ -42,14 +37,11 @@ def test_lets_go_perpendicularly():
 @pytest.mark.parametrize("axis", [None, "z", (1, 2, 3)], ids=str)
 def test_widths_and_searches_give_the_same_path(rule, axis):
     cloud, hips = dust(4000), press_and_slide(800)
-    first, *others = (
-        vfplan.ProxyEngine(cloud, rule=rule, ignore_axis=axis, simd_width=w).run(hips)
-        for w in (2, 4, 8)
-    )
-    for other in others:
+    make = partial(vfplan.ProxyEngine, cloud, rule=rule, ignore_axis=axis)
+    first, *others = (make(simd_width=width).run(hips) for width in (2, 4, 8))
+    trace, microseconds = make().run_timed(hips)
+    for other in (*others, trace):
         same(first, other)
-    trace, microseconds = vfplan.ProxyEngine(cloud, rule=rule, ignore_axis=axis).run_timed(hips)
-    same(first, trace)
     assert microseconds.shape == (800,)
     assert (microseconds > 0).all()
 
@@ -58,8 +50,7 @@ def test_a_normal_is_that_of_the_corner_at_hand():
     """Pressed into one corner, then only touching another: nothing of the first is left."""
     wall = np.arange(41) * 0.5e-3
     floor = grid(wall, wall)
-    corner = np.vstack([floor, floor[:, [2, 0, 1]]])
-    away = np.array([0.2, 0, 0.5])
+    corner, away = np.vstack([floor, floor[:, [2, 0, 1]]]), np.array([0.2, 0, 0.5])
     engine = vfplan.ProxyEngine(np.vstack([corner, corner * [-1, 1, -1] + away]))
     first, second = np.array([R, 0.01, R]), away + np.array([-R, 0.01, -R])
     back = np.array([0.02, 0, 0.02])
@@ -86,9 +77,7 @@ def test_a_unit_axis_is_taken_to_the_bit():
 
 
 def test_stiffness_and_ignored_axis():
-    cloud = sheet()
-    hip = np.array([0.001, 0.002, 0.001])
-    forces = {}
+    cloud, hip, forces = SHEET, np.array([0.001, 0.002, 0.001]), {}
     for axis in (None, "x", (1, 1, 0)):
         engine = vfplan.ProxyEngine(cloud, stiffness=(500, 1000, 2000), ignore_axis=axis)
         engine.reset([0.001, 0.002, 0.02])
@@ -112,9 +101,8 @@ def filled(dims, half, spacing):
 def test_a_start_deep_in_a_thick_fixture_is_taken_out(dims, half):
     """Up to 120 R thick: the spring grows no longer than the way out, and the status ends."""
     radius = 1e-3
-    engine = vfplan.ProxyEngine(
-        filled(dims, half, 1.3e-3), contact_radius=radius, ignore_axis="z" if dims == 2 else None
-    )
+    engine = vfplan.ProxyEngine(filled(dims, half, 1.3e-3), contact_radius=radius,
+        ignore_axis="z" if dims == 2 else None)  # fmt: skip
     hip = np.array([1e-4, 2e-4, 0.0 if dims == 2 else 1e-4])
     ticks = int(256 * (half / radius + 3)) + 100
     trace = play(engine, np.tile(hip, (ticks, 1)))
@@ -132,8 +120,7 @@ def test_a_start_deep_in_a_thick_fixture_is_taken_out(dims, half):
 @pytest.mark.parametrize("way", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0.7, 0.1, -0.7)])
 def test_a_hand_that_leaves_by_any_side_feels_no_jump(way, speed):
     """The HIP starts in a sheet and goes through it, back out, along it or aslant."""
-    engine = vfplan.ProxyEngine(sheet(), stiffness=1000)
-    start = np.array([0, 0, 5e-4])
+    engine, start = vfplan.ProxyEngine(SHEET, stiffness=1000), np.array([0, 0, 5e-4])
     hips = start + np.outer(np.arange(int(0.04 / speed)) * speed, way)
     hips = np.vstack([hips, np.tile(hips[-1], (600, 1))])
     trace = play(engine, hips, start)
@@ -168,8 +155,7 @@ def hands(rng, start, count=1000):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_hand_that_leaves_clutter_feels_no_jump(seed):
     """From inside to where the rule has taken over, to rounding, and it does take over."""
-    rng = np.random.default_rng(seed)
-    ticks = 0
+    rng, ticks = np.random.default_rng(seed), 0
     for points in cluttered(rng):
         band = {"band": 10 ** rng.uniform(-5.5, -3.3)} if rng.random() < 0.3 else {}
         engine = vfplan.ProxyEngine(points, stiffness=1000, **band)
@@ -188,8 +174,7 @@ def test_a_hand_that_leaves_clutter_feels_no_jump(seed):
 def test_the_rule_takes_over_below_a_hand_that_never_rests():
     """Where the HIP trembles so that the rule uses up its iterations in each tick, the status still
     ends, and the force has not stepped until then."""
-    rng = np.random.default_rng(2)
-    longest = 0
+    rng, longest = np.random.default_rng(2), 0
     for seed in range(12):
         cloud = dust(300, half=0.015, seed=seed)
         engine = vfplan.ProxyEngine(cloud, band=1e-6, max_iterations=rng.choice([1, 3, 16]))
@@ -228,30 +213,27 @@ def test_two_threads_run_at_once():
 def test_left_out_says_what_the_scene_does_not_need():
     left_out = {"coordinates": 7, "point_radius": 1, "stiffness_axes": 2, "grid": 1}
     assert vfplan.ProxyEngine(dust(7), ignore_axis="z").left_out == left_out
-    engine = vfplan.ProxyEngine(sheet(), point_radius=1e-3, stiffness=(1, 2, 3))
+    engine = vfplan.ProxyEngine(SHEET, point_radius=1e-3, stiffness=(1, 2, 3))
     assert engine.left_out == {}
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [{"search": "tree"}, {"max_iterations": 0}, {"max_iterations": 2.5}, {"simd_width": 3},
-     {"simd_width": [4]}, {"contact_radius": -1.0}, {"band": 0.01}, {"stiffness": 0.0}],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("settings", [
+    {"search": "tree"}, {"max_iterations": 0}, {"max_iterations": 2.5}, {"simd_width": 3},
+    {"simd_width": [4]}, {"contact_radius": -1.0}, {"band": 0.01}, {"stiffness": 0.0}],
+    ids=str)  # fmt: skip
 def test_settings_out_of_range(settings):
     with pytest.raises(SettingError):
-        vfplan.ProxyEngine(sheet(), **settings)
+        vfplan.ProxyEngine(SHEET, **settings)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("contact_radius", 0.99e-9), ("contact_radius", 1.01e6), ("point_radius", 1.01e6),
-     ("band", 4.9e-11), ("band", 5e-324), ("outer_radius", 2.01e6), ("outer_radius", np.nan)],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "value"), [
+    ("contact_radius", 0.99e-9), ("contact_radius", 1.01e6), ("point_radius", 1.01e6),
+    ("band", 4.9e-11), ("band", 5e-324), ("outer_radius", 2.01e6),
+    ("outer_radius", np.nan)])  # fmt: skip
 def test_the_native_engine_refuses_what_python_does(name, value):
     """A C++ user has no Python in front."""
     native = _core.Parameters(**{name: value})
     with pytest.raises(ValueError, match=name):
-        _core.Engine(sheet(), native, 0)
+        _core.Engine(SHEET, native, 0)
     with pytest.raises(SettingError, match=name):
-        vfplan.ProxyEngine(sheet(), **({"band": 1e-5} | {name: value}))
+        vfplan.ProxyEngine(SHEET, **({"band": 1e-5} | {name: value}))

@@ -28,8 +28,7 @@ def build(tmp_path_factory):
 @cache
 def included(name):
     """All that a header includes of ours, by others too."""
-    names = set()
-    waiting = [name]
+    names, waiting = set(), [name]
     while waiting:
         text = (INCLUDE / waiting.pop()).read_text()
         direct = set(re.findall(r'^#include "(vfplan/.*\.hpp)"', text, re.M))

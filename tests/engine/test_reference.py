@@ -23,17 +23,9 @@ def tick(proxy, hip, points=ORIGIN, **settings):
     return engine.step(hip)
 
 
-def test_without_a_reset_the_first_hip_is_the_first_proxy():
-    step = PaperProxy(ORIGIN).step([1.0, 0, 0])
-    assert step.proxy.tolist() == [1.0, 0, 0]
-    assert step.force.tolist() == [0.0, 0, 0]
-
-
-@pytest.mark.parametrize(
-    ("distance", "state"),
-    [(4.9899e-3, 2), (RC - BAND, 1), (RC, 1), (RC + BAND, 1), (5.0101e-3, 0), (9.9999e-3, 0),
-     (2 * RC, -1), (10.01e-3, -1)],
-)  # fmt: skip
+@pytest.mark.parametrize(("distance", "state"), [
+    (4.9899e-3, 2), (RC - BAND, 1), (RC, 1), (RC + BAND, 1), (5.0101e-3, 0), (9.9999e-3, 0),
+    (2 * RC, -1), (10.01e-3, -1)])  # fmt: skip
 @pytest.mark.parametrize("rv", [0.0, 2e-3])
 def test_states_are_the_lists_of_algorithm_1(distance, state, rv):
     """The proxy lies on -x, so that de is exact; bounds belong to 'in contact' and 'out'."""
@@ -90,18 +82,18 @@ def test_entrenched_lift_clears_every_entrenched_point():
         assert np.linalg.norm(points[below] - step.proxy, axis=1).min() == pytest.approx(RC)
 
 
-def test_normal_of_a_sheet_is_its_normal():
-    for z in (RC, 3e-3, -RC):
-        step = tick([0.1e-3, 0.2e-3, z], [0, 0, 0], points=sheet())
-        assert step.normal == pytest.approx([0, 0, np.sign(z)], abs=2e-2)
-    centred = tick([0, 0, RC], [0, 0, 0], points=sheet())
-    assert centred.normal == pytest.approx([0, 0, 1], abs=1e-12)
+LINE = np.arange(-60, 61)[:, None] * 0.25e-3 * np.array([[1.0, 0, 0]])
 
 
-def test_normal_of_a_line_is_across_it():
-    line = np.arange(-60, 61)[:, None] * 0.25e-3 * np.array([[1.0, 0, 0]])
-    step = tick([0, 3e-3, 4e-3], [0, 0, 0], points=line)
-    assert step.normal == pytest.approx([0, 0.6, 0.8], abs=1e-12)
+# φ uses r, not r - r_v: with r_v >= r3 - r1 nothing weighs anything on contact.
+@pytest.mark.parametrize(("points", "rv", "proxy", "normal", "within"), [
+    *((sheet(), 0, [0.1e-3, 0.2e-3, z], [0, 0, np.sign(z)], 2e-2) for z in (RC, 3e-3, -RC)),
+    (sheet(), 0, [0, 0, RC], [0, 0, 1], 1e-12), (LINE, 0, [0, 3e-3, 4e-3], [0, 0.6, 0.8], 1e-12),
+    (sheet(), 6e-3, [0, 0, 11e-3], [0, 0, 0], 0),
+    (sheet(), 2e-3, [0, 0, 7e-3], [0, 0, 1], 1e-12)])  # fmt: skip
+def test_a_normal_is_across_a_sheet_or_line(points, rv, proxy, normal, within):
+    step = tick(proxy, [0, 0, 0], points=points, point_radius=rv)
+    assert step.normal == pytest.approx(normal, abs=within)
 
 
 def test_normal_by_hand_from_two_points():
@@ -129,14 +121,6 @@ def test_cancelling_normals_and_coincident_points_give_none():
     assert (step.state, step.normal.tolist(), step.proxy.tolist()) == (2, [0, 0, 0], [0, 0, 0])
     on_it = tick([0, 0, 0], [0, 1e-3, 0], points=np.vstack([ORIGIN, [[0, -4e-3, 0]]]))
     assert on_it.normal.tolist() == [0, 1, 0]
-
-
-def test_point_radius_keeps_the_papers_weight():
-    """φ uses r, not r - r_v: with r_v >= r3 - r1 nothing weighs anything on contact."""
-    large = tick([0, 0, 11e-3], [0, 0, 0], points=sheet(), point_radius=6e-3)
-    assert large.normal.tolist() == [0] * 3
-    small = tick([0, 0, 7e-3], [0, 0, 0], points=sheet(), point_radius=2e-3)
-    assert small.normal == pytest.approx([0, 0, 1], abs=1e-12)
 
 
 @pytest.mark.parametrize("axis", ["z", [0, 0, 1], [1.0, 2.0, 3.0], "x"])

@@ -4,8 +4,6 @@ Thick pixel lines, as a mask of a drawn curve gives them, and hollows about as n
 The judge knows no engine: it walks in small free steps towards the HIP until none is left.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import numpy as np
@@ -15,8 +13,7 @@ from scipy.spatial import cKDTree
 
 import vfplan
 
-R = 5e-3
-PIXEL = 0.5e-3
+R, PIXEL = 5e-3, 0.5e-3
 
 
 def ways(dims: int) -> np.ndarray:
@@ -24,8 +21,7 @@ def ways(dims: int) -> np.ndarray:
     if dims == 2:
         turn = np.arange(64) * (np.pi / 32)
         return np.column_stack([np.cos(turn), np.sin(turn)])
-    z = 1 - (2 * np.arange(200) + 1) / 200
-    turn = np.pi * (1 + 5**0.5) * np.arange(200)
+    z, turn = 1 - (2 * np.arange(200) + 1) / 200, np.pi * (1 + 5**0.5) * np.arange(200)
     around = np.sqrt(1 - z**2)
     return np.column_stack([around * np.cos(turn), around * np.sin(turn), z])
 
@@ -134,10 +130,8 @@ def rests(points, kind, rng):
         yield gain / band, np.linalg.norm(held[-100:] - held[-1], axis=1).max()
 
 
-@pytest.mark.parametrize(
-    ("kind", "make", "cases"),
-    [("thick line", thick_line, 40), ("hollow", hollow, 40), ("groove", groove, 12)],
-)
+@pytest.mark.parametrize(("kind", "make", "cases"),
+    [("thick line", thick_line, 40), ("hollow", hollow, 40), ("groove", groove, 12)])  # fmt: skip
 def test_where_it_rests_there_is_no_way_on(kind, make, cases):
     """Within 4.2 bands of a local minimum (most within 2), and it moves no more."""
     found = []
@@ -169,10 +163,17 @@ def pixels_of_the_sample():
 def test_the_mask_of_the_sample_never_holds_it():
     """A whole session over the 2204 pixels; at every 20th tick in contact no way on is left."""
     fixture, points, hips = pixels_of_the_sample()
-    over, band = left_in_the_sample(fixture, points, hips)
+    axis = fixture.rendering.ignore_axis
+    engine = vfplan.ProxyEngine(points, ignore_axis=axis, band=fixture.rendering.band)
+    trace, plane = play(engine, hips), np.linalg.svd(axis[None])[2][1:].T
+    tree, radius = cKDTree(points @ plane), engine.parameters.r1
+    at, over = np.flatnonzero(trace.state == 1)[::20], []
+    for proxy, hip in zip(trace.proxy[at] @ plane, hips[at] @ plane, strict=True):
+        end = walked(tree, proxy, hip, radius)
+        over.append(np.linalg.norm(proxy - hip) - np.linalg.norm(end - hip))
     print("sample's mask: most a tick could go on [um]", 1e6 * max(over), "of", len(over))
     assert len(over) > 100
-    assert max(over) <= 4.2 * band
+    assert max(over) <= 4.2 * engine.parameters.band
 
 
 def test_the_mask_of_the_sample_is_felt_as_its_line():
@@ -180,8 +181,7 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
     exact one of the drawn line, the pen's half width further off, and near that one."""
     fixture, points, hips = pixels_of_the_sample()
     exact, width = line_of_the_sample(points)
-    rng = np.random.default_rng(0)
-    truth = play(exact, hips)
+    rng, truth = np.random.default_rng(0), play(exact, hips)
     depth = np.linalg.norm(truth.proxy - hips, axis=1)
     left, off, jumps = [], [], []
     for share in (0, 1, 1, 1, 1, 1, 1):
@@ -212,21 +212,6 @@ def line_of_the_sample(points):
     length = np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
     width = len(points) * PIXEL**2 / length
     return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis), width
-
-
-def left_in_the_sample(fixture, points, hips):
-    """How much further (n,) [m] the proxy could go at every 20th tick in contact, and the band."""
-    axis = fixture.rendering.ignore_axis
-    engine = vfplan.ProxyEngine(points, ignore_axis=axis, band=fixture.rendering.band)
-    trace = play(engine, hips)
-    plane = np.linalg.svd(axis[None])[2][1:].T
-    tree, radius = cKDTree(points @ plane), engine.parameters.r1
-    at = np.flatnonzero(trace.state == 1)[::20]
-    over = []
-    for proxy, hip in zip(trace.proxy[at] @ plane, hips[at] @ plane, strict=True):
-        end = walked(tree, proxy, hip, radius)
-        over.append(np.linalg.norm(proxy - hip) - np.linalg.norm(end - hip))
-    return np.array(over), engine.parameters.band
 
 
 def test_a_nanometre_of_noise_does_not_wake_it():
@@ -297,15 +282,10 @@ def three_walls(rng):
 
 
 # Clouds, and cases in which a proxy without regard to the noise wandered by 0.1 to 8 bands.
-TREMBLING = {
-    "dust": (dust, [4, 11, 18, 25]),
-    "ball": (ball, [5, 19, 26]),
-    "dent": (dent, [7, 18, 33]),
-    "thick line": (flat(thick_line, "thick line"), [26]),
-    "hollow": (flat(hollow, "hollow"), [11]),
-    "edge": (edge, [5, 6, 7, 8, 24]),
-    "three walls": (three_walls, []),
-}
+TREMBLING = {"dust": (dust, [4, 11, 18, 25]), "ball": (ball, [5, 19, 26]),
+    "dent": (dent, [7, 18, 33]), "thick line": (flat(thick_line, "thick line"), [26]),
+    "hollow": (flat(hollow, "hollow"), [11]), "edge": (edge, [5, 6, 7, 8, 24]),
+    "three walls": (three_walls, [])}  # fmt: skip
 
 
 def trembled(make, seed, share):

@@ -13,8 +13,7 @@ from vfplan import _core
 from vfplan.errors import SceneError
 from vfplan.fixture import Rendering
 
-R = 5e-3
-Z = np.array([0.0, 0, 1])
+R, Z = 5e-3, np.array([0.0, 0, 1])
 
 
 def settings(band, axis=None):
@@ -55,17 +54,14 @@ def pen(draw):
     return np.where(t[:, None] < 0.3, round_, along) + draw.normal(0, 1e-5, (len(t), 3))
 
 
-@pytest.mark.parametrize(
-    ("make", "band", "axis"),
-    [(wavy, 3e-5, None), (stairs, 5e-5, None), (heap, 2e-4, None), (pen, 2e-5, Z)],
-)
+@pytest.mark.parametrize(("make", "band", "axis"),
+    [(wavy, 3e-5, None), (stairs, 5e-5, None), (heap, 2e-4, None), (pen, 2e-5, Z)])  # fmt: skip
 def test_a_ball_that_is_off_what_is_kept_is_off_all(make, band, axis):
     """Places R - band from points that were left out: near enough to one that was kept."""
     draw = np.random.default_rng(8)
     points = make(draw)
     kept, lent = _core.thinned(points, settings(band, axis))
-    flat = points[:, : kept.shape[1]]
-    tree = cKDTree(kept)
+    flat, tree = points[:, : kept.shape[1]], cKDTree(kept)
     gap = tree.query(flat)[0]
     assert lent == band / 2
     assert len(kept) < 0.4 * len(points)
@@ -98,13 +94,11 @@ def test_a_tick_over_a_dense_sheet_has_hardly_more_to_look_at_than_over_a_coarse
 
 @pytest.mark.parametrize("make", [wavy, stairs])
 def test_the_proxy_is_off_every_point_and_where_all_points_would_have_it(make):
-    points = make(np.random.default_rng(3))
-    t = np.arange(0, 3, 2e-3)
+    points, t = make(np.random.default_rng(3)), np.arange(0, 3, 2e-3)
     middle, top = points.mean(axis=0), points[:, 2].max()
     hips = np.column_stack([
         middle[0] + 2e-3 * np.sin(5 * t), middle[1] + 2e-3 * np.cos(4 * t),
-        top + R - 4e-3 + 4.5e-3 * np.cos(3 * t),
-    ])  # fmt: skip
+        top + R - 4e-3 + 4.5e-3 * np.cos(3 * t)])  # fmt: skip
     engines = [vfplan.ProxyEngine(points, band=5e-5) for _ in range(2)]
     engines[1].make_editable()  # with all points
     thin, whole = (engine.run(hips) for engine in engines)

@@ -7,7 +7,8 @@ import bundles
 import numpy as np
 import pytest
 from conftest import quick_compiler
-from motion import INCLUDE, grid
+from motion import NATIVE, compiled, grid
+from replays import of_lines
 from scipy.spatial import cKDTree
 
 import vfplan
@@ -15,7 +16,6 @@ from vfplan import _core
 from vfplan.bundle.validation import validate
 from vfplan.engine.proxy import MAX_TICK_TIME, worst_tick_time
 from vfplan.errors import SceneError
-from vfplan.fixture import Curve, Pieces
 
 
 def crowded():
@@ -29,12 +29,8 @@ def crowded():
 
 def serrated():
     """A comb of 3,000 teeth on 20 mm, held as its lines."""
-    base = bundles.small()
-    teeth = np.column_stack([np.arange(3000) * 7e-6, np.arange(3000) % 2 * 2e-3, np.zeros(3000)])
-    strokes = np.zeros(len(teeth), np.int32), np.array([False])
-    curve = Curve(*strokes, pieces=Pieces(teeth, np.zeros(len(teeth)), *strokes))
-    rendering = replace(base.rendering, ignore_axis=np.array([0.0, 0, 1]))
-    return replace(base, points=teeth, curve=curve, rendering=rendering)
+    at = np.arange(3000)
+    return of_lines(np.column_stack([at * 7e-6, at % 2 * 2e-3, 0 * at]))
 
 
 def patient():
@@ -78,10 +74,8 @@ def test_the_bound_of_a_curve_counts_at_least_what_is_around_any_place():
     draw = np.random.default_rng(6)
     corners = draw.normal(size=(400, 2)) * 0.02
     p = _core.Parameters(ignore_axis=np.array([0.0, 0, 1]))
-    found = _core.proven_tick_work(
-        np.column_stack([corners, np.zeros(400)]), np.zeros(400), np.zeros(400, np.int32),
-        np.zeros(1, np.uint8), p,
-    )  # fmt: skip
+    found = _core.proven_tick_work(np.column_stack([corners, np.zeros(400)]), np.zeros(400),
+        np.zeros(400, np.int32), np.zeros(1, np.uint8), p)  # fmt: skip
     near = (found / 32 - 9.5e-6) / 12.5e-9
     low, high = np.minimum(corners[1:], corners[:-1]), np.maximum(corners[1:], corners[:-1])
     places = draw.normal(size=(2000, 1, 2)) * 0.02
@@ -99,8 +93,7 @@ def test_the_bound_counts_at_least_what_is_around_any_place(planar):
     axis = np.array([0.0, 0, 1]) if planar else None
     few, more = (_core.Parameters(ignore_axis=axis, max_iterations=n) for n in (1, 101))
     taken = _core.proven_tick_work(points, more) - _core.proven_tick_work(points, few)
-    an_iteration = taken / 100
-    columns = points[:, :2] if planar else points
+    an_iteration, columns = taken / 100, points[:, :2] if planar else points
     reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
     most = cKDTree(columns).query_ball_point(columns[::10], reach, return_length=True).max()
     assert an_iteration >= 4.5e-6 + 1.25e-9 * most
@@ -119,46 +112,18 @@ def test_what_a_search_finds_is_less_than_what_is_proven_and_the_same_in_every_r
     assert _core.tick_work(points, p) == _core.proven_tick_work(points, p)
 
 
-PROGRAM = """
-#include "vfplan/bundle/engine.hpp"
-#include <iostream>
-int main(int argc, char** argv) {
-    try {
-        const auto fixture = vfplan::bundle::read_fixture(argv[1]);
-        if (argc > 2) {
-            vfplan::Engine engine(fixture, vfplan::Rule::robust, vfplan::Use::offline);
-            return engine.planar() ? 1 : 0;
-        }
-        vfplan::Engine engine(fixture);
-        if (engine.distance({{1e-3, 5e-4, 0}}) == 0) std::cout << "by its triangles";
-        const vfplan::Step s = engine.step({{0.4, 0, 0.1}});
-        return s.status & vfplan::bad_hip ? 1 : 0;
-    } catch (const std::exception& error) {
-        std::cout << error.what();
-        return 2;
-    }
-}
-"""
-
-
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     """One call makes an engine of a fixture; by a second word, offline."""
-    folder = tmp_path_factory.mktemp("work")
-    (folder / "main.cpp").write_text(PROGRAM)
-    words = [quick_compiler(), "-std=c++20", "-O0", "-ffp-contract=off", "-DVFPLAN_NARROW"]
-    words += [f"-I{INCLUDE}", folder / "main.cpp"]
-    subprocess.run([*map(str, words), "-o", folder / "main"], check=True)
-    return folder / "main"
+    folder, flags = tmp_path_factory.mktemp("work"), ("-O0", "-DVFPLAN_NARROW")
+    return compiled(folder, NATIVE / "tick_work.cpp", *flags, compiler=quick_compiler())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("make", "options", "code", "says"),
-    [(bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
-     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
-     (bundles.minimal, [], 2, "without rendering parameters")],
-)  # fmt: skip
+@pytest.mark.parametrize(("make", "options", "code", "says"), [
+    (bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
+    (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
+    (bundles.minimal, [], 2, "without rendering parameters")])  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     words = [program, tmp_path / "a.h5", *options]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from vfplan.fixture import Curve, Fixture, Provenance, Rendering
+from vfplan.fixture import Curve, Fixture, Pieces, Provenance, Rendering
 from vfplan.session.session import Session
 
 BORN = Provenance("2026-01-01T00:00:00Z", "vfplan 0")
@@ -26,6 +28,23 @@ def fixture_of(points, *, axis=(0.0, 0.0, 1.0), stiffness=1000.0, curve=True, rv
             None if axis is None else np.asarray(axis, float),
         ),
     )
+
+
+def of_pieces(pieces, **more):
+    """A fixture of lines and arcs."""
+    fixture = fixture_of(pieces.vertices, **more)
+    return replace(fixture, curve=Curve(pieces.stroke, pieces.closed, pieces=pieces))
+
+
+def of_lines(vertices):
+    """A fixture of one open stroke of lines."""
+    one = np.zeros(len(vertices), np.int32), np.array([False])
+    return of_pieces(Pieces(vertices, np.zeros(len(vertices)), *one))
+
+
+def meshed(points, triangles, axis=None):
+    """A fixture of triangles."""
+    return replace(fixture_of(points, axis=axis, curve=False), mesh=triangles)
 
 
 def line(length=0.1, spacing=0.5e-3):

@@ -42,8 +42,7 @@ def test_experiment_1_has_the_papers_points_and_is_felt_on_both_sides(folder):
 
 
 def test_experiment_2_has_the_papers_points_from_mask_and_scale(folder):
-    numbers = told(folder, "fig6")
-    slice_ = told(folder, "fig5")
+    numbers, slice_ = told(folder, "fig6"), told(folder, "fig5")
     assert (slice_["width_px"], slice_["height_px"]) == (871, 786)
     assert numbers["points"] == slice_["mask_pixels"]
     assert numbers["points"] == pytest.approx(2204, rel=1e-3)

@@ -2,6 +2,7 @@
 
 import json
 
+import curves
 import numpy as np
 import pytest
 from refusals import refuses
@@ -11,8 +12,7 @@ from vfplan import scenes
 from vfplan.errors import SceneError, SettingError
 from vfplan.scenes import SCENES, god_object, outline
 
-R = 5e-3
-FLAT = np.array([1.0, 1.0, 0.0])
+R, FLAT = 5e-3, np.array([1.0, 1.0, 0.0])
 COARSE = {"sheet", "double-sheet", "sphere", "cylinder", "three-walls"}
 
 
@@ -119,28 +119,23 @@ def test_corner_of_any_angle_is_the_projection_onto_its_cone(angle):
     """The free space is a convex cone: the nearest of its apex, two faces and itself."""
     scene = scenes.Corner(angle=angle, leg=0.08)
     apex = np.array([R / np.tan(angle / 2), R])
-    v = np.array([np.cos(angle), np.sin(angle)])
-    hips = scene.path("floor", speed=0.3)
+    v, hips = np.array([np.cos(angle), np.sin(angle)]), scene.path("floor", speed=0.3)
     for hip, proxy in zip(hips, scene.truth(hips, R), strict=True):
-        normals = np.array([[0, 1], [v[1], -v[0]]])
-        w = hip[:2] - apex
+        normals, w = np.array([[0, 1], [v[1], -v[0]]]), hip[:2] - apex
         faces = [w - min(n @ w, 0) * n for n in normals]
         inside = [f for f in [w, *faces, np.zeros(2)] if (normals @ f).min() > -1e-12]
         best = min(inside, key=lambda f: np.linalg.norm(f - w))
         assert proxy[:2] == pytest.approx(apex + best, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [(n, r) for n in ("omega", "teapot", "wedge", "channel") for r in make(n).routes],
-)
+@pytest.mark.parametrize(("name", "route"),
+    [(n, r) for n in ("omega", "teapot", "wedge", "channel") for r in make(n).routes])  # fmt: skip
 def test_truth_is_free_and_nothing_near_it_is_better(name, route):
     """Slow reference: a dense cloud (1 µm) and random positions around the proxy."""
     scene = make(name)
     dense = cKDTree(outline.sample(scene.runs, 1e-6))
     hips = scene.path(route, speed=1.0)
-    found = scene.truth(hips, R)
-    rng = np.random.default_rng(7)
+    found, rng = scene.truth(hips, R), np.random.default_rng(7)
     clear = dense.query(found[:, :2])[0]
     assert clear.min() > R - 1e-9
     for i in range(0, len(hips), 7):
@@ -218,10 +213,8 @@ def loop(rng):
 
 def distance(corners, x):
     """Of the positions x (T, 2) from a closed polyline, by the textbook."""
-    a, b = corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]
-    t = np.einsum("tkc,kc->tk", x[:, None] - a, b - a) / ((b - a) ** 2).sum(axis=1)
-    nearest = a + np.clip(t, 0, 1)[..., None] * (b - a)
-    return np.linalg.norm(x[:, None] - nearest, axis=2).min(axis=1)
+    sides = zip(corners[:, :2], np.roll(corners, -1, axis=0)[:, :2], strict=True)
+    return curves.distance([(a, b, 0.0) for a, b in sides], x)
 
 
 def inside(corners, x):
@@ -276,18 +269,15 @@ def test_a_recording_does_not_lead_through_a_closed_curve(shared_data):
     follow_closed(corners, hip[start], hip[start:])
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
-     ("three-walls", "edge"), ("wedge", "over")],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "route"), [
+    ("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
+    ("three-walls", "edge"), ("wedge", "over")])  # fmt: skip
 def test_sensitivity_is_the_slope_of_the_truth(name, route):
     """Where the truth is smooth, its central differences along the three axes."""
     scene, e = make(name), 1e-8
     hips = scene.path(route, speed=1.0)
     truth = scene.truth(hips, R)
-    found = scene.sensitivity(hips, truth, R)
-    compared = 0
+    found, compared = scene.sensitivity(hips, truth, R), 0
     for i in range(0, len(hips), max(1, len(hips) // 25)):
         near = [hips[i] + d for axis in np.eye(3) * e for d in (axis, -axis)]
         moved = [scene.truth(h[None], R, start=truth[i])[0] for h in near]
@@ -301,8 +291,7 @@ def test_sensitivity_is_the_slope_of_the_truth(name, route):
 
 @pytest.mark.parametrize("name", ["circle", "wedge", "channel", "omega", "teapot"])
 def test_clearance_of_a_drawing_is_that_of_its_pieces(name):
-    scene = make(name)
-    x = np.random.default_rng(3).uniform(-0.15, 0.15, (300, 3))
+    scene, x = make(name), np.random.default_rng(3).uniform(-0.15, 0.15, (300, 3))
     x[:100] = scene.points[:100] + np.random.default_rng(4).normal(0, 1e-4, (100, 3))
     one_by_one = [god_object.look(scene.pieces, row * [1, 1, 0]).distance.min() for row in x]
     assert scene.clearance(x) == pytest.approx(one_by_one, abs=1e-14)
@@ -313,14 +302,13 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     rng = np.random.default_rng(2)
     a, b, c = rng.normal(size=(3, 12, 3))
     c -= b * ((b * c).sum(axis=1) / (b * b).sum(axis=1))[:, None]
-    angle = rng.uniform(-3, 3, 12)
+    angle, ends = rng.uniform(-3, 3, 12), np.vstack([b[:6], a[6:]])
     made = {
-        "segments": outline.Segments(a, np.vstack([b[:6], a[6:]])),
-        "walls": outline.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
-        "rectangles": outline.Rectangles(a, b, c),
+        "segments": outline.Segments(a, ends), "rectangles": outline.Rectangles(a, b, c),
+        "walls": outline.Segments(a * FLAT, ends * FLAT, endless=True),
         "spheres": outline.Spheres(a, rng.uniform(0.5, 3, 12)),
         "arcs": outline.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),
-    }[kind]
+    }[kind]  # fmt: skip
     for _ in range(30):
         x, e = rng.normal(size=3) * 2, 1e-5
         look = made.look(x)
@@ -365,15 +353,15 @@ def test_travel_keeps_its_speed_and_both_ends():
     assert np.median(steps) == pytest.approx(0.3e-3)
 
 
-def test_bad_requests_are_refused():
-    for bad in (
-        lambda: scenes.Sheet(spacing=0.0),
-        lambda: scenes.Corner(angle=4.0),
-        lambda: scenes.Circle(extrude=-1.0),
-        lambda: scenes.Point().path("around"),
-        lambda: scenes.travel([[0, 0, 0], [1, 0, 0]], speed=0.0),
-    ):
-        with pytest.raises(SettingError, match="Give "):
-            bad()
+@pytest.mark.parametrize("bad", [
+    lambda: scenes.Sheet(spacing=0.0), lambda: scenes.Corner(angle=4.0),
+    lambda: scenes.Circle(extrude=-1.0), lambda: scenes.Point().path("around"),
+    lambda: scenes.travel([[0, 0, 0], [1, 0, 0]], speed=0.0)])  # fmt: skip
+def test_bad_requests_are_refused(bad):
+    with pytest.raises(SettingError, match="Give "):
+        bad()
+
+
+def test_a_start_inside_is_refused():
     with refuses(SceneError, "starts-inside"):
         god_object.follow(scenes.Point().pieces, np.array([1e-3, 0, 0]), np.zeros(3), R)

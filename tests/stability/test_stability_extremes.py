@@ -1,16 +1,14 @@
 """The extreme motions of `vfplan stability` come out, and can tell right from wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from bundles import small, whole
+from bundles import whole
+from replays import of_lines
 
 from vfplan import Trace
-from vfplan.fixture import Curve, Pieces
 from vfplan.stability import cases
 from vfplan.stability.cases import CASES, breach, engine_at_start, run_extreme_cases
 from vfplan.stability.closed_loop import engine_for
@@ -24,17 +22,12 @@ def bay():
     """An open curve of 0.35 m, around whose ends a proxy reaches the far side within a tick."""
     t = np.linspace(0, 1, 900)
     x, y = 0.375 + 0.3 * t, -0.05 - 0.06 * np.sin(4 * t)
-    points = np.column_stack([x, y, 0.02 + 0 * t])
-    strokes = np.zeros(len(t), np.int32), np.array([False])
-    curve = Curve(*strokes, pieces=Pieces(points, 0 * t, *strokes))
-    rendering = replace(small().rendering, ignore_axis=np.array([0.0, 0, 1]))
-    return replace(small(), points=points, curve=curve, rendering=rendering)
+    return of_lines(np.column_stack([x, y, 0.02 + 0 * t]))
 
 
 @pytest.mark.parametrize("on", [None, whole(), bay()], ids=["patch", "bundle", "open curve"])
-@pytest.mark.parametrize(
-    "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
-)
+@pytest.mark.parametrize("case", [c for c in CASES if not c.full and c.name not in SLOW],
+    ids=lambda c: c.name)  # fmt: skip
 def test_case_comes_out_as_the_table_says(case, on):
     [row] = run_extreme_cases([case], on)
     assert row.outcome == "pass", row.detail
@@ -56,8 +49,7 @@ def test_a_figure_beyond_the_limit_and_none_fail():
 def test_breach_sees_what_it_should():
     place = patch()
     engine = engine_at_start(place, partial(engine_for, rule="robust"))
-    proxy = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]])
-    state = np.zeros(2, np.int8)
+    proxy, state = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]]), np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3
     assert breach(place, engine, trace) == pytest.approx(expected)

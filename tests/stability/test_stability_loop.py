@@ -1,7 +1,5 @@
 """The closed loop against closed forms, each stage alone, and the largest stable K."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +14,7 @@ from vfplan.stability.closed_loop import engine_for, largest_stiffness, press, p
 from vfplan.stability.contacts import contacts_along, first_touch, patch, spread_rows
 from vfplan.stability.loop import Plant, SimulatedHand, exact_bound, simulate
 
-ROBOT = Robot("test", 1.0, 5.0, 1000.0)
-NONE = SimulatedHand(np.zeros(3))
+ROBOT, NONE = Robot("test", 1.0, 5.0, 1000.0), SimulatedHand(np.zeros(3))
 
 
 class Spring:
@@ -65,8 +62,7 @@ def test_friction_with_damping_in_closed_form():
 
 
 def test_quantum_limits_and_counts():
-    push = SimulatedHand(np.array([0, -4.0, 0]))
-    start = np.array([0, 1e-3, 0])
+    push, start = SimulatedHand(np.array([0, -4.0, 0])), np.array([0, 1e-3, 0])
     robot = replace(ROBOT, quantum_m=1e-4, force_limit_n=1.0, force_step_limit_n=0.25)
     motion = simulate(Spring(), robot, push, 1000.0, start, np.zeros(3), 300)
     assert np.abs(motion.held_force).max() <= 1.0 + 1e-12
@@ -82,8 +78,7 @@ def test_quantum_limits_and_counts():
 
 def test_settle_finds_the_balance():
     contact = patch()
-    engine = engine_for(contact, "robust")
-    hand = pressing_hand(contact, 2000.0)
+    engine, hand = engine_for(contact, "robust"), pressing_hand(contact, 2000.0)
     rest = loop.run_until_still(engine, hand, 2000.0, contact.start)
     np.testing.assert_allclose(rest, [0, 0.95 * 5e-3, 0], atol=2e-5)
 

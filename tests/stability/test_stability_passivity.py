@@ -1,7 +1,5 @@
 """The sampled-data passivity bound: tight in closed form, and kept by the engine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +16,7 @@ from vfplan.stability.study import ALL_RULES
 def wall(hips, stiffness):
     """A perfect wall y >= 0."""
     proxy = np.maximum(hips, [-np.inf, 0.0, -np.inf])
-    force = stiffness * (proxy - hips)
-    states = np.zeros(len(hips), np.int8)
+    force, states = stiffness * (proxy - hips), np.zeros(len(hips), np.int8)
     return Trace(proxy, 0 * proxy, force, states, states.astype(np.uint8))
 
 

@@ -10,6 +10,7 @@ from conftest import ROOT, need_program
 from vfplan import Status
 
 BROKEN = ("inside", "grown", "limit", "through", "restless", "stuck")
+R, K = 5e-3, 1000.0
 FIELDS = ("proxy", "normal", "force", "state", "status")
 INCLUDE = ROOT / "vfplan" / "native" / "include"
 NATIVE = ROOT / "tests" / "native"
@@ -25,6 +26,9 @@ def grid(x, y, z=0.0):
 def even(half, spacing):
     """Numbers from -half to half, evenly spaced."""
     return np.arange(-half, half + spacing / 2, spacing)
+
+
+SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
 
 
 def turned(axis, angle):
