@@ -166,6 +166,13 @@ class Run:
         assert self.code == 0, self.stderr
         return self
 
+    def fails(self, code: int, *says: str, error: str | None = None) -> Run:
+        """Itself, where it ended with this exit code, its one line, and its error's code."""
+        assert self.code == code, (self.stdout, self.stderr)
+        assert [text for text in says if text not in self.error_line] == [], self.stderr
+        assert error is None or self.json["error"]["code"] == error, self.stdout
+        return self
+
     @property
     def error_line(self) -> str:
         """The one line on stderr of a failed command."""

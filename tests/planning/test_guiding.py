@@ -106,9 +106,8 @@ def test_a_closed_guide_has_no_ends():
     base = two_lines(0.02)
     closed = replace(base, curve=replace(base.curve, closed=np.array([False, True])))
     with pytest.raises(SettingError, match="closed curve has no ends"):
-        add_guidance(
-            closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"), Record()
-        )
+        add_guidance(closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"),
+                     Record())  # fmt: skip
 
 
 def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
@@ -123,14 +122,11 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     assert "guide-tight-bend" in [finding.code for finding in record.findings]
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
-        ({"guide_stroke": 2}, "guide stroke 2 "),
-        ({"guide_stroke": -1}, "guide stroke -1 "),
-    ],
-)
+@pytest.mark.parametrize(("change", "says"), [
+    ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
+    ({"guide_stroke": 2}, "guide stroke 2 "),
+    ({"guide_stroke": -1}, "guide stroke -1 "),
+])  # fmt: skip
 def test_what_cannot_guide_is_refused(change, says):
     settings = FixtureSettings(**({"guide_m": 1e-3} | change))
     turn = np.linspace(0, 2 * np.pi, 200)

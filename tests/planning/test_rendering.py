@@ -135,9 +135,8 @@ def pressed(points):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     path = picks + 4e-3 * normal
     width = 41
-    smooth = np.column_stack(
-        [np.convolve(path[:, k], np.ones(width) / width, "valid") for k in range(3)]
-    )
+    smooth = np.column_stack([np.convolve(path[:, k], np.ones(width) / width, "valid")
+                              for k in range(3)])  # fmt: skip
     start = smooth[0] + 8e-3 * normal[0]
     return np.vstack([np.linspace(start, smooth[0], 80), smooth])
 

@@ -32,18 +32,12 @@ def wave(amplitude, period):
     return flat(x, amplitude * np.sin(2 * np.pi * x / period)), False
 
 
-CURVES = {
-    "line": (flat(np.arange(0, 0.1, PIXEL), np.zeros(167)), False),
-    "circle 2 mm": circle(2e-3, 2e-4),
-    "circle 6 mm": circle(6e-3),
-    "circle 20 mm": circle(20e-3),
-    "gentle wave": wave(5e-3, 60e-3),
-    "steep wave": wave(8e-3, 30e-3),
-    "helix": (
-        np.column_stack([0.01 * np.cos(T := np.linspace(0, 12, 600)), 0.01 * np.sin(T), 1e-3 * T]),
-        False,
-    ),
-}
+CURVES = {"line": (flat(np.arange(0, 0.1, PIXEL), np.zeros(167)), False),
+          "circle 2 mm": circle(2e-3, 2e-4), "circle 6 mm": circle(6e-3),
+          "circle 20 mm": circle(20e-3), "gentle wave": wave(5e-3, 60e-3),
+          "steep wave": wave(8e-3, 30e-3),
+          "helix": (np.column_stack([0.01 * np.cos(T := np.linspace(0, 12, 600)), 0.01 * np.sin(T),
+                                     1e-3 * T]), False)}  # fmt: skip
 
 
 def deviation(fine, closed, sampled):
@@ -182,14 +176,10 @@ def test_bends_tighter_than_the_proxy_are_reported_with_their_place():
     assert bend.radius_m == pytest.approx(2e-3, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
-        {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("wrong", [
+    {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
+    {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
+], ids=str)  # fmt: skip
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(SettingError):
         sample_curve(*CURVES["line"], **wrong)
