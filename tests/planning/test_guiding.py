@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import ELBOW
 from refusals import refuses
 from replays import fixture_of
 
@@ -20,9 +20,6 @@ from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import check_arcs_error
 from vfplan.robot import Robot
-
-SAMPLES = files("vfplan.samples")
-ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 def two_lines(apart, other=None):
@@ -86,20 +83,11 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
     assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
-    with refuses(SettingError, "guide-pull"):
-        FixtureSettings(guide_m=1e-3, guide_pull=(2.0, 0.0))
 
 
 def test_a_pull_without_a_speed_has_the_usual_one():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0,))
     assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings, Record())) is not None
-
-
-def test_a_margin_that_would_do_nothing_for_a_guide_is_refused():
-    with pytest.raises(SettingError) as caught:
-        FixtureSettings(guide_m=1e-3, margin=1e-3)
-    assert caught.value.code == "guide-margin"
-    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
 
 
 def test_a_closed_guide_has_no_ends():
@@ -135,9 +123,20 @@ def test_what_cannot_guide_is_refused(change, says):
         add_guidance(two_lines(0, ring), settings, Record())
 
 
-def test_settings_without_a_guide_are_refused():
-    with refuses(SettingError, "no-guide"):
-        FixtureSettings(guide_ends="open")
+@pytest.mark.parametrize(("given", "code"), [
+    ({"guide_ends": "open"}, "no-guide"),
+    ({"guide_ends": "stop"}, "no-guide"),
+    ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),
+    ({"guide_m": 1e-3, "margin": 1e-3}, "guide-margin"),
+])  # fmt: skip
+def test_settings_that_say_nothing_of_a_guide_are_refused(given, code):
+    with refuses(SettingError, code):
+        FixtureSettings(**given)
+    # The margin of a stroke beside the guide is one.
+    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
+
+
+def test_a_guide_wider_than_any_patient_is_refused():
     with pytest.raises(SettingError, match="guide is 2000 mm"):
         FixtureSettings(guide_m=2.0)
 
@@ -178,8 +177,3 @@ def test_the_advice_for_lines_and_arcs_is_taken(beside):
         return
     settings = FixtureSettings(arcs_m=1e-3 * float(advice))
     check_arcs_error(SimpleNamespace(error=settings.arcs_m), beside, settings)
-
-
-def test_what_is_said_of_no_guide_is_refused_by_its_options():
-    with refuses(SettingError, "no-guide"):
-        FixtureSettings(guide_ends="stop")

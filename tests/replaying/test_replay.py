@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import subprocess
 import sys
 from itertools import groupby
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 from refusals import refuses
 from replays import codes_of, fixture_of, line, probing
 from triangle_scenes import nearest_on
@@ -308,9 +307,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
             f"assert found.metrics['ticks'] == 16384 * {blocks}\n"
             "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
         )
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
-                              check=True, cwd=ROOT / "tests" / "making")  # fmt: skip
-        return int(done.stdout)
+        return int(output(sys.executable, "-c", code, cwd=ROOT / "tests" / "making"))
 
     assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
 
