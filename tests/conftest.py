@@ -18,6 +18,9 @@ import codes
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+ENDS = (".png", "_markers_image.csv", "_markers_robot.csv")
+ELBOW = tuple(ROOT / "samples" / f"elbow{end}" for end in ENDS)
+"""The sample: a drawn slice, and its markers' places in the image and before the robot."""
 
 
 def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
@@ -164,6 +167,13 @@ class Run:
     def sound(self) -> Run:
         """Itself, where the command ended with exit code 0."""
         assert self.code == 0, self.stderr
+        return self
+
+    def fails(self, code: int, *says: str, error: str | None = None) -> Run:
+        """Itself, where it ended with this exit code, its one line, and its error's code."""
+        assert self.code == code, (self.stdout, self.stderr)
+        assert [text for text in says if text not in self.error_line] == [], self.stderr
+        assert error is None or self.json["error"]["code"] == error, self.stdout
         return self
 
     @property

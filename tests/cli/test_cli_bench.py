@@ -92,9 +92,8 @@ def test_errors_fall_as_settings_tighten(document):
         errors = falling([r for r in affine if r["scene"] == scene], "markers", True)
         assert errors[-1] < errors[0] / 1.5
     for scene in scenes(document, "plan"):
-        errors = falling(
-            of(document, stage="plan", scene=scene, method="ridge"), "tolerance_m", False
-        )
+        errors = falling(of(document, stage="plan", scene=scene, method="ridge"), "tolerance_m",
+                         False)  # fmt: skip
         assert all(fine < 1.05 * coarse for coarse, fine in pairwise(errors))
     for scene in scenes(document, "proxy"):
         rows = of(document, stage="proxy", scene=scene, method="robust")
@@ -105,11 +104,8 @@ def test_errors_fall_as_settings_tighten(document):
 
 
 def test_only_the_affine_map_follows_a_stretched_print(document):
-    rows = {
-        r["method"]: r["error_rms"]
-        for r in of(document, stage="register")
-        if "stretched" in r["scene"] and r["settings"]["markers"] == 25
-    }
+    rows = {r["method"]: r["error_rms"] for r in of(document, stage="register")
+            if "stretched" in r["scene"] and r["settings"]["markers"] == 25}  # fmt: skip
     assert rows["rigid"] > 5 * rows["affine"], "the floor of a model that cannot stretch"
     assert rows["similarity"] > 3 * rows["affine"]
 
@@ -118,12 +114,9 @@ def test_the_engines_of_one_rule_agree_and_the_peer_with_them(document):
     for scene in ("segment, above", "circle, outside"):
         rows = of(document, stage="proxy", scene=scene)
         for spacing in (1e-3, 0.5e-3):
-            errors = [
-                r["error_rms"]
-                for r in rows
-                if r["method"] in ("paper", "paper in NumPy", "nanoflann_peer")
-                and r["settings"]["spacing_m"] == spacing
-            ]
+            errors = [r["error_rms"] for r in rows
+                      if r["method"] in ("paper", "paper in NumPy", "nanoflann_peer")
+                      and r["settings"]["spacing_m"] == spacing]  # fmt: skip
             assert len(errors) == 3
             assert errors == pytest.approx([errors[0]] * 3, rel=1e-6)
 
@@ -133,11 +126,9 @@ def test_no_baseline_is_as_near_as_the_robust_rule(document):
     for scene in scenes(document, "proxy"):
         if "noise" in scene:  # both rest on the noise's peaks
             continue
-        rows = {
-            r["method"]: r
-            for r in of(document, stage="proxy", scene=scene)
-            if r["settings"].get("spacing_m") == (1e-3 if "mesh" in scene else 0.5e-3)
-        }
+        rows = {r["method"]: r for r in of(document, stage="proxy", scene=scene)
+                if r["settings"].get("spacing_m") == (1e-3 if "mesh" in scene
+                                                      else 0.5e-3)}  # fmt: skip
         baselines = {"nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"}
         for baseline in baselines & rows.keys():
             assert rows["robust"]["error_rms"] < rows[baseline]["error_rms"], (scene, baseline)
@@ -207,9 +198,8 @@ def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
 def test_a_document_without_the_stage_draws_nothing(document, vfplan_cli, tmp_path):
     part = tmp_path / "part.json"
     part.write_text(json.dumps(document | {"results": of(document, stage="sample")}))
-    run = vfplan_cli("bench", "extract", "--from", part, "-o", tmp_path / "out")
-    assert run.code == 3
-    assert "holds no results of stage extract" in run.error_line
+    vfplan_cli("bench", "extract", "--from", part, "-o",
+               tmp_path / "out").fails(3, "holds no results of stage extract")  # fmt: skip
     assert vfplan_cli("bench", "--from", part, "-o", tmp_path / "out").code == 0
     assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
 
@@ -238,10 +228,7 @@ def test_meshes_and_noise_are_among_the_scenes(document):
 
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
-    run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
-    assert run.code == 2
-    assert "exists already" in run.error_line
+    vfplan_cli("bench", "extract", "--quick", "-o", folder).fails(2, "exists already")
     # Not even with --overwrite may a run replace what it reads.
-    run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder, "--overwrite")
-    assert run.code == 2
-    assert "is an input of this call" in run.error_line
+    vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder,
+               "--overwrite").fails(2, "is an input of this call")  # fmt: skip

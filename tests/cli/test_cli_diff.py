@@ -28,16 +28,10 @@ def test_the_same_bundle_does_not_differ(vfplan_cli, pair):
 
 
 def test_a_difference_is_named_by_its_path_and_size(vfplan_cli, pair):
-    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", "--json")
-    assert run.code == 1
+    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", "--json").fails(1)
     (found,) = run.json["differences"]
-    assert found == {
-        "path": "/rendering/stiffness",
-        "what": "value",
-        "count": 1,
-        "first_index": [1],
-        "max_abs": 100.0,
-    }
+    assert found == {"path": "/rendering/stiffness", "what": "value", "count": 1,
+                     "first_index": [1], "max_abs": 100.0}  # fmt: skip
 
 
 def test_parts_that_only_one_has_are_named(vfplan_cli, pair):
@@ -70,8 +64,7 @@ def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):
     depth = np.linspace(-0.02, 0.004, 400)
     hip = points[20] - np.sign(normal[1]) * depth[:, None] * normal * -1
     write_session(pair / "s.csv", Session(time, hip))
-    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", pair / "s.csv", "--json")
-    assert run.code == 1, run.stderr
+    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", pair / "s.csv", "--json").fails(1)
     assert 0 < run.json["first_tick"] < 400
     assert run.json["first_tick_time_s"] == pytest.approx(run.json["first_tick"] * 1e-3)
     assert run.json["force_max_n"] > 0

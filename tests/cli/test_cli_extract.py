@@ -30,10 +30,8 @@ def draw(path, parts):
 
 def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     out, mask, overlay = (tmp_path / name for name in ("c.h5", "mask.png", "overlay.png"))
-    done = vfplan_cli(
-        "extract", image, "-o", out, "--mask-out", mask, "--overlay-out", overlay,
-        "--pixel-spacing", "0.5,0.4", "--json",
-    ).sound  # fmt: skip
+    done = vfplan_cli("extract", image, "-o", out, "--mask-out", mask, "--overlay-out", overlay,
+                      "--pixel-spacing", "0.5,0.4", "--json").sound  # fmt: skip
     report = done.json
     assert report["image"] == {"width_px": 320, "height_px": 240, "pixel_spacing_mm": [0.5, 0.4]}
     (stroke,) = report["strokes"]
@@ -60,10 +58,9 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
 def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, tmp_path):
     image = draw(tmp_path / "two.png", [CURVE, [[40, 20], [90, 26]]])
     first, last = (f"{u:.1f},{v:.1f}" for u, v in CURVE[[-1, 0]])
-    done = vfplan_cli(
-        *("extract", image, "-o", tmp_path / "c.h5", "--exclude", "30,10,80,24"),
-        *("--start", first, "--end", last, "--accept-width", "--json"),
-    ).sound
+    done = vfplan_cli(*("extract", image, "-o", tmp_path / "c.h5", "--exclude", "30,10,80,24"),
+                      *("--start", first, "--end", last, "--accept-width",
+                        "--json")).sound  # fmt: skip
     (begin, _) = done.json["strokes"][0]["ends_px"]
     assert np.hypot(*(np.array(begin) - CURVE[-1])) < 2
     assert done.json["account"] == []
@@ -73,8 +70,8 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     assert (entry["u"], entry["v"]) == pytest.approx((65, 23), abs=2)
     assert entry["pixels"] == pytest.approx(160, abs=30)
     assert 0 < entry["share"] < 0.5
-    off = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--start", "5,5", "--stroke", "1")
-    assert off.code == 3
+    off = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--start", "5,5", "--stroke",
+                     "1").fails(3)  # fmt: skip
     assert "--start 5,5 lies" in off.stderr
     assert not (tmp_path / "d.h5").exists()
 
@@ -88,9 +85,8 @@ def test_same_image_same_points(vfplan_cli, image, tmp_path):
 
 
 def test_density_in_points_a_millimetre(vfplan_cli, image, tmp_path):
-    done = vfplan_cli(
-        "extract", image, "-o", tmp_path / "c.h5", "--pixel-spacing", 0.5, "--density", 1, "--json"
-    )
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", "--pixel-spacing", 0.5,
+                      "--density", 1, "--json")  # fmt: skip
     assert done.json["density_per_mm"] == pytest.approx(1, rel=0.03)  # ends included
 
 
@@ -105,15 +101,12 @@ def test_a_decimal_comma_in_a_pixel_spacing_is_noted(spacing, noted, vfplan_cli,
 def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     image = draw(tmp_path / "two.png", [CURVE, RING])
     out, mask = tmp_path / "c.h5", tmp_path / "m.png"
-    done = vfplan_cli("extract", image, "-o", out, "--mask-out", mask, "--json")
-    assert done.code == 3
+    done = vfplan_cli("extract", image, "-o", out, "--mask-out", mask, "--json").fails(3)
     assert done.json["error"]["kind"] == "CurveError"
     assert "2: " in done.error_line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["two.png"]
     numbers = tmp_path / "o.png"
-    done = vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers)
-    assert done.code == 3
-    assert str(numbers) in done.error_line
+    vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers).fails(3, str(numbers))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
     chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json").sound
     assert [entry["what"] for entry in chosen.json["account"]] == ["ink"]
@@ -130,18 +123,15 @@ def test_lengths_agree_between_methods(vfplan_cli, image, tmp_path, method):
 
 def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
     out = tmp_path / "c.h5"
-    assert vfplan_cli("extract", tmp_path / "absent.png", "-o", out).code == 3
-    assert vfplan_cli("extract", tmp_path, "-o", out).code == 3
-    endless = vfplan_cli("extract", "/dev/zero", "-o", out)
-    assert (endless.code, "not a file" in endless.error_line) == (3, True)
-    assert vfplan_cli("extract", image, "-o", out, "--colour", "grey").code == 2
-    assert vfplan_cli("extract", image, "-o", out, "--roi", "1,2").code == 2
-    part = vfplan_cli("extract", image, "-o", out, "--roi", "0.4,0,100,100")
-    assert (part.code, "whole" in part.error_line) == (2, True)
-    nan = vfplan_cli("extract", image, "-o", out, "--roi", "nan,0,100,100")
-    assert (nan.code, "positive" in nan.error_line) == (2, False)
-    assert vfplan_cli("extract", image, "-o", out, "--stroke", "some").code == 2
-    assert vfplan_cli("extract", image, "-o", out, "--method", "magic").code == 2
+    for code, says, *words in (
+        (3, "", tmp_path / "absent.png"), (3, "", tmp_path), (3, "not a file", "/dev/zero"),
+        (2, "", image, "--colour", "grey"), (2, "", image, "--roi", "1,2"),
+        (2, "whole", image, "--roi", "0.4,0,100,100"), (2, "", image, "--stroke", "some"),
+        (2, "", image, "--method", "magic"),
+    ):  # fmt: skip
+        vfplan_cli("extract", *words, "-o", out).fails(code, says)
+    nan = vfplan_cli("extract", image, "-o", out, "--roi", "nan,0,100,100").fails(2)
+    assert "positive" not in nan.error_line
     assert not out.exists()
     out.write_text("mine")
     assert vfplan_cli("extract", image, "-o", out).code == 2
@@ -150,8 +140,7 @@ def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
 
 def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image, tmp_path):
     for out in ("/proc/curve.h5", tmp_path / ("x" * 300 + ".h5")):
-        done = vfplan_cli("extract", image, "-o", out, "--json", "-q")
-        assert done.code == 2
+        done = vfplan_cli("extract", image, "-o", out, "--json", "-q").fails(2)
         assert done.json["error"]["kind"] == "OutputError"
         assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == [image.name]
@@ -160,8 +149,7 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
 def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
     one, again = tmp_path / "c.png", tmp_path / "." / "c.png"
     pictures = ("--mask-out", one, "--overlay-out", again)
-    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *pictures)
-    assert done.code == 2
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *pictures).fails(2)
     assert "two outputs" in done.stderr
     assert not one.exists()
 
@@ -170,34 +158,26 @@ def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
 def test_a_name_that_is_no_bundles_is_refused(vfplan_cli, image, tmp_path, name):
     empty = tmp_path / "empty"
     empty.mkdir()
-    done = vfplan_cli("extract", image, "-o", name, cwd=empty)
-    assert done.code == 2
-    assert "End the name in .h5 or .hdf5" in done.error_line
+    vfplan_cli("extract", image, "-o", name, cwd=empty).fails(2, "End the name in .h5 or .hdf5")
     assert not list(empty.iterdir())
 
 
 def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
     pipe = tmp_path / "pipe.h5"
     os.mkfifo(pipe)
-    done = vfplan_cli("extract", image, "-o", pipe, "--overwrite")
-    assert done.code == 2
-    assert "Name a file" in done.error_line
+    vfplan_cli("extract", image, "-o", pipe, "--overwrite").fails(2, "Name a file")
     assert pipe.is_fifo()
 
 
 def test_vector_curves(vfplan_cli, image, tmp_path):
-    alone = vfplan_cli("extract", slicer(tmp_path, RING_MM), "-o", tmp_path / "a.h5", "--json")
-    assert alone.code == 0, alone.stderr
+    alone = vfplan_cli("extract", slicer(tmp_path, RING_MM), "-o", tmp_path / "a.h5",
+                       "--json").sound  # fmt: skip
     assert alone.json["frame"] == "patient_lps"
     line = polyline(tmp_path, [(10, 10), (100, 40)])
-    beside = vfplan_cli(
-        "extract", image, "--curve", line, "-o", tmp_path / "b.h5",
-        "--overlay-out", tmp_path / "o.png", "--json",
-    ).sound  # fmt: skip
+    beside = vfplan_cli("extract", image, "--curve", line, "-o", tmp_path / "b.h5", "--overlay-out",
+                        tmp_path / "o.png", "--json").sound  # fmt: skip
     assert beside.json["points"] == 96
     assert (tmp_path / "o.png").exists()
-    mask = vfplan_cli(
-        "extract", image, "--curve", line, "-o", tmp_path / "c.h5", "--mask-out", tmp_path / "m.png"
-    )
-    assert mask.code == 2
+    vfplan_cli("extract", image, "--curve", line, "-o", tmp_path / "c.h5", "--mask-out",
+               tmp_path / "m.png").fails(2)  # fmt: skip
     assert not (tmp_path / "c.h5").exists()

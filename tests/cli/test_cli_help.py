@@ -106,20 +106,17 @@ def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
     assert done.json["image"]["pixel_spacing_mm"] == [0.5, 0.5]
 
 
-@pytest.mark.parametrize(
-    ("text", "code"),
-    [
-        ('{"colour": "red", "no_such": 1}', "unknown-setting"),
-        ('{"output": "x.h5"}', "unknown-setting"),
-        ('{"method": "magic"}', "unknown-choice"),
-        ('{"max_gap_px": "20"}', "setting-of-another-form"),
-        ('{"roi": {"u": 1}}', "setting-of-another-form"),
-        ('{"accept_width": 1}', "setting-of-another-form"),
-        ('{"max_gap_px": NaN}', "not-json"),
-        ("[1]", "not-json"),
-        ("{", "not-json"),
-    ],
-)
+@pytest.mark.parametrize(("text", "code"), [
+    ('{"colour": "red", "no_such": 1}', "unknown-setting"),
+    ('{"output": "x.h5"}', "unknown-setting"),
+    ('{"method": "magic"}', "unknown-choice"),
+    ('{"max_gap_px": "20"}', "setting-of-another-form"),
+    ('{"roi": {"u": 1}}', "setting-of-another-form"),
+    ('{"accept_width": 1}', "setting-of-another-form"),
+    ('{"max_gap_px": NaN}', "not-json"),
+    ("[1]", "not-json"),
+    ("{", "not-json"),
+])  # fmt: skip
 def test_a_file_that_does_not_fit_is_refused(vfplan_cli, elbow, text, code):
     path = elbow / "settings.json"
     path.write_text(text)

@@ -40,8 +40,7 @@ def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
 
 def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
     for path in (tmp_path / "none.h5", tmp_path):
-        run = vfplan_cli("info", path, "--json")
-        assert run.code == 3
+        run = vfplan_cli("info", path, "--json").fails(3)
         assert run.json["error"]["kind"] == "InputError"
 
 

@@ -33,8 +33,7 @@ def test_cmake_dir_is_the_packages(vfplan_cli):
 
 def test_an_error_in_json_has_a_code_and_numbers(vfplan_cli, tmp_path):
     """Of the class where the fault has none of its own; never a sentence to be parsed."""
-    run = vfplan_cli("extract", tmp_path / "absent.png", "-o", tmp_path / "c.h5", "--json")
-    assert run.code == 3
+    run = vfplan_cli("extract", tmp_path / "absent.png", "-o", tmp_path / "c.h5", "--json").fails(3)
     error = run.json["error"]
     assert set(error) == {"kind", "message", "where", "code", "numbers"}
     assert (error["kind"], error["code"], error["numbers"]) == ("ImageError", "file-missing", {})

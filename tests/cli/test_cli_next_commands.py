@@ -26,10 +26,9 @@ COMMANDS = {
     "review": review_command(ODD, None),
     "review on its slice": review_command(ODD, Path("my slice.png")),
     "review of a slice": page_command(ODD, None, Path("markers 2.csv"), output=ODD),
-    "sign": sign_command(ODD),
-    "sign again": sign_command(ODD, case="it's", robot_serial="a 7"),
+    "sign": sign_command(ODD), "sign again": sign_command(ODD, case="it's", robot_serial="a 7"),
     "verify": verify_command(ODD, "my keys.pub", case="it's", robot_serial="a 7"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", COMMANDS)

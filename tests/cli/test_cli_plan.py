@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ELBOW, output
 
 import vfplan
 
-SAMPLES = ROOT / "samples"
-IMAGE = SAMPLES / "elbow.png"
-PIXELS = SAMPLES / "elbow_markers_image.csv"
-ROBOT = SAMPLES / "elbow_markers_robot.csv"
+IMAGE, PIXELS, ROBOT = ELBOW
 
 REGISTER_KEYS = {
     "model", "markers", "T_robot_image", "fre_rms_m", "loo_rms_m", "tre_rms_m", "residuals",
@@ -30,8 +26,8 @@ EXTRACT_KEYS = {
 
 def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--pixel-spacing", 0.5, "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--pixel-spacing", 0.5,
+                     "--json").sound  # fmt: skip
     assert set(run.json["extract"]) >= EXTRACT_KEYS
     assert set(run.json["register"]) >= REGISTER_KEYS
     fixture = vfplan.read_fixture(path)
@@ -48,11 +44,8 @@ def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
         "import atexit, sys; from vfplan.cli.main import cli; "
         f"atexit.register(lambda: print(*sys.modules)); cli({words!r})"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
+    loaded = set(output(sys.executable, "-c", code, cwd=tmp_path).splitlines()[-1].split())
     assert (tmp_path / "f.h5").exists()
-    loaded = set(done.stdout.splitlines()[-1].split())
     assert {"numpy", "cv2", "h5py"} <= loaded
     assert not loaded & {
         "scipy", "skimage", "matplotlib", "pydicom", "jsonschema", "cryptography",
@@ -64,8 +57,7 @@ def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_p
     run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).sound
     assert sorted(path.name for path in tmp_path.iterdir()) == ["elbow-sheet.png", "elbow.h5"]
     assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
-    again = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
-    assert (again.code, again.json["error"]["code"]) == (2, "output-exists")
+    vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).fails(2, error="output-exists")
 
 
 def test_statistics_stand_behind_v(vfplan_cli, tmp_path):
@@ -91,10 +83,9 @@ def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
 
 def test_options_reach_the_bundle(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    run = vfplan_cli(
-        *("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--stiffness", "500,600,700"),
-        *("--contact-radius", 4, "--point-radius", 1, "--ignore-axis", "z", "--density", 2, "-q"),
-    )
+    run = vfplan_cli(*("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--stiffness", "500,600,700"),
+                     *("--contact-radius", 4, "--point-radius", 1, "--ignore-axis", "z",
+                       "--density", 2, "-q"))  # fmt: skip
     assert (run.code, run.stdout) == (0, "")
     fixture = vfplan.read_fixture(path)
     assert fixture.stiffness.tolist() == [500, 600, 700]
@@ -105,9 +96,7 @@ def test_options_reach_the_bundle(vfplan_cli, tmp_path):
 def test_existing_output_is_kept_unless_told_otherwise(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
     path.write_text("precious")
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path)
-    assert run.code == 2
-    assert "--overwrite" in run.error_line
+    vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path).fails(2, "--overwrite")
     assert path.read_text() == "precious"
     assert vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--overwrite").code == 0
     assert vfplan.read_fixture(path).frame == "robot_base"
@@ -121,74 +110,60 @@ def grey(tmp_path):
     return path
 
 
-def marker_files(tmp_path, change):
-    lines = ROBOT.read_text().splitlines()
-    path = tmp_path / "robot.csv"
-    path.write_text("\n".join(change(lines)) + "\n")
-    return path
+def with_robot_lines(change):
+    """The sample's three files, the lines of the last one changed."""
+
+    def make(tmp_path):
+        path = tmp_path / "robot.csv"
+        path.write_text("\n".join(change(ROBOT.read_text().splitlines())) + "\n")
+        return IMAGE, PIXELS, path
+
+    return make
 
 
 BAD = {
-    "no red in the image": (lambda t: (grey(t), PIXELS, ROBOT), 3),
-    "a directory for an image": (lambda t: (t, PIXELS, ROBOT), 3),
-    "a missing image": (lambda t: (t / "none.png", PIXELS, ROBOT), 3),
-    "no image at all": (lambda t: (PIXELS, PIXELS, ROBOT), 3),
-    "two markers": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: x[:3])), 3),
-    "a missing label": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: x[:-1])), 3),
-    "a missing column": (
-        lambda t: (
-            IMAGE,
-            PIXELS,
-            marker_files(t, lambda x: [line.rsplit(",", 1)[0] for line in x]),
-        ),
-        3,
-    ),
-    "NaN": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: [*x[:-1], "x9,nan,0,0"])), 3),
-    "text for a number": (
-        lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: [*x[:-1], "x9,a,0,0"])),
-        3,
-    ),
-    "the same side twice": (lambda t: (IMAGE, ROBOT, ROBOT), 3),
+    "no red in the image": lambda t: (grey(t), PIXELS, ROBOT),
+    "a directory for an image": lambda t: (t, PIXELS, ROBOT),
+    "a missing image": lambda t: (t / "none.png", PIXELS, ROBOT),
+    "no image at all": lambda t: (PIXELS, PIXELS, ROBOT),
+    "two markers": with_robot_lines(lambda x: x[:3]),
+    "a missing label": with_robot_lines(lambda x: x[:-1]),
+    "a missing column": with_robot_lines(lambda x: [line.rsplit(",", 1)[0] for line in x]),
+    "NaN": with_robot_lines(lambda x: [*x[:-1], "x9,nan,0,0"]),
+    "text for a number": with_robot_lines(lambda x: [*x[:-1], "x9,a,0,0"]),
+    "the same side twice": lambda t: (IMAGE, ROBOT, ROBOT),
 }
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        (("--mask-out", "m.jpg"), "has suffix '.jpg'. End the name in .png"),
-        (("--overlay-out", "m"), "has no suffix. End the name in .png"),
-        (("--picture-out", "m.tiff"), "has suffix '.tiff'. End the name in .png"),
-        (("--pixel-spacing", "1e300"), "Give 1e-05 to 1000 mm"),
-        (("--pixel-spacing", "0.5,1e-300"), "Give 1e-05 to 1000 mm"),
-        (("--contact-radius", "1e300"), "contact radius is 1e+300 mm. Give 0.01 to 1000 mm"),
-        (("--contact-radius", "0.005"), "contact radius is 0.005 mm. Give 0.01 to 1000 mm"),
-        (("--contact-radius", "1e-300"), "contact radius is 1e-300 mm. Give 0.01 to 1000 mm"),
-        (("--point-radius", "1e300"), "point radius is 1e+300 mm. Give 0 to 1000 mm"),
-        (("--point-radius", "nan"), "'nan' is no number"),
-        (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m. Give 0 to 1e+06 N/m"),
-        (("--roi", "1e300,0,1,1"), "holds a number that no image's pixels reach"),
-    ],
-)
+@pytest.mark.parametrize(("option", "message"), [
+    (("--mask-out", "m.jpg"), "has suffix '.jpg'. End the name in .png"),
+    (("--overlay-out", "m"), "has no suffix. End the name in .png"),
+    (("--picture-out", "m.tiff"), "has suffix '.tiff'. End the name in .png"),
+    (("--pixel-spacing", "1e300"), "Give 1e-05 to 1000 mm"),
+    (("--pixel-spacing", "0.5,1e-300"), "Give 1e-05 to 1000 mm"),
+    (("--contact-radius", "1e300"), "contact radius is 1e+300 mm. Give 0.01 to 1000 mm"),
+    (("--contact-radius", "0.005"), "contact radius is 0.005 mm. Give 0.01 to 1000 mm"),
+    (("--contact-radius", "1e-300"), "contact radius is 1e-300 mm. Give 0.01 to 1000 mm"),
+    (("--point-radius", "1e300"), "point radius is 1e+300 mm. Give 0 to 1000 mm"),
+    (("--point-radius", "nan"), "'nan' is no number"),
+    (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m. Give 0 to 1e+06 N/m"),
+    (("--roi", "1e300,0,1,1"), "holds a number that no image's pixels reach"),
+])  # fmt: skip
 def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *option)
-    assert run.code == 2
-    assert message in run.error_line
+    vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *option).fails(2, message)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, case):
-    make, code = BAD[case]
     folder = tmp_path / "out"
     folder.mkdir()
-    args = ("plan", *make(tmp_path), "-o", folder / "f.h5", "--mask-out", folder / "m.png")
-    run = vfplan_cli(*args)
-    assert run.code == code, run.stderr
+    args = ("plan", *BAD[case](tmp_path), "-o", folder / "f.h5", "--mask-out", folder / "m.png")
+    run = vfplan_cli(*args).fails(3)
     assert run.stdout == ""
     assert run.error_line.startswith("vfplan: error: ")
     assert not any(folder.iterdir())
-    again = vfplan_cli(*args, "--json")
-    assert again.code == code
+    again = vfplan_cli(*args, "--json").fails(3)
     assert set(again.json["error"]) == {"kind", "message", "where", "code", "numbers"}
 
 
@@ -197,8 +172,8 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, ca
     "files", [(PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)]
 )
 def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli, tmp_path):
-    run = vfplan_cli(command, *files, "-o", tmp_path / "f.h5", "--json")
-    assert (run.code, run.json["error"]["code"]) == (3, "wrong-order")
+    run = vfplan_cli(command, *files, "-o", tmp_path / "f.h5",
+                     "--json").fails(3, error="wrong-order")  # fmt: skip
     assert run.json["error"]["where"] == str(files[0])
     assert "IMAGE MARKERS" in run.json["error"]["message"]
 
@@ -217,30 +192,19 @@ def test_three_collinear_markers_are_refused(vfplan_cli, tmp_path):
     rows = [f"x{i},{100 * i},{50 * i},{0.1 * i},{0.05 * i},0" for i in range(1, 4)]
     path = tmp_path / "m.csv"
     path.write_text("label,u_px,v_px,x_m,y_m,z_m\n" + "\n".join(rows))
-    run = vfplan_cli("plan", IMAGE, path, "-o", tmp_path / "f.h5")
-    assert run.code == 3
+    run = vfplan_cli("plan", IMAGE, path, "-o", tmp_path / "f.h5").fails(3)
     assert "line" in run.error_line or "marker" in run.error_line
     assert not (tmp_path / "f.h5").exists()
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--stiffness", "-1"),
-        ("--stiffness", "1,2"),
-        ("--contact-radius", "nan"),
-        ("--pixel-spacing", "a"),
-        ("--tolerance", "0.01", "--density", "2"),
-        ("--ignore-axis", "w"),
-        ("--ignore-axis", "x"),
-        ("--stroke", "first"),
-        ("--no-such-option",),
-    ],
-    ids=" ".join,
-)
+@pytest.mark.parametrize("options", [
+    ("--stiffness", "-1"), ("--stiffness", "1,2"), ("--contact-radius", "nan"),
+    ("--pixel-spacing", "a"), ("--tolerance", "0.01", "--density", "2"), ("--ignore-axis", "w"),
+    ("--ignore-axis", "x"), ("--stroke", "first"), ("--no-such-option",),
+], ids=" ".join)  # fmt: skip
 def test_bad_options_exit_2(vfplan_cli, tmp_path, options):
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *options, "--json")
-    assert run.code == 2, run.stderr
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *options,
+                     "--json").fails(2)  # fmt: skip
     assert json.loads(run.stdout)["error"]["message"]
     assert run.error_line.startswith("vfplan: error: ")
     assert not any(tmp_path.iterdir())

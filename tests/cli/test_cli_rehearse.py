@@ -58,8 +58,8 @@ def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_pat
 
 def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path):
     page = tmp_path / "page"
-    done = vfplan_cli("rehearse", *scene, "--base=-0.6,0,0", "--arm", "fr3", "--report", page)
-    assert done.code == 1
+    done = vfplan_cli("rehearse", *scene, "--base=-0.6,0,0", "--arm", "fr3", "--report",
+                      page).fails(1)  # fmt: skip
     assert "NOT every place reached" in done.stdout
     assert "FAIL: the arm does not reach" in (page / "index.html").read_text()
 
@@ -73,9 +73,7 @@ def test_bad_calls(scene, vfplan_cli, tmp_path):
         (3, "panda, fr3 or an MJCF file", "--arm", "kuka", "--robot", "franka"),
         (2, "Type 3 or 7", "--base", "1,2"),
     ):
-        done = vfplan_cli("rehearse", *scene, *more, "-o", tmp_path / "r.h5")
-        assert done.code == code, done
-        assert words in done.error_line
+        vfplan_cli("rehearse", *scene, *more, "-o", tmp_path / "r.h5").fails(code, words)
     assert not (tmp_path / "r.h5").exists()
 
 
@@ -86,8 +84,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     ways = [found["way"] for found in good.json["rehearsal"]]
     assert ways == ["stroke 0, left side", "stroke 0, right side"]
     assert all(found["reachable"] and not found["reflexes"] for found in good.json["rehearsal"])
-    bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far)
-    assert bad.code == 1
+    bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far).fails(1)
     assert "arm panda, stroke 0, left side: not reached" in bad.stderr
     assert not far.exists()
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 import sys
 from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
+from conftest import ELBOW, output
 from replays import fixture_of, line, probing, write_session
 
 import vfplan
@@ -80,9 +80,8 @@ def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
     assert run.stdout.startswith("rule paper (reference engine): ")
     found = vfplan_cli("replay", *files, "--engine", "reference", "--json").json
     assert (found["rule"], found["engine"]) == ("paper", "reference")
-    run = vfplan_cli("replay", *files, "--engine", "reference", "--rule", "robust")
-    assert run.code == 2
-    assert "'paper' only" in run.error_line
+    vfplan_cli("replay", *files, "--engine", "reference", "--rule",
+               "robust").fails(2, "'paper' only")  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", [("--quantise", "10"), ("--jitter", "1"), ("--delay", "2")])
@@ -106,9 +105,8 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
     for path, source in zip((fixture, session), files, strict=True):
         path.write_bytes(source.read_bytes())
     for option, path in (("-o", fixture), ("--csv", session)):
-        run = vfplan_cli("replay", fixture, session, option, path, "--overwrite")
-        assert run.code == 2
-        assert "is an input of this call" in run.error_line
+        vfplan_cli("replay", fixture, session, option, path,
+                   "--overwrite").fails(2, "is an input of this call")  # fmt: skip
     assert (fixture.read_bytes(), session.read_bytes()) == tuple(p.read_bytes() for p in files)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "s.csv"]
 
@@ -119,9 +117,7 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
 def test_bad_session_leaves_nothing(vfplan_cli, files, tmp_path, text):
     session = tmp_path / "s.csv"
     session.write_text(text)
-    run = vfplan_cli("replay", files[0], session, *PAPER, "-o", tmp_path / "r.h5")
-    assert run.code == 3
-    assert "s.csv" in run.error_line
+    vfplan_cli("replay", files[0], session, *PAPER, "-o", tmp_path / "r.h5").fails(3, "s.csv")
     assert [p.name for p in tmp_path.iterdir()] == ["s.csv"]
 
 
@@ -143,11 +139,9 @@ def test_replay_loads_no_picture_library(files, tmp_path, how):
         "assert r.exit_code == 0, r.output; "
         "print(*{m.split('.')[0] for m in sys.modules})"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
+    loaded = set(output(sys.executable, "-c", code, cwd=tmp_path).split())
     heavy = {"cv2", "skimage", "matplotlib", "pyvista", "vtk", "vtkmodules", "scipy"}
-    assert not set(done.stdout.split()) & heavy
+    assert not loaded & heavy
 
 
 def test_report_folder(vfplan_cli, files, tmp_path):
@@ -165,8 +159,7 @@ def test_report_folder(vfplan_cli, files, tmp_path):
 def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     pytest.importorskip("cryptography")
     key, signed = tmp_path / "key.pem", tmp_path / "signed.h5"
-    made = vfplan_cli("keygen", "-o", key, "--json")
-    assert made.code == 0, made.stderr
+    assert vfplan_cli("keygen", "-o", key, "--json").sound
     (public,) = (path for path in tmp_path.iterdir() if path != key)
     how = ("--key", key, "--case", "C1", "--despite-findings")
     assert vfplan_cli("sign", files[0], *how, "-o", signed).code == 0
@@ -180,8 +173,7 @@ def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
 
 
 def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
-    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
-    image, *markers = (root / "samples" / name for name in names)
+    image, *markers = ELBOW
     fixture = tmp_path / "f.h5"
     assert vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", "-o", fixture).sound
     call = ("replay", fixture, root / "samples" / "elbow_session.csv", "--report")
@@ -195,9 +187,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = tmp_path / "other.png"
     other.write_bytes(image.read_bytes() + b" ")
-    refused = vfplan_cli(*call, tmp_path / "two", "--image", other)
-    assert refused.code == 3
-    assert "Give the planned slice." in refused.error_line
+    vfplan_cli(*call, tmp_path / "two", "--image", other).fails(3, "Give the planned slice.")
     assert not (tmp_path / "two").exists()
 
 
@@ -212,14 +202,11 @@ def far(files):
     return path
 
 
-@pytest.mark.parametrize(
-    ("limits", "code", "verdict"),
-    [
-        ([], 0, "not-tested"),
-        (["--at-most", "force_max_n=1000"], 0, "pass"),
-        (["--at-most", "force_max_n=1e-6"], 1, "fail"),
-    ],
-)
+@pytest.mark.parametrize(("limits", "code", "verdict"), [
+    ([], 0, "not-tested"),
+    (["--at-most", "force_max_n=1000"], 0, "pass"),
+    (["--at-most", "force_max_n=1e-6"], 1, "fail"),
+])  # fmt: skip
 def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict):
     run = vfplan_cli("replay", *files, *limits, "--json")
     assert (run.code, run.json["verdict"]) == (code, verdict)
@@ -252,8 +239,8 @@ def test_the_next_step_runs_although_the_files_are_there(vfplan_cli, files, tmp_
     first = vfplan_cli(*call, "--json").json["next"]
     words = shlex.split(first.partition(": ")[2].replace("NAME", "franka"))[1:]
     assert vfplan_cli(*words).code in (0, 1)
-    failed = vfplan_cli(*call, "--overwrite", "--at-most", "penetration_max_m=1e-9", "--json")
-    assert failed.code == 1
+    failed = vfplan_cli(*call, "--overwrite", "--at-most", "penetration_max_m=1e-9",
+                        "--json").fails(1)  # fmt: skip
     assert failed.json["next"].endswith(str(tmp_path / "rep" / "index.html"))
 
 

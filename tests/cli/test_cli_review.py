@@ -26,9 +26,7 @@ def done(vfplan_cli):
     """Run a command that succeeds."""
 
     def run(*words, **more):
-        run = vfplan_cli(*words, **more)
-        assert run.code == 0, run.stderr
-        return run
+        return vfplan_cli(*words, **more).sound
 
     return run
 
@@ -40,6 +38,11 @@ def planned(done, tmp_path_factory):
     run = done(*PLAN, "-o", folder / "elbow.h5", "--json")
     done("extract", IMAGE, "--pixel-spacing", 0.5, "-o", folder / "curve.h5")
     return folder, run.json
+
+
+@pytest.fixture(scope="module")
+def folder(planned):
+    return planned[0]
 
 
 def test_plan_writes_the_sheet_beside_the_bundle(planned):
@@ -58,17 +61,15 @@ def test_no_sheet_leaves_it_out(done, tmp_path):
 def test_sheet_that_exists_is_not_overwritten(vfplan_cli, done, tmp_path):
     sheet = tmp_path / "f-sheet.png"
     sheet.write_bytes(b"mine")
-    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5")
-    assert run.code == 2
+    vfplan_cli(*PLAN, "-o", tmp_path / "f.h5").fails(2)
     assert sheet.read_bytes() == b"mine"
     assert list(tmp_path.iterdir()) == [sheet]
-    run = done(*PLAN, "-o", tmp_path / "f.h5", "--overwrite")
+    done(*PLAN, "-o", tmp_path / "f.h5", "--overwrite")
     assert sheet_size(sheet)[1] == PAGE_WIDTH
 
 
 def test_sheet_and_overlay_need_two_names(vfplan_cli, tmp_path):
-    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overlay-out", tmp_path / "f-sheet.png")
-    assert run.code == 2
+    vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overlay-out", tmp_path / "f-sheet.png").fails(2)
     assert not list(tmp_path.iterdir())
 
 
@@ -93,8 +94,7 @@ def test_review_of_slice_and_markers_is_that_of_the_plan(done, planned, tmp_path
 
 
 @pytest.mark.parametrize("source", ["elbow.h5", "curve.h5"])
-def test_review_of_a_bundle_takes_its_slice_back_in(vfplan_cli, planned, tmp_path, source):
-    folder, _ = planned
+def test_review_of_a_bundle_takes_its_slice_back_in(vfplan_cli, planned, folder, tmp_path, source):
     with_slice, without = (
         vfplan_cli("review", folder / source, *more, "--sheet-out", tmp_path / name, "--json")
         for name, more in (("a.png", ("--slice", IMAGE)), ("b.png", ()))
@@ -107,34 +107,25 @@ def test_review_of_a_bundle_takes_its_slice_back_in(vfplan_cli, planned, tmp_pat
     assert "missing" not in with_slice.json["verdict"]
 
 
-def test_curve_bundle_with_markers_is_registered_for_the_sheet(vfplan_cli, done, planned, tmp_path):
-    folder, _ = planned
-    done(
-        "review", folder / "curve.h5", *MARKERS, "--slice", IMAGE, "--sheet-out", tmp_path / "a.png"
-    )
-    fixture = vfplan_cli(
-        "review", folder / "elbow.h5", *MARKERS, "--slice", IMAGE, "--sheet-out", tmp_path / "b.png"
-    )
-    assert fixture.code == 2
+def test_curve_bundle_with_markers_is_registered_for_the_sheet(vfplan_cli, done, folder, tmp_path):
+    done("review", folder / "curve.h5", *MARKERS, "--slice", IMAGE, "--sheet-out",
+         tmp_path / "a.png")  # fmt: skip
+    vfplan_cli("review", folder / "elbow.h5", *MARKERS, "--slice", IMAGE, "--sheet-out",
+               tmp_path / "b.png").fails(2)  # fmt: skip
 
 
-def test_settings_of_extraction_are_refused_for_a_bundle_unless_it_has_them(
-    vfplan_cli, planned, tmp_path
-):
-    folder, _ = planned
+def test_settings_of_extraction_are_refused_for_a_bundle_unless_it_has_them(vfplan_cli, folder,
+                                                                            tmp_path):  # fmt: skip
     command = ("review", folder / "elbow.h5", "--slice", IMAGE, "--sheet-out", tmp_path / "s.png")
-    run = vfplan_cli(*command, "--max-gap", "5", "--method", "mask", "--json")
-    assert run.code == 2
-    assert run.json["error"]["code"] == "extracted-already"
+    run = vfplan_cli(*command, "--max-gap", "5", "--method", "mask",
+                     "--json").fails(2, error="extracted-already")  # fmt: skip
     assert run.json["error"]["numbers"]["settings"] == ["method", "max_gap_px"]
     assert vfplan_cli(*command, "--colour", "red", "--max-gap", "20").code == 0
 
 
 @pytest.mark.parametrize("change", ["half", "cut"])
-def test_a_picture_of_another_size_is_refused_for_registration(
-    vfplan_cli, planned, tmp_path, change
-):
-    folder, _ = planned
+def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folder, tmp_path,
+                                                               change):  # fmt: skip
     picture = cv2.imread(str(IMAGE))
     if change == "half":
         picture = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
@@ -144,15 +135,12 @@ def test_a_picture_of_another_size_is_refused_for_registration(
     run = vfplan_cli(
         "register", folder / "curve.h5", *MARKERS, "--image", tmp_path / "other.png",
         "-o", tmp_path / "f.h5", "--json",
-    )  # fmt: skip
-    assert run.code == 3
-    assert run.json["error"]["code"] == "image-size-differs"
+    ).fails(3, error="image-size-differs")  # fmt: skip
     assert run.json["error"]["numbers"]["width_px"] == picture.shape[1]
     assert not (tmp_path / "f.h5").exists()
 
 
-def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, planned, tmp_path):
-    folder, _ = planned
+def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, folder, tmp_path):
     sheet = tmp_path / "s.png"
     bundle = folder / "elbow.h5"
     run = vfplan_cli("review", bundle, "--slice", IMAGE, "--sheet-out", sheet, "--json")
@@ -162,30 +150,23 @@ def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, planned, tmp_pa
     assert f"--slice IMAGE --sheet-out {sheet}" in run.json["next"]
 
 
-def test_another_slice_is_refused(vfplan_cli, planned, tmp_path):
-    folder, _ = planned
+def test_another_slice_is_refused(vfplan_cli, folder, tmp_path):
     other = tmp_path / "other.png"
     picture = cv2.imread(str(IMAGE))
     picture[0, 0] += 1
     cv2.imwrite(str(other), picture)
-    run = vfplan_cli(
-        "review", folder / "elbow.h5", "--slice", other, "--sheet-out", tmp_path / "s.png", "--json"
-    )
-    assert run.code == 3
-    assert run.json["error"]["code"] == "slice-other"
+    vfplan_cli("review", folder / "elbow.h5", "--slice", other, "--sheet-out", tmp_path / "s.png",
+               "--json").fails(3, error="slice-other")  # fmt: skip
     assert list(tmp_path.iterdir()) == [other]
 
 
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
 @pytest.mark.parametrize("output", ["--sheet-out", "-o"])
-def test_options_of_planning_are_refused_for_a_fixture(
-    output, option, vfplan_cli, planned, tmp_path
-):
+def test_options_of_planning_are_refused_for_a_fixture(output, option, vfplan_cli, folder,
+                                                       tmp_path):  # fmt: skip
     name = {"--sheet-out": "s.png", "-o": "o.h5"}[output]
     words = ("--slice", IMAGE, *option, output, tmp_path / name, "--no-browser", "--json")
-    run = vfplan_cli("review", planned[0] / "elbow.h5", *words)
-    assert run.code == 2
-    assert run.json["error"]["code"] == "planned-already"
+    vfplan_cli("review", folder / "elbow.h5", *words).fails(2, error="planned-already")
     assert list(tmp_path.iterdir()) == []
 
 

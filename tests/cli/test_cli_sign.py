@@ -55,38 +55,27 @@ def test_verify_names_the_key(desk, vfplan_cli):
     assert (run.json["case"], run.json["robot_serial"]) == ("C1", "R7")
 
 
-@pytest.mark.parametrize(
-    ("words", "names"),
-    [
-        ((), ["case", "robot_serial"]),
-        (("--case", "C1"), ["robot_serial"]),
-        (("--robot-serial", "R7"), ["case"]),
-        (("--case", "C1", "--robot-serial", "R7"), []),
-    ],
-)
+@pytest.mark.parametrize(("words", "names"), [
+    ((), ["case", "robot_serial"]), (("--case", "C1"), ["robot_serial"]),
+    (("--robot-serial", "R7"), ["case"]), (("--case", "C1", "--robot-serial", "R7"), []),
+])  # fmt: skip
 def test_what_was_compared_with_nothing_is_said(words, names, desk, vfplan_cli):
     run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
     assert run.json["not_compared"] == names
     assert len(run.json.get("warnings", [])) == len(names)
 
 
-@pytest.mark.parametrize(
-    ("file", "words", "reason"),
-    [
-        ("a.h5", [], "not signed"),
-        ("s.h5", ["--case", "C2"], "C1"),
-        ("s.h5", ["--robot-serial", "R8"], "R7"),
-        ("s.h5", ["--max-age", "30min"], "s ago"),
-        ("unknown key", [], "not trusted"),
-    ],
-)
-def test_what_was_not_approved_is_code_4_with_the_reason(file, words, reason, desk, vfplan_cli):
-    keys = "mallory.pub" if file == "unknown key" else "alice.pub"
-    path = desk / ("s.h5" if file == "unknown key" else file)
-    run = vfplan_cli("verify", path, "--keys", desk / keys, *words, "--json")
-    assert run.code == 4
+@pytest.mark.parametrize(("file", "keys", "words", "reason"), [
+    ("a.h5", "alice.pub", [], "not signed"),
+    ("s.h5", "alice.pub", ["--case", "C2"], "C1"),
+    ("s.h5", "alice.pub", ["--robot-serial", "R8"], "R7"),
+    ("s.h5", "alice.pub", ["--max-age", "30min"], "s ago"),
+    ("s.h5", "mallory.pub", [], "not trusted"),
+])  # fmt: skip
+def test_what_was_not_approved_is_code_4_and_why(file, keys, words, reason, desk, vfplan_cli):
+    words = ("verify", desk / file, "--keys", desk / keys, *words, "--json")
+    run = vfplan_cli(*words).fails(4, reason)
     assert run.json["error"]["kind"] == "SignatureError"
-    assert reason in run.error_line
 
 
 def next_words(run):
@@ -164,21 +153,14 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
     vfplan.read_fixture(desk / "long.h5")
 
 
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        (["--registered-at", "yesterday"], 2),
-        (["--registered-at", "2026-01-01T00:00:00"], 2),
-        (["--case", "c" * 5000], 2),
-        (["--case", "a\nb"], 2),
-    ],
-)
-def test_what_cannot_be_signed_is_refused_and_nothing_written(words, code, desk, vfplan_cli):
-    target = desk / "none.h5"
-    words = [*words, "--despite-findings"]
-    run = vfplan_cli("sign", desk / "a.h5", "--key", desk / "alice.key", *words, "-o", target)
-    assert (run.code, target.exists()) == (code, False)
-    assert run.error_line
+@pytest.mark.parametrize("words", [
+    ["--registered-at", "yesterday"], ["--registered-at", "2026-01-01T00:00:00"],
+    ["--case", "c" * 5000], ["--case", "a\nb"],
+])  # fmt: skip
+def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, vfplan_cli):
+    words = [*words, "--despite-findings", "-o", desk / "none.h5"]
+    vfplan_cli("sign", desk / "a.h5", "--key", desk / "alice.key", *words).fails(2, "error: ")
+    assert not (desk / "none.h5").exists()
 
 
 def test_a_corrupt_bundle_is_not_signed(desk, vfplan_cli):
@@ -187,30 +169,26 @@ def test_a_corrupt_bundle_is_not_signed(desk, vfplan_cli):
     assert (run.code, (desk / "x.h5").exists()) == (4, False)
 
 
-@pytest.mark.parametrize("keys", ["none.pub", "a.h5", "alice.key"])
-def test_a_file_without_public_keys_is_bad_input(keys, desk, vfplan_cli):
-    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / keys)
-    assert run.code == 3
-    assert run.error_line
+@pytest.mark.parametrize(
+    ("keys", "error"), [("none.pub", None), ("a.h5", None), ("alice.key", "private-key")]
+)
+def test_a_file_without_public_keys_is_bad_input(keys, error, desk, vfplan_cli):
+    words = ("verify", desk / "s.h5", "--keys", desk / keys, "--json")
+    vfplan_cli(*words).fails(3, "error: ", error=error)
 
 
 def test_max_age_is_a_time_with_a_unit(desk, vfplan_cli):
     words = ["--keys", desk / "alice.pub", "--max-age", "soon"]
-    run = vfplan_cli("verify", desk / "s.h5", *words)
-    assert run.code == 2
-    assert "30min" in run.error_line
+    vfplan_cli("verify", desk / "s.h5", *words).fails(2, "30min")
 
 
-@pytest.mark.parametrize("age", [float("nan"), float("inf"), -1.0])
-def test_an_age_that_nothing_exceeds_is_refused(age):
-    with pytest.raises(SettingError, match="maximum age"):
-        Trust({}, max_age=age)
-
-
-@pytest.mark.parametrize("keys", ["alice.pub", [], None, {"alice": 1}])
-def test_what_are_no_keys_are_refused(keys):
-    with pytest.raises(SettingError, match="read_keys"):
-        Trust(keys)
+@pytest.mark.parametrize(("given", "says"), [
+    *(({"keys": {}, "max_age": age}, "maximum age") for age in (float("nan"), float("inf"), -1.0)),
+    *(({"keys": keys}, "read_keys") for keys in ("alice.pub", [], None, {"alice": 1})),
+])  # fmt: skip
+def test_keys_that_are_none_and_an_age_that_nothing_exceeds_are_refused(given, says):
+    with pytest.raises(SettingError, match=says):
+        Trust(**given)
 
 
 @pytest.mark.parametrize("trust", ["alice.pub", {}, []])
@@ -276,20 +254,13 @@ def test_a_file_of_keys_holds_keys_and_comments_only(name, tmp_path):
 
 
 def test_a_public_key_in_place_of_the_private_one_is_told_as_that(desk, vfplan_cli, tmp_path):
-    words = "--key", desk / "alice.pub", "-o", tmp_path / "s.h5", "--json"
-    run = vfplan_cli("sign", desk / "a.h5", *words)
-    assert run.json["error"]["code"] == "public-key"
-
-
-def test_a_private_key_among_trusted_ones_is_told_as_that(desk, vfplan_cli):
-    run = vfplan_cli("verify", desk / "a.h5", "--keys", desk / "alice.key", "--json")
-    assert (run.code, run.json["error"]["code"]) == (3, "private-key")
+    words = ("sign", desk / "a.h5", "--key", desk / "alice.pub", "-o", tmp_path / "s.h5", "--json")
+    assert vfplan_cli(*words).json["error"]["code"] == "public-key"
 
 
 def test_keygen_leaves_the_public_half_of_another_key(vfplan_cli, tmp_path):
     assert vfplan_cli("keygen", "-o", tmp_path / "bob.key").code == 0
     public = (tmp_path / "bob.pub").read_bytes()
-    run = vfplan_cli("keygen", "-o", tmp_path / "bob", "--json")
-    assert (run.code, run.json["error"]["code"]) == (2, "public-key-exists")
+    vfplan_cli("keygen", "-o", tmp_path / "bob", "--json").fails(2, error="public-key-exists")
     assert (tmp_path / "bob.pub").read_bytes() == public
     assert not (tmp_path / "bob").exists()

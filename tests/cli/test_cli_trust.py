@@ -63,13 +63,10 @@ LONG_WORDS = ["extract elbow.png --pixel-spacing 0.5 -o c.h5", "demo -o demo",
               "bench sample --quick -o b"]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "calls",
-    [
-        pytest.param(WORDS, marks=pytest.mark.slow, id="most"),
-        pytest.param(LONG_WORDS, marks=pytest.mark.full, id="long"),
-    ],
-)
+@pytest.mark.parametrize("calls", [
+    pytest.param(WORDS, marks=pytest.mark.slow, id="most"),
+    pytest.param(LONG_WORDS, marks=pytest.mark.full, id="long"),
+])  # fmt: skip
 def test_no_file_of_the_current_folder_is_run_or_heeded(vfplan_cli, hostile, calls):
     env = {"DISPLAY": ":9999"}  # where no screen is: `view` tries, in a process of its own
     for words in calls:
@@ -148,11 +145,8 @@ def test_q_hides_progress(monkeypatch):
         assert ("working" not in told.getvalue()) is silent
 
 
-FAILING = {
-    "replay": ["replay", "f.h5", "s.csv", "--at-most", "ticks=1"],
-    "diff": ["diff", "f.h5", "g.h5"],
-    "validate": ["validate", "bad.h5"],
-}
+FAILING = {"replay": ["replay", "f.h5", "s.csv", "--at-most", "ticks=1"],
+           "diff": ["diff", "f.h5", "g.h5"], "validate": ["validate", "bad.h5"]}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FAILING)
@@ -182,9 +176,13 @@ def test_what_a_probe_says_is_told(monkeypatch):
         view3d.offscreen_window.cache_clear()
 
 
-WINDOW = (
-    AWAKE
-    + """
+def begun(folder, *words):
+    """A Python program that is begun, with pipes to it."""
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    return subprocess.Popen([sys.executable, *words], text=True, cwd=folder, **pipes)
+
+
+WINDOW = """
 import os, sys, threading, time
 from vfplan import view3d
 from vfplan.cli.run import CommandResult, command
@@ -206,13 +204,11 @@ def look():
 
 look([])
 """
-)
 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_an_open_window_heeds_signals(number, tmp_path):
-    child = subprocess.Popen([sys.executable, "-c", WINDOW], stdout=subprocess.PIPE, text=True,
-                             stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
+    child = begun(tmp_path, "-c", AWAKE + WINDOW)
     assert child.stdout.readline() == "open\n"
     child.send_signal(number)
     out, err = child.communicate(timeout=60)
@@ -241,9 +237,7 @@ def test_a_window_that_is_closed_ends_the_view():
     assert window.closed
 
 
-WAITING = (
-    AWAKE
-    + """
+WAITING = """
 import sys, threading
 from vfplan.cli.run import CommandResult, command
 
@@ -260,24 +254,19 @@ def wait():
 
 wait([])
 """
-)
 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_wait_without_an_end_is_left_at_the_first_signal(number, tmp_path):
     """The system gives it to another thread: no wait is interrupted, as by one that comes early."""
-    child = subprocess.Popen([sys.executable, "-c", WAITING, str(int(number))], text=True,
-                             stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path,
-                             stderr=subprocess.PIPE)  # fmt: skip
+    child = begun(tmp_path, "-c", AWAKE + WAITING, str(int(number)))
     assert child.stdout.readline() == "waiting\n"
     _, err = child.communicate("go\n", timeout=60)
     assert child.returncode == 128 + number
     assert f"stopped by {number.name}" in err
 
 
-BUSY = (
-    AWAKE
-    + """
+BUSY = """
 import sys, time
 from vfplan.cli.run import CommandResult, command
 from vfplan.io.sandbox import worker_processes
@@ -298,15 +287,13 @@ def main():
 if __name__ == "__main__":
     main()
 """
-)
 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_long_work_in_processes_ends_with_the_program(number, tmp_path):
     """Not after the hour that its workers would take; and none of them is left."""
-    (tmp_path / "busy.py").write_text(BUSY)
-    child = subprocess.Popen([sys.executable, "busy.py"], stdout=subprocess.PIPE, text=True,
-                             stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
+    (tmp_path / "busy.py").write_text(AWAKE + BUSY)
+    child = begun(tmp_path, "busy.py")
     assert child.stdout.readline() == "busy\n"
     assert child.stdout.readline() == "running\n"
     child.send_signal(number)

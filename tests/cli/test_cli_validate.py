@@ -28,16 +28,12 @@ def test_every_issue_is_found_not_the_first_one(vfplan_cli, tmp_path):
         f["registration/labels"][1] = b"x1"
 
     (tmp_path / "a.h5").write_bytes(damage.sealed(hostile.changed(harm)))
-    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
-    assert run.code == 1
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json").fails(1)
     assert not run.json["valid"]
     found = {(i["location"], i["code"]) for i in run.json["issues"] if i["severity"] == "error"}
-    assert found == {
-        ("/points", "corrupt.unit"),
-        ("/sigma", "corrupt.range"),
-        ("/provenance@created_utc", "corrupt.value"),
-        ("/registration/labels", "corrupt.value"),
-    }
+    assert found == {("/points", "corrupt.unit"), ("/sigma", "corrupt.range"),
+                     ("/provenance@created_utc", "corrupt.value"),
+                     ("/registration/labels", "corrupt.value")}  # fmt: skip
     assert "NOT valid: 4 errors" in vfplan_cli("validate", tmp_path / "a.h5").stdout
 
 
@@ -48,13 +44,11 @@ def test_a_file_that_is_no_bundle_is_invalid_and_a_missing_one_bad_input(vfplan_
     assert vfplan_cli("validate", tmp_path / "none.h5").code == 3
 
 
-@pytest.mark.parametrize(
-    ("across_m", "moved_m", "doubtful"),
-    [(0.05, 0.4, False), (2.5, 1, False), (50, 0, True), (5e-5, 0.4, True), (0.05, 50, True)],
-)
-def test_a_size_that_a_wrong_unit_gives_is_warned_of(
-    across_m, moved_m, doubtful, vfplan_cli, tmp_path
-):
+@pytest.mark.parametrize(("across_m", "moved_m", "doubtful"), [
+    (0.05, 0.4, False), (2.5, 1, False), (50, 0, True), (5e-5, 0.4, True), (0.05, 50, True),
+])  # fmt: skip
+def test_a_size_that_a_wrong_unit_gives_is_warned_of(across_m, moved_m, doubtful, vfplan_cli,
+                                                     tmp_path):  # fmt: skip
     base = bundles.minimal()
     points = base.points - base.points[0]
     points = points * across_m / np.ptp(points, axis=0).max() + moved_m
@@ -63,17 +57,13 @@ def test_a_size_that_a_wrong_unit_gives_is_warned_of(
     assert ("points.size" in {i["code"] for i in run.json["issues"]}) is doubtful
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius is 5e-10 m"),
-        ({"band": 4e-11}, "band is 4e-11 m"),
-        ({"stiffness": np.array([1000.0, 0.0, 1000.0])}, "stiffness"),
-    ],
-)
-def test_what_the_format_allows_and_no_engine_renders_is_warned_of(
-    change, says, vfplan_cli, tmp_path
-):
+@pytest.mark.parametrize(("change", "says"), [
+    ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius is 5e-10 m"),
+    ({"band": 4e-11}, "band is 4e-11 m"),
+    ({"stiffness": np.array([1000.0, 0.0, 1000.0])}, "stiffness"),
+])  # fmt: skip
+def test_what_the_format_allows_and_no_engine_renders_is_warned_of(change, says, vfplan_cli,
+                                                                   tmp_path):  # fmt: skip
     """The format is wider than the engine: the bundle is valid, and nothing replays it."""
     base = bundles.small()
     bare = replace(base, rendering=replace(base.rendering, **change))
@@ -85,8 +75,7 @@ def test_what_the_format_allows_and_no_engine_renders_is_warned_of(
     assert says in issue["message"]
     (tmp_path / "s.csv").write_text("t,x,y,z\n0,0.4,0,0.2\n0.001,0.4,0,0.2\n")
     for words in (["replay", "a.h5", "s.csv"], ["stability", "a.h5"]):
-        refused = vfplan_cli(*words, cwd=tmp_path)
-        assert refused.code == 3
+        refused = vfplan_cli(*words, cwd=tmp_path).fails(3)
         assert refused.stderr.startswith("vfplan: error: a.h5: no engine renders it: " + says)
 
 

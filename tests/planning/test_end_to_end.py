@@ -19,9 +19,8 @@ def moved_onto(recording, fixture, folder):
     size = np.ptp(hip, axis=0)[:2].max()
     hip = (hip - hip.mean(axis=0)) * (high - low)[:2].max() / size + (low + high) / 2
     path = folder / "session.csv"
-    rows = "\n".join(
-        f"{a:.3f},{x:.7f},{y:.7f},{z:.7f}" for a, (x, y, z) in zip(t, hip, strict=True)
-    )
+    rows = "\n".join(f"{a:.3f},{x:.7f},{y:.7f},{z:.7f}"
+                     for a, (x, y, z) in zip(t, hip, strict=True))  # fmt: skip
     path.write_text(f"t,x,y,z\n{rows}\n")
     return path, hip
 
@@ -32,17 +31,15 @@ def moved_onto(recording, fixture, folder):
 def test_plan_then_replay_a_franka_recording(vfplan_cli, shared_data, tmp_path, image):
     planned, name = shared_data / "planned", image[:8]
     bundle, result = tmp_path / "f.h5", tmp_path / "r.h5"
-    run = vfplan_cli(
+    assert vfplan_cli(
         "plan", planned / image, planned / f"{name}_markers_image.csv",
         planned / f"{name}_markers_robot.csv", *("-o", bundle, "--pixel-spacing", 0.5954),
-    )  # fmt: skip
-    assert run.code == 0, run.stderr
+    ).sound  # fmt: skip
     fixture = vfplan.read_fixture(bundle)
     recording = shared_data / "panda_sessions" / "recording_1.csv"
     session, hip = moved_onto(recording, fixture, tmp_path)
 
-    run = vfplan_cli("replay", bundle, session, "-o", result, "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("replay", bundle, session, "-o", result, "--json").sound
     report = run.json
     assert report["ticks"] == len(hip)
     assert report["contact_ticks"] > 0

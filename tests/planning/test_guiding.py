@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from importlib.resources import files
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import ELBOW
 from refusals import refuses
 from replays import fixture_of
 
@@ -20,9 +20,6 @@ from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import check_arcs_error
 from vfplan.robot import Robot
-
-SAMPLES = files("vfplan.samples")
-ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 def two_lines(apart, other=None):
@@ -86,8 +83,6 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
     assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
-    with refuses(SettingError, "guide-pull"):
-        FixtureSettings(guide_m=1e-3, guide_pull=(2.0, 0.0))
 
 
 def test_a_pull_without_a_speed_has_the_usual_one():
@@ -95,20 +90,12 @@ def test_a_pull_without_a_speed_has_the_usual_one():
     assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings, Record())) is not None
 
 
-def test_a_margin_that_would_do_nothing_for_a_guide_is_refused():
-    with pytest.raises(SettingError) as caught:
-        FixtureSettings(guide_m=1e-3, margin=1e-3)
-    assert caught.value.code == "guide-margin"
-    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
-
-
 def test_a_closed_guide_has_no_ends():
     base = two_lines(0.02)
     closed = replace(base, curve=replace(base.curve, closed=np.array([False, True])))
     with pytest.raises(SettingError, match="closed curve has no ends"):
-        add_guidance(
-            closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"), Record()
-        )
+        add_guidance(closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"),
+                     Record())  # fmt: skip
 
 
 def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
@@ -123,14 +110,11 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     assert "guide-tight-bend" in [finding.code for finding in record.findings]
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
-        ({"guide_stroke": 2}, "guide stroke 2 "),
-        ({"guide_stroke": -1}, "guide stroke -1 "),
-    ],
-)
+@pytest.mark.parametrize(("change", "says"), [
+    ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
+    ({"guide_stroke": 2}, "guide stroke 2 "),
+    ({"guide_stroke": -1}, "guide stroke -1 "),
+])  # fmt: skip
 def test_what_cannot_guide_is_refused(change, says):
     settings = FixtureSettings(**({"guide_m": 1e-3} | change))
     turn = np.linspace(0, 2 * np.pi, 200)
@@ -139,9 +123,20 @@ def test_what_cannot_guide_is_refused(change, says):
         add_guidance(two_lines(0, ring), settings, Record())
 
 
-def test_settings_without_a_guide_are_refused():
-    with refuses(SettingError, "no-guide"):
-        FixtureSettings(guide_ends="open")
+@pytest.mark.parametrize(("given", "code"), [
+    ({"guide_ends": "open"}, "no-guide"),
+    ({"guide_ends": "stop"}, "no-guide"),
+    ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),
+    ({"guide_m": 1e-3, "margin": 1e-3}, "guide-margin"),
+])  # fmt: skip
+def test_settings_that_say_nothing_of_a_guide_are_refused(given, code):
+    with refuses(SettingError, code):
+        FixtureSettings(**given)
+    # The margin of a stroke beside the guide is one.
+    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
+
+
+def test_a_guide_wider_than_any_patient_is_refused():
     with pytest.raises(SettingError, match="guide is 2000 mm"):
         FixtureSettings(guide_m=2.0)
 
@@ -182,8 +177,3 @@ def test_the_advice_for_lines_and_arcs_is_taken(beside):
         return
     settings = FixtureSettings(arcs_m=1e-3 * float(advice))
     check_arcs_error(SimpleNamespace(error=settings.arcs_m), beside, settings)
-
-
-def test_what_is_said_of_no_guide_is_refused_by_its_options():
-    with refuses(SettingError, "no-guide"):
-        FixtureSettings(guide_ends="stop")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
+from conftest import ELBOW
 from layouts import PX, R, grid
 from margins import CLOCKWISE, LINE, registered
 
@@ -13,9 +12,6 @@ from vfplan import FixtureSettings
 from vfplan.errors import SettingError
 from vfplan.planning.plan import margin_of, plan
 from vfplan.registration.registration import fit_registration
-
-SAMPLES = files("vfplan.samples")
-ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 @pytest.mark.parametrize("curve", [LINE, CLOCKWISE])

@@ -20,11 +20,9 @@ PIXEL = 0.35
 C, S = np.cos(0.3), np.sin(0.3)
 AXES = np.array([[1, 0, 0], [0, C, S]])
 CORNER = np.array([-40.0, 12.5, 130.25])
-PLACED = {
-    "PixelSpacing": [PIXEL, PIXEL],
-    "ImageOrientationPatient": [f"{x:.10f}" for x in AXES.ravel()],
-    "ImagePositionPatient": [float(x) for x in CORNER],
-}
+PLACED = {"PixelSpacing": [PIXEL, PIXEL],
+          "ImageOrientationPatient": [f"{x:.10f}" for x in AXES.ravel()],
+          "ImagePositionPatient": [float(x) for x in CORNER]}  # fmt: skip
 MARKS = np.array([[-30, 20, 120], [40, 15, 160], [0, 70, 135], [20, 30, 100], [-35, 60, 170.0]])
 TURN = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
 SHIFT = np.array([0.5, 0.2, 0.1])

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ELBOW, ROOT, output
 from refusals import refuses
 from scipy.spatial import cKDTree
 
@@ -28,10 +27,7 @@ SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
 
 
 def elbow(**kwargs):
-    return plan(
-        SAMPLES / "elbow.png", SAMPLES / "elbow_markers_image.csv",
-        SAMPLES / "elbow_markers_robot.csv", **{"extraction": SPACING, **kwargs},
-    )  # fmt: skip
+    return plan(*ELBOW, **{"extraction": SPACING, **kwargs})
 
 
 def mapped_truth(folder, name):
@@ -74,16 +70,10 @@ def test_sample_reproduces_the_papers_cloud():
     assert made.fixture.curve is None
 
 
-@pytest.mark.parametrize(
-    ("image", "closed"),
-    [
-        ("pelvis_a.png", False),
-        ("pelvis_a_q80.jpg", False),
-        ("pelvis_b.png", True),
-        ("pelvis_b_q80.jpg", True),
-        ("pelvis_c.png", False),
-    ],
-)
+@pytest.mark.parametrize(("image", "closed"), [
+    ("pelvis_a.png", False), ("pelvis_a_q80.jpg", False), ("pelvis_b.png", True),
+    ("pelvis_b_q80.jpg", True), ("pelvis_c.png", False),
+])  # fmt: skip
 def test_real_slice_comes_out_within_a_millimetre(shared_data, image, closed):
     folder, name = shared_data / "planned", image[:8]
     made = plan(
@@ -110,15 +100,12 @@ def test_same_input_gives_the_same_fixture(monkeypatch):
 def test_another_linear_algebra_kernel_gives_the_same_fixture(vfplan_cli, tmp_path):
     curve = tmp_path / "curve.h5"
     assert vfplan_cli("extract", SAMPLES / "elbow.png", "-o", curve).code == 0
-    files = [SAMPLES / f"elbow_markers_{name}.csv" for name in ("image", "robot")]
     ids, bounds = set(), []
     # OpenBLAS takes the kernel from here; where another library is used, all runs are alike.
     for kernel in ("Prescott", "Haswell"):
         out = tmp_path / f"{kernel}.h5"
-        run = vfplan_cli(
-            *("register", curve, *files, "-o", out, "--margin", "tre95", "--json"),
-            env={"OPENBLAS_CORETYPE": kernel},
-        )
+        run = vfplan_cli(*("register", curve, *ELBOW[1:], "-o", out, "--margin", "tre95", "--json"),
+                         env={"OPENBLAS_CORETYPE": kernel})  # fmt: skip
         ids.add(vfplan_cli("info", out, "--json").json["/@id"])
         bounds.append(run.json["tre"]["curve95_max_m"])
     assert len(ids) == 1
@@ -126,14 +113,10 @@ def test_another_linear_algebra_kernel_gives_the_same_fixture(vfplan_cli, tmp_pa
 
 
 def test_a_time_that_is_none_is_refused_in_one_line(vfplan_cli, tmp_path):
-    files = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    words = ("plan", *ELBOW, "-o", tmp_path / "f.h5")
     for time in ("abc", "", "-1", "1e9"):
-        run = vfplan_cli(
-            *("plan", *(SAMPLES / name for name in files), "-o", tmp_path / "f.h5"),
-            env={"SOURCE_DATE_EPOCH": time},
-        )
-        assert run.code == 3
-        assert f"SOURCE_DATE_EPOCH is {time!r}" in run.error_line
+        run = vfplan_cli(*words, env={"SOURCE_DATE_EPOCH": time})
+        run.fails(3, f"SOURCE_DATE_EPOCH is {time!r}")
         assert not (tmp_path / "f.h5").exists()
 
 
@@ -145,11 +128,9 @@ def test_a_time_that_is_none_is_refused_by_the_api_too(call):
         "from vfplan.surface import surface\n"
         f"try: {call}\nexcept vfplan.VfplanError as error: print(error)"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True, text=True, cwd=SAMPLES, env=os.environ | {"SOURCE_DATE_EPOCH": "abc"},
-    )  # fmt: skip
-    assert "SOURCE_DATE_EPOCH is 'abc'" in run.stdout, run.stderr
+    env = os.environ | {"SOURCE_DATE_EPOCH": "abc"}
+    told = output(sys.executable, "-c", program, cwd=SAMPLES, env=env)
+    assert "SOURCE_DATE_EPOCH is 'abc'" in told
 
 
 def test_provenance_names_inputs_by_hash_and_nothing_by_path():
@@ -189,10 +170,8 @@ def test_density_takes_the_place_of_the_tolerance():
 
 
 def test_finer_tolerance_costs_more_points():
-    counts = [
-        len(elbow(settings=FixtureSettings(tolerance_m=t)).fixture.points)
-        for t in (1e-4, 1e-5, 1e-6)
-    ]
+    counts = [len(elbow(settings=FixtureSettings(tolerance_m=t)).fixture.points)
+              for t in (1e-4, 1e-5, 1e-6)]  # fmt: skip
     assert counts == sorted(counts)
     assert counts[2] / counts[1] == pytest.approx(np.sqrt(10), rel=0.05)
 
@@ -247,15 +226,12 @@ def test_markers_in_space_do_not_register_a_slice(tmp_path):
         vfplan.register(curve, path, Path(path))
 
 
-@pytest.mark.parametrize(
-    ("given", "code"),
-    [
-        ({"ignore_axis": "xy"}, "axis-unknown"),
-        ({"ignore_axis": ""}, "axis-unknown"),
-        ({"stiffness": (1.0, 2.0)}, "stiffness-count"),
-        ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide-pull"),
-    ],
-)
+@pytest.mark.parametrize(("given", "code"), [
+    ({"ignore_axis": "xy"}, "axis-unknown"),
+    ({"ignore_axis": ""}, "axis-unknown"),
+    ({"stiffness": (1.0, 2.0)}, "stiffness-count"),
+    ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide-pull"),
+])  # fmt: skip
 def test_settings_that_say_nothing_are_refused(given, code):
     with refuses(SettingError, code):
         FixtureSettings(**given)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ELBOW
 from margins import MADE
 from refusals import refuses
 from scipy.spatial import cKDTree
@@ -21,10 +21,8 @@ R = 5e-3
 
 
 def elbow(**settings):
-    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
     given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5), **settings.pop("extraction", {}))
-    return plan(*(ROOT / "samples" / n for n in names), extraction=given,
-                settings=FixtureSettings(points_only=True, **settings))  # fmt: skip
+    return plan(*ELBOW, extraction=given, settings=FixtureSettings(points_only=True, **settings))
 
 
 @pytest.fixture(scope="module")
@@ -96,9 +94,7 @@ def test_density_and_bare_clouds_choose_nothing(made):
 
 
 def test_a_curve_of_lines_and_arcs_needs_no_choice():
-    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
-    given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
-    made = plan(*(ROOT / "samples" / n for n in names), extraction=given)
+    made = plan(*ELBOW, extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)))
     report, settings = made.report["register"], made.fixture.provenance.settings
     assert "chosen" not in report
     assert not [name for name in settings if name.startswith("chosen_")]
@@ -110,9 +106,8 @@ def test_a_curve_of_lines_and_arcs_needs_no_choice():
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6])
 def test_rendered_surface_keeps_the_tolerance(made, tmp_path, tolerance):
     """On a smooth curve the proxy is R from the finely drawn line, give or take the tolerance."""
-    curve, names = made.extracted.fixture, ("image", "robot")
-    markers = [ROOT / "samples" / f"elbow_markers_{name}.csv" for name in names]
-    planned = register(curve, *markers, settings=FixtureSettings(tolerance_m=tolerance))
+    curve = made.extracted.fixture
+    planned = register(curve, *ELBOW[1:], settings=FixtureSettings(tolerance_m=tolerance))
     fine = planned.registration.apply(curve.points)
     fine[:, 2] = 0
     dense = np.column_stack([np.interp(np.arange(0, len(fine) - 1, 0.01), np.arange(len(fine)),
@@ -135,16 +130,14 @@ def pressed(points):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     path = picks + 4e-3 * normal
     width = 41
-    smooth = np.column_stack(
-        [np.convolve(path[:, k], np.ones(width) / width, "valid") for k in range(3)]
-    )
+    smooth = np.column_stack([np.convolve(path[:, k], np.ones(width) / width, "valid")
+                              for k in range(3)])  # fmt: skip
     start = smooth[0] + 8e-3 * normal[0]
     return np.vstack([np.linspace(start, smooth[0], 80), smooth])
 
 
 def test_points_that_are_there_twice_are_one_place(made):
-    names = (ROOT / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot"))
-    markers, cloud = list(names), Fixture("image", np.arange(12.0).reshape(4, 3) * [9, 1, 0], MADE)
+    markers, cloud = ELBOW[1:], Fixture("image", np.arange(12.0).reshape(4, 3) * [9, 1, 0], MADE)
     once = register(cloud, *markers).report
     twice = register(replace(cloud, points=np.repeat(cloud.points, 2, 0)), *markers).report
     assert once["spacing_m"] == pytest.approx(twice["spacing_m"])
@@ -158,8 +151,7 @@ def test_a_coarse_vector_curve_is_one_curve_as_points_and_as_arcs(tmp_path):
     v = 400 + 40 * np.sin(u / 55)
     drawn = tmp_path / "drawn.csv"
     np.savetxt(drawn, np.c_[u, v], delimiter=",", header="u_px,v_px", comments="")
-    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
-    made = plan(*(ROOT / "samples" / name for name in names), curve=drawn)
+    made = plan(*ELBOW, curve=drawn)
     assert made.fixture.curve.pieces.error > 1e-6  # arcs leave the chords between the vertices
     path = tmp_path / "fixture.h5"
     write_fixture(made.fixture, path)  # refuses points that the pieces do not lead to

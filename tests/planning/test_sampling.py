@@ -32,18 +32,12 @@ def wave(amplitude, period):
     return flat(x, amplitude * np.sin(2 * np.pi * x / period)), False
 
 
-CURVES = {
-    "line": (flat(np.arange(0, 0.1, PIXEL), np.zeros(167)), False),
-    "circle 2 mm": circle(2e-3, 2e-4),
-    "circle 6 mm": circle(6e-3),
-    "circle 20 mm": circle(20e-3),
-    "gentle wave": wave(5e-3, 60e-3),
-    "steep wave": wave(8e-3, 30e-3),
-    "helix": (
-        np.column_stack([0.01 * np.cos(T := np.linspace(0, 12, 600)), 0.01 * np.sin(T), 1e-3 * T]),
-        False,
-    ),
-}
+CURVES = {"line": (flat(np.arange(0, 0.1, PIXEL), np.zeros(167)), False),
+          "circle 2 mm": circle(2e-3, 2e-4), "circle 6 mm": circle(6e-3),
+          "circle 20 mm": circle(20e-3), "gentle wave": wave(5e-3, 60e-3),
+          "steep wave": wave(8e-3, 30e-3),
+          "helix": (np.column_stack([0.01 * np.cos(T := np.linspace(0, 12, 600)), 0.01 * np.sin(T),
+                                     1e-3 * T]), False)}  # fmt: skip
 
 
 def deviation(fine, closed, sampled):
@@ -69,11 +63,16 @@ def deviation(fine, closed, sampled):
     return worst
 
 
+def sampled_of(name, **how):
+    """A curve, whether it is closed, and its samples."""
+    fine, closed = CURVES[name]
+    return fine, closed, sample_curve(fine, closed, radius_m=R, **how)
+
+
 @pytest.mark.parametrize("tolerance", [2e-6, 1e-5, 5e-5])
 @pytest.mark.parametrize("name", CURVES)
 def test_the_promise_holds_and_is_not_wasteful(name, tolerance):
-    fine, closed = CURVES[name]
-    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=tolerance)
+    fine, closed, sampled = sampled_of(name, tolerance_m=tolerance)
     assert sampled.sampling_error_m <= tolerance * (1 + 1e-9)
     measured = deviation(fine, closed, sampled)
     assert measured <= tolerance * 1.02
@@ -102,16 +101,14 @@ def dimple(fine, closed, sampled):
 @pytest.mark.parametrize("tolerance", [1e-5, 2e-4, 1e-3, 4e-3])
 def test_the_promise_holds_where_spheres_barely_meet(name, tolerance):
     """There h²/8R is too little: at h = 1.8 R the dimple is 0.56 R deep, and h²/8R only 0.4 R."""
-    fine, closed = CURVES[name]
-    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=tolerance)
+    fine, closed, sampled = sampled_of(name, tolerance_m=tolerance)
     assert sampled.sampling_error_m <= tolerance * (1 + 1e-9)
     assert dimple(fine, closed, sampled) <= sampled.sampling_error_m * 1.001
 
 
 @pytest.mark.parametrize("gap", [0.5, 1.0, 1.9])
 def test_the_bound_holds_at_any_density(gap):
-    fine, closed = CURVES["line"]
-    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=1 / (gap * R))
+    fine, closed, sampled = sampled_of("line", density_per_m=1 / (gap * R))
     measured = dimple(fine, closed, sampled)
     assert measured == pytest.approx(sampled.sampling_error_m, rel=0.01)
 
@@ -130,24 +127,21 @@ def test_more_points_than_a_bundle_holds_are_refused_at_once(asked):
 
 
 def test_the_straight_formula_alone_breaks_it_at_a_tight_bend():
-    fine, closed = CURVES["circle 2 mm"]
     straight = np.sqrt(8 * 1e-5 * R)
-    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=1 / straight)
+    fine, closed, sampled = sampled_of("circle 2 mm", density_per_m=1 / straight)
     assert deviation(fine, closed, sampled) > 2.5e-5
     assert sampled.sampling_error_m > 2.5e-5
 
 
 def test_density_overrides():
-    fine, closed = CURVES["circle 20 mm"]
-    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=None, density_per_m=2000)
+    *_, sampled = sampled_of("circle 20 mm", tolerance_m=None, density_per_m=2000)
     assert len(sampled.points) == pytest.approx(2000 * 2 * np.pi * 0.02, abs=1)
     assert sampled.spacing_m == pytest.approx(5e-4, rel=0.01)
 
 
 @pytest.mark.parametrize("name", CURVES)
 def test_points_lie_on_the_curve_in_order_with_both_ends(name):
-    fine, closed = CURVES[name]
-    sampled = sample_curve(fine, closed, radius_m=R)
+    fine, closed, sampled = sampled_of(name)
     assert (np.diff(sampled.arclength) > 0).all()
     assert (np.diff(sampled.parameter) > 0).all()
     assert np.allclose(sampled.points[0], fine[0])
@@ -161,15 +155,13 @@ def test_points_lie_on_the_curve_in_order_with_both_ends(name):
 
 
 def test_arc_length_of_a_circle():
-    fine, closed = CURVES["circle 6 mm"]
-    sampled = sample_curve(fine, closed, radius_m=R)
+    *_, sampled = sampled_of("circle 6 mm")
     steps = np.diff(np.r_[sampled.arclength, 2 * np.pi * 6e-3])
     assert np.allclose(steps, steps[0], rtol=2e-3)
 
 
 def test_fewer_points_than_one_a_pixel():
-    fine, closed = CURVES["gentle wave"]
-    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=5e-5)
+    fine, _, sampled = sampled_of("gentle wave", tolerance_m=5e-5)
     assert len(sampled.points) < 0.6 * len(fine)
 
 
@@ -182,14 +174,10 @@ def test_bends_tighter_than_the_proxy_are_reported_with_their_place():
     assert bend.radius_m == pytest.approx(2e-3, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
-        {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
-    ],
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("wrong", [
+    {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
+    {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
+], ids=str)  # fmt: skip
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(SettingError):
         sample_curve(*CURVES["line"], **wrong)

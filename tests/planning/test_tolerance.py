@@ -77,16 +77,13 @@ def test_a_coarse_tolerance_stops_where_points_become_bumps():
     assert choice.band_m == pytest.approx(largest_tolerance(R) / 2)
 
 
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"tolerance_m": 0.0}, "tolerance .*0 m"),
-        ({"tolerance_m": float("nan")}, "tolerance .*nan m"),
-        ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius .*-1 m"),
-        ({"tolerance_m": 1e-5, "depth_m": R}, "depth .*0.005 m"),
-        ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate .*0 Hz"),
-    ],
-)
+@pytest.mark.parametrize(("given", "says"), [
+    ({"tolerance_m": 0.0}, "tolerance .*0 m"),
+    ({"tolerance_m": float("nan")}, "tolerance .*nan m"),
+    ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius .*-1 m"),
+    ({"tolerance_m": 1e-5, "depth_m": R}, "depth .*0.005 m"),
+    ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate .*0 Hz"),
+])  # fmt: skip
 def test_refuses_what_has_no_answer(given, says):
     with pytest.raises(SettingError, match=says):
         choose(**{"radius_m": R, **given})

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import subprocess
 import sys
 from itertools import groupby
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 from refusals import refuses
 from replays import codes_of, fixture_of, line, probing
 from triangle_scenes import nearest_on
@@ -57,18 +56,14 @@ def test_metrics_are_what_numpy_finds(pressed):
     step = norm(np.diff(t.force, axis=0))
     flat = t.proxy[:, None, :2] - line()[None, :, :2]
     expected = {
-        "contact_ticks": np.count_nonzero(depth > 1e-9),
-        "penetration_max_m": depth.max(),
-        "penetration_rms_m": np.sqrt(np.mean(depth**2)),
-        "overlap_max_m": t.overlap.max(),
-        "force_max_n": force.max(),
-        "force_rms_n": np.sqrt(np.mean(force**2)),
-        "force_step_max_n": step.max(),
-        "force_step_max_tick": step.argmax() + 1,
+        "contact_ticks": np.count_nonzero(depth > 1e-9), "penetration_max_m": depth.max(),
+        "penetration_rms_m": np.sqrt(np.mean(depth**2)), "overlap_max_m": t.overlap.max(),
+        "force_max_n": force.max(), "force_rms_n": np.sqrt(np.mean(force**2)),
+        "force_step_max_n": step.max(), "force_step_max_tick": step.argmax() + 1,
         "entrenched_ticks": np.count_nonzero(t.state == 2),
         "energy_j": (t.force[:-1] * np.diff(t.hip, axis=0)).sum(),
         "clearance_min_m": np.sqrt((flat**2).sum(2)).min() - 5e-3,
-    }
+    }  # fmt: skip
     for name, value in expected.items():
         assert m[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
     for state in (-1, 0, 1, 2):
@@ -86,19 +81,13 @@ def test_episodes_are_what_numpy_finds(pressed):
         part = slice(a, b + 1)
         deep = a + t.penetration[part].argmax()
         expected = {
-            "start_tick": a,
-            "end_tick": b,
-            "ticks": b + 1 - a,
-            "start_s": t.time[a],
-            "end_s": t.time[b + 1],
-            "dwell_s": dt[part].sum(),
-            "penetration_max_m": t.penetration[deep],
-            "overlap_max_m": t.overlap[part].max(),
-            "force_max_n": norm(t.force[part]).max(),
-            "energy_j": work[part].sum(),
+            "start_tick": a, "end_tick": b, "ticks": b + 1 - a, "start_s": t.time[a],
+            "end_s": t.time[b + 1], "dwell_s": dt[part].sum(),
+            "penetration_max_m": t.penetration[deep], "overlap_max_m": t.overlap[part].max(),
+            "force_max_n": norm(t.force[part]).max(), "energy_j": work[part].sum(),
             "energy_peak_j": max(0.0, work[part].cumsum().max()),
             "speed_at_touch_m_s": norm(t.hip[[a]] - t.hip[[a - 1]])[0] / 1e-3,
-        }
+        }  # fmt: skip
         for name, value in expected.items():
             assert episode[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
         np.testing.assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
@@ -184,9 +173,8 @@ def test_clearance_is_the_least_distance(axis, far):
             clearance.update(path[start : start + 100])
         keep = slice(None) if axis is None else slice(2)
         gaps = path[:, None, keep] - points[None, :, keep]
-        assert clearance.minimum_m == pytest.approx(
-            np.sqrt((gaps**2).sum(2)).min() - 5e-3, abs=1e-12
-        ), trial
+        assert clearance.minimum_m == pytest.approx(np.sqrt((gaps**2).sum(2)).min() - 5e-3,
+                                                    abs=1e-12), trial  # fmt: skip
 
 
 @pytest.mark.parametrize("radius", [1e-6, 1e-3, 1.0])
@@ -266,10 +254,8 @@ def test_the_engine_is_set_as_the_fixture_says():
     rendering = dataclasses.replace(fixture.rendering, max_iterations=3)
     fixture = dataclasses.replace(fixture, rendering=rendering)
     session = probing(1.0)
-    engine = vfplan.ProxyEngine(
-        line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), point_radius=1e-3, ignore_axis="z",
-        max_iterations=3,
-    )  # fmt: skip
+    engine = vfplan.ProxyEngine(line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0),
+                                point_radius=1e-3, ignore_axis="z", max_iterations=3)  # fmt: skip
     engine.reset(session.hip[0])
     found = replay(fixture, session)
     np.testing.assert_array_equal(found.ticks.force, engine.run(session.hip).force)
@@ -294,11 +280,8 @@ def test_time_in_other_units_is_noticed(factor, noticed):
 
 def test_wrong_calls_are_refused():
     fixture, session = fixture_of(line()), probing()
-    for how, code in (
-        ({"rule": "fast"}, "unknown-rule"),
-        ({"engine": "gpu"}, "unknown-engine"),
-        ({"engine": "reference"}, "rule-not-paper"),
-    ):
+    for how, code in (({"rule": "fast"}, "unknown-rule"), ({"engine": "gpu"}, "unknown-engine"),
+                      ({"engine": "reference"}, "rule-not-paper")):  # fmt: skip
         with refuses(SettingError, code):
             replay(fixture, session, **how)
     with refuses(SessionError, "frame-differs"):
@@ -324,11 +307,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
             f"assert found.metrics['ticks'] == 16384 * {blocks}\n"
             "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
         )
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-            cwd=ROOT / "tests" / "making",
-        )  # fmt: skip
-        return int(done.stdout)
+        return int(output(sys.executable, "-c", code, cwd=ROOT / "tests" / "making"))
 
     assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
 

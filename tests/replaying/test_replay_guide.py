@@ -16,6 +16,7 @@ from vfplan.replaying.replay import replay
 from vfplan.session.session import Session
 
 K, RHO = 1000.0, 1e-3
+BOTH = np.vstack([line(), np.add(line(), [0, 5.5e-3, 0])])
 
 
 def guided(fixture, **how):
@@ -57,35 +58,37 @@ def test_before_the_tip_is_in_the_tube_there_is_no_force():
     assert found.metrics["force_max_n"] == pytest.approx(1.0)
 
 
-def test_forces_of_region_and_guide_add_and_both_are_reported():
-    """The guide runs 5.5 mm beside what is forbidden: its tube reaches 0.5 mm into the region."""
-    both = np.vstack([line(), np.add(line(), [0, 5.5e-3, 0])])
-    curve = Curve(np.repeat([0, 1], 200).astype(np.int32), np.zeros(2, bool))
-    fixture = guided(replace(fixture_of(both), curve=curve), stroke=1)
+def beside(pieces=None):
+    """A guide 5.5 mm beside what is forbidden, a hand between them, and its forces along y.
+
+    The tube reaches 0.5 mm into the region.
+    """
+    curve = Curve(np.repeat([0, 1], 200).astype(np.int32), np.zeros(2, bool), pieces=pieces)
     y = np.r_[np.linspace(6e-3, 8e-3, 500), np.linspace(8e-3, 4e-3, 1000)]
-    found = replay(fixture, along(y, np.full(1500, 0.05)))
     force = K * (np.maximum(5e-3 - y, 0) + np.maximum(4.5e-3 - y, 0) - np.maximum(y - 6.5e-3, 0))
+    fixture = guided(replace(fixture_of(BOTH), curve=curve), stroke=1)
+    return fixture, along(y, np.full(1500, 0.05)), force
+
+
+def test_forces_of_region_and_guide_add_and_both_are_reported():
+    fixture, session, force = beside()
+    found = replay(fixture, session)
     assert np.abs(found.ticks.force[:, 1] - force).max() < 0.02
     guide = found.metrics["guide"]
     assert guide["force_max_n"] == pytest.approx(1.5, abs=1e-6)
     assert guide["region_force_max_n"] == pytest.approx(1.0, abs=0.02)
     assert guide["strokes"] == [1]
     assert found.metrics["clearance_min_m"] > -2e-5
-    session = along(y, np.full(1500, 0.05))
     paper = replay(fixture, session, rule="paper", engine="reference")
     assert np.abs(paper.ticks.force - found.ticks.force).max() < 0.05
 
 
 def test_beside_a_guide_the_region_is_its_lines_and_arcs():
     """As above, of two straight pieces: to a rounding, and its clearance is that of the line."""
-    both = np.vstack([line(), np.add(line(), [0, 5.5e-3, 0])])
-    ends = both[[0, 199, 200, 399]]
+    ends = BOTH[[0, 199, 200, 399]]
     pieces = Pieces(ends, np.zeros(4), np.repeat([0, 1], 2).astype(np.int32), np.zeros(2, bool))
-    curve = Curve(np.repeat([0, 1], 200).astype(np.int32), np.zeros(2, bool), pieces=pieces)
-    fixture = guided(replace(fixture_of(both), curve=curve), stroke=1)
-    y = np.r_[np.linspace(6e-3, 8e-3, 500), np.linspace(8e-3, 4e-3, 1000)]
-    found = replay(fixture, along(y, np.full(1500, 0.05)))
-    force = K * (np.maximum(5e-3 - y, 0) + np.maximum(4.5e-3 - y, 0) - np.maximum(y - 6.5e-3, 0))
+    fixture, session, force = beside(pieces)
+    found = replay(fixture, session)
     assert np.abs(found.ticks.force[:, 1] - force).max() < 1e-6
     assert found.metrics["rule"] == "exact"
     assert found.metrics["scene"]["lines_and_arcs"] == 1

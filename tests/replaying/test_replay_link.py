@@ -30,18 +30,14 @@ def delivered(link, time, hip, size):
     return np.array(out), lossy.report(20)
 
 
-@pytest.mark.parametrize(
-    "link",
-    [
-        Link(drop=0.3, seed=4),
-        Link(jitter_s=3e-3, seed=4),
-        Link(delay_ticks=13),
-        Link(quantum_m=1e-4),
-        Link(drop=0.2, jitter_s=2e-3, delay_ticks=5, quantum_m=5e-5, seed=9),
-        Link(drop=0.95, delay_ticks=400, seed=1),
-    ],
-    ids=lambda link: "-".join(link.report()),
-)
+@pytest.mark.parametrize("link", [
+    Link(drop=0.3, seed=4),
+    Link(jitter_s=3e-3, seed=4),
+    Link(delay_ticks=13),
+    Link(quantum_m=1e-4),
+    Link(drop=0.2, jitter_s=2e-3, delay_ticks=5, quantum_m=5e-5, seed=9),
+    Link(drop=0.95, delay_ticks=400, seed=1),
+], ids=lambda link: "-".join(link.report()))  # fmt: skip
 def test_blocks_do_not_change_what_arrives(link):
     session = probing(1.0, seed=3)
     whole, report = delivered(link, session.time, session.hip, 1000)
@@ -196,14 +192,12 @@ def test_command_line_faults_and_limits(vfplan_cli, tmp_path):
     np.savez(tmp_path / "s.npz", time=session.time, hip=1e3 * session.hip)
     call = ("replay", tmp_path / "f.h5", tmp_path / "s.npz", "--units", "mm", "--json")
     faults = ("--drop", "0.1", "--delay", "2", "--jitter", "0.5", "--quantise", "10", "--seed", "7")
-    run = vfplan_cli(*call, *faults, "--rule", "both")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli(*call, *faults, "--rule", "both").sound
     link = run.json["link"]
     expected = {"drop": 0.1, "delay_ticks": 2, "jitter_s": 5e-4, "quantum_m": 1e-5, "seed": 7}
     assert {name: link[name] for name in expected} == expected
     assert run.json["apart"]["force_rms_n"] >= 0
-    failing = vfplan_cli(*call, "--at-most", "force_max_n=1", "-o", tmp_path / "r.h5")
-    assert failing.code == 1
+    failing = vfplan_cli(*call, "--at-most", "force_max_n=1", "-o", tmp_path / "r.h5").fails(1)
     assert failing.json["checks"][0]["pass"] is False
     assert (tmp_path / "r.h5").exists()  # the record of what failed
     assert vfplan_cli(*call, "--at-most", "force_max_n=5").code == 0

@@ -32,9 +32,8 @@ def test_forces_are_those_of_the_closed_form(name, route):
     hips = scene.path(route, speed=0.2)
     force = scene.force(hips, scene.truth(hips), K)
     chosen = ProxyParameters.make(scene.points, ignore_axis=scene.ignore_axis)
-    fixture = fixture_of(
-        scene.points, axis=chosen.ignore_axis, curve=False, band=chosen.band, stiffness=K
-    )
+    fixture = fixture_of(scene.points, axis=chosen.ignore_axis, curve=False, band=chosen.band,
+                         stiffness=K)  # fmt: skip
     found = replay(fixture, Session(np.arange(len(hips)) * 1e-3, hips))
     planar = scene.ignore_axis is not None
     allowed = K * (chosen.band + dimple_depth(scene.spacing, RC, planar=planar))
