@@ -222,8 +222,7 @@ def test_every_path_has_a_field_of_the_fixture():
 def compared_with_h5py(first: int, count: int) -> str:
     """The verdicts on so many mutants, of two readers that share no code."""
     text, _ = damage.in_child(
-        lambda: "".join(map(damage.verdict_of_two, fuzz_bundle.mutants(first, count))),
-        limit_s=3600,
+        lambda: "".join(map(damage.verdict_of_two, fuzz_bundle.mutants(first, count))), limit_s=3600
     )
     return text
 
