@@ -1,13 +1,13 @@
 """A bundle of every released version, kept for ever, read by this program and by others."""
 
 import json
-import subprocess
 
 import golden
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from conftest import ROOT, need_program, output
+from refusals import refuses
 
 from vfplan.bundle.read import read_bundle, read_fixture
 from vfplan.bundle.seal import Trust, read_keys
@@ -41,21 +41,21 @@ def test_an_engine_makes_of_it_what_it_made_to_the_bit(name):
     assert golden.engine_sums(read_fixture(path)) == SUMS[name]
 
 
-@pytest.mark.parametrize(
-    ("data", "code", "found"),
-    [
-        (b"VFPLSEAL\1\0" + bytes(5000), "version.seal", "has its seal in front"),
-        (SIGNED.read_bytes()[:-512], "corrupt.seal", "has no seal"),
-    ],
-    ids=["seal in front", "no seal"],
-)
-def test_a_bundle_of_a_version_before_2_is_refused(data, code, found, tmp_path, vfplan_cli):
+OLD = {
+    "has its seal in front": (b"VFPLSEAL\1\0" + bytes(5000), "version.seal"),
+    "has no seal": (SIGNED.read_bytes()[:-512], "corrupt.seal"),
+}
+
+
+@pytest.mark.parametrize("found", OLD)
+def test_a_bundle_of_a_version_before_2_is_refused(found, tmp_path, vfplan_cli):
     """A version 1.1 under a seal of version 2.0 is a case of hostile.py."""
+    data, code = OLD[found]
     path = tmp_path / "old.h5"
     path.write_bytes(data)
-    with pytest.raises(BundleError, match=found) as raised:
+    with refuses(BundleError, code) as raised:
         read_fixture(path)
-    assert raised.value.code == code
+    assert found in raised.value.message
     assert vfplan_cli("info", path).code == 4
 
 
@@ -71,31 +71,22 @@ def raw_sums(path):
     """What tests/native/read_golden.c prints, by h5py."""
     with h5py.File(path) as file:
         lines = [f"@{name} {file.attrs[name].decode()}" for name in sorted(file.attrs)]
-        found = []
-        file.visititems(
-            lambda name, thing: (
-                found.append((name, thing[...].tobytes())) if hasattr(thing, "shape") else None
-            )
-        )
+        things = {}
+        file.visititems(things.__setitem__)
+        found = [(n, t[...].tobytes()) for n, t in things.items() if hasattr(t, "shape")]
     return [*lines, *sorted(f"/{n} {len(b)} {np.frombuffer(b, 'u1').sum()}" for n, b in found)]
 
 
 def test_libhdf5_1_10_reads_the_archive_without_our_code(tmp_path):
     compiler = need_program("h5cc", "libhdf5-dev")
     program = tmp_path / "read_golden"
-    source = ROOT / "tests" / "native" / "read_golden.c"
-    subprocess.run([compiler, "-o", program, source], check=True, cwd=tmp_path)
+    output(compiler, "-o", program, ROOT / "tests" / "native" / "read_golden.c", cwd=tmp_path)
     for path in CURRENT:
-        done = subprocess.run([program, path], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, path
-        lines = done.stdout.splitlines()
+        lines = output(program, path).splitlines()
         count = sum(line.startswith("@") for line in lines)
         assert [*lines[:count], *sorted(lines[count:])] == raw_sums(path)
 
 
 def test_h5dump_sees_the_data_in_front_of_the_seal():
     program = need_program("h5dump", "hdf5-tools")
-    done = subprocess.run(
-        [program, "-d", "/rendering/stiffness", SIGNED], capture_output=True, text=True, check=True
-    )
-    assert "(0): 1000, 1000, 800" in done.stdout
+    assert "(0): 1000, 1000, 800" in output(program, "-d", "/rendering/stiffness", SIGNED)

@@ -27,6 +27,11 @@ def across(points):
     return leak.Across({"/points": np.ascontiguousarray(points)})
 
 
+def strokes_at_random(draw, points, strokes):
+    more = draw.integers(0, strokes, points - strokes)
+    return np.sort(np.append(np.arange(strokes), more)).astype(np.int32)
+
+
 def distances(points):
     """(N, N) distances, infinite from each point to itself."""
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
@@ -34,12 +39,17 @@ def distances(points):
     return apart
 
 
+def clouds(make, seed, count, fewest, monkeypatch):
+    """So many clouds, each searched in blocks of another size, and the draw."""
+    draw = np.random.default_rng(seed)
+    for _ in range(count):
+        monkeypatch.setattr(leak, "BLOCK", int(draw.integers(3, 300)))
+        yield make(draw, int(draw.integers(fewest, 250))), draw
+
+
 @pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
 def test_the_loneliest_point_is_that_of_a_full_search(make, monkeypatch):
-    draw = np.random.default_rng(11)
-    for _ in range(40):
-        monkeypatch.setattr(leak, "BLOCK", int(draw.integers(3, 300)))
-        points = make(draw, int(draw.integers(2, 250)))
+    for points, _ in clouds(make, 11, 40, 2, monkeypatch):
         distance, row = leak.loneliest(across(points))
         nearest = distances(points).min(axis=1)
         assert distance == pytest.approx(nearest.max(), rel=1e-14)
@@ -48,13 +58,8 @@ def test_the_loneliest_point_is_that_of_a_full_search(make, monkeypatch):
 
 @pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
 def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
-    draw = np.random.default_rng(12)
-    for _ in range(20):
-        monkeypatch.setattr(leak, "BLOCK", int(draw.integers(3, 300)))
-        points = make(draw, int(draw.integers(40, 250)))
-        strokes = int(draw.integers(2, 40))
-        more = draw.integers(0, strokes, len(points) - strokes)
-        stroke = np.sort(np.append(np.arange(strokes), more)).astype(np.int32)
+    for points, draw in clouds(make, 12, 20, 40, monkeypatch):
+        stroke = strokes_at_random(draw, len(points), int(draw.integers(2, 40)))
         ends = np.column_stack(leak.stroke_ends(stroke)).ravel()
         found = leak.distance_to_other_strokes(across(points), stroke, ends)
         apart = distances(points)[ends]
@@ -63,9 +68,7 @@ def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
 
 
 def seen_across(points, axis):
-    if axis is None:
-        return points
-    return points - np.outer(points @ axis, axis)
+    return points if axis is None else points - np.outer(points @ axis, axis)
 
 
 def gap_of_a_plain_loop(points, stroke, closed):
@@ -94,8 +97,7 @@ def test_the_certificate_is_that_of_plain_loops(axis):
     for _ in range(20):
         points = draw.uniform(size=(int(draw.integers(6, 60)), 3))
         seen = seen_across(points, axis)
-        more = draw.integers(0, 5, len(points) - 5)
-        stroke = np.sort(np.append(np.arange(5), more)).astype(np.int32)
+        stroke = strokes_at_random(draw, len(points), 5)
         closed = draw.integers(0, 2, 5).astype(np.uint8)
         widest = gap_of_a_plain_loop(seen, stroke, closed)
         kind, gap, limit, holds, rows = _core.certificate(

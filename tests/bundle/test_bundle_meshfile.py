@@ -69,32 +69,28 @@ def test_single_precision_stays_what_it_is():
 
 
 QUAD = ply().replace(b"3 0 2 1", b"4 0 2 1 3")
+LITTLE = ply("binary_little_endian")
+LITTLE_QUAD = LITTLE[: -13 * 3] + struct.pack("<B4i", 4, 0, 2, 1, 3) + LITTLE[-13 * 2 :]
 WRONG_PLY = {
     "a quadrangle": (QUAD, "quad|length|columns"),
-    "a quadrangle, binary": (
-        ply("binary_little_endian")[: -13 * 3]
-        + struct.pack("<B4i", 4, 0, 2, 1, 3)
-        + ply("binary_little_endian")[-13 * 2 :],
-        "differ in length",
-    ),
+    "a quadrangle, binary": (LITTLE_QUAD, "differ in length"),
     "a vertex that is not there": (ply().replace(b"3 0 3 2", b"3 0 4 2"), "0 to 4 of 4"),
     "a negative vertex": (ply().replace(b"3 0 3 2", b"3 0 -1 2"), "-1"),
     "half a vertex": (ply().replace(b"3 0 3 2", b"3 0 1.5 2"), "vertices"),
     "a line too few": (ply().rpartition(b"3 0 3 2")[0], "7 lines of data, and 8"),
     "a line too many": (ply() + b"3 0 1 2\n", "9 lines"),
-    "a byte too few": (ply("binary_little_endian")[:-1], "left"),
-    "a byte too many": (ply("binary_little_endian") + b"\1", "follow"),
+    "a byte too few": (LITTLE[:-1], "left"),
+    "a byte too many": (LITTLE + b"\1", "follow"),
     "no z": (ply().replace(b"double z", b"double w"), "'z'"),
     "an unknown type": (ply().replace(b"double z", b"quad z"), "'quad'"),
     "an unknown format": (ply().replace(b"format ascii", b"format xdr"), "'xdr'"),
     "no end of the header": (ply().replace(b"end_header", b"end"), "end_header"),
     "a word for a number": (ply().replace(b"0.1", b"one"), "one"),
     "more than the file can hold": (ply().replace(b"vertex 4", b"vertex 99999"), "99999"),
-    "lists of another name": (ply().replace(b"vertex_indices", b"corners"), None),
 }
 
 
-@pytest.mark.parametrize("name", [n for n, (_, reason) in WRONG_PLY.items() if reason is not None])
+@pytest.mark.parametrize("name", WRONG_PLY)
 def test_a_ply_file_that_is_not_what_it_says_is_refused(name):
     data, reason = WRONG_PLY[name]
     with pytest.raises(InputError, match=reason):
@@ -102,12 +98,11 @@ def test_a_ply_file_that_is_not_what_it_says_is_refused(name):
 
 
 def test_what_is_not_used_is_named(tmp_path, vfplan_cli):
-    mesh = read_mesh(WRONG_PLY["lists of another name"][0], ".ply", "a.ply")
+    mesh = read_mesh(ply().replace(b"vertex_indices", b"corners"), ".ply", "a.ply")
     assert mesh.triangles is None
     assert mesh.left_out == ("face.corners",)
     (tmp_path / "a.csv").write_text("x,y,z,stroke,sigma_m\n0,0,0,0,1e-5\n0.001,0,0,0,1e-5\n")
-    run = vfplan_cli("import", tmp_path / "a.csv", "--units", "m", "-o", tmp_path / "a.h5")
-    assert run.code == 0
+    run = vfplan_cli("import", tmp_path / "a.csv", "--units", "m", "-o", tmp_path / "a.h5").sound
     assert "left out: stroke, sigma_m" in run.stderr
     settings = vfplan.read_fixture(tmp_path / "a.h5").provenance.settings
     assert settings["left_out"] == "stroke, sigma_m"
@@ -128,19 +123,15 @@ def binary_stl(points=POINTS, faces=FACES, head=b""):
     return head.ljust(80, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        text_stl(),
-        text_stl(upper=True),
-        text_stl(name="a facet of vertex 1"),
-        text_stl().replace(b"\n", b"\r\n"),
-        text_stl(faces=FACES[:1]) + text_stl(faces=FACES[1:]),
-        binary_stl(),
-        binary_stl(head=b"solid facet"),
-    ],
-    ids=["text", "upper", "name", "crlf", "two solids", "binary", "binary solid"],
-)
+STL = {
+    "text": text_stl(), "upper": text_stl(upper=True), "crlf": text_stl().replace(b"\n", b"\r\n"),
+    "name": text_stl(name="a facet of vertex 1"),
+    "two solids": text_stl(faces=FACES[:1]) + text_stl(faces=FACES[1:]),
+    "binary": binary_stl(), "binary solid": binary_stl(head=b"solid facet"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("data", STL.values(), ids=STL)
 def test_an_stl_file_gives_the_same_surface(data):
     mesh = read_mesh(data, ".stl", "a.stl")
     wanted = POINTS if b"vertex" in data.lower() else POINTS.astype(np.float32)
@@ -148,20 +139,16 @@ def test_an_stl_file_gives_the_same_surface(data):
     assert len(refined(mesh.points, mesh.triangles, 1.0)[0]) == 4
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        text_stl()[:-20],
-        text_stl().replace(b"endloop", b"vertex 1 2 3\nendloop", 1),
-        text_stl().replace(b"vertex", b"vortex", 1),
-        text_stl() + b"facet",
-        text_stl().replace(b"-0.0025", b"minus", 1),
-        binary_stl()[:-1],
-        binary_stl() + b"\0",
-        b"",
-    ],
-    ids=["cut", "four corners", "misspelt", "more", "word", "short", "long", "empty"],
-)
+WRONG_STL = {
+    "four corners": text_stl().replace(b"endloop", b"vertex 1 2 3\nendloop", 1),
+    "misspelt": text_stl().replace(b"vertex", b"vortex", 1),
+    "word": text_stl().replace(b"-0.0025", b"minus", 1),
+    "cut": text_stl()[:-20], "more": text_stl() + b"facet", "empty": b"",
+    "short": binary_stl()[:-1], "long": binary_stl() + b"\0",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("data", WRONG_STL.values(), ids=WRONG_STL)
 def test_an_stl_file_that_is_not_whole_is_refused(data):
     with pytest.raises(InputError):
         read_mesh(data, ".stl", "a.stl")
@@ -220,10 +207,8 @@ def test_a_header_that_is_none_is_refused_in_one_line(header, tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         for name in ("time", "hip"):
             archive.writestr(f"{name}.npy", head)
-    with (
-        open(tmp_path / "a.npz", "rb") as stream,
-        pytest.raises(SessionError, match=r"as \.npz: time: the header is ") as raised,
-    ):
+    stream = io.BytesIO((tmp_path / "a.npz").read_bytes())
+    with pytest.raises(SessionError, match=r"as \.npz: time: the header is ") as raised:
         next(npz_header(stream, "a.npz"))
     assert "\n" not in str(raised.value)
 

@@ -47,10 +47,8 @@ def check_seal(data, public=None):
     assert hashlib.sha256(payload).digest() == digest
     assert struct.unpack_from("<Q", payload, 28) == (len(data),)
     if public is not None:
-        raw = public.public_bytes_raw()
-        assert seal[56:72] == hashlib.sha256(raw).digest()[:16]
-        message = b"vfplan bundle seal 2\0" + seal[:72] + seal[136:-48]
-        public.verify(seal[72:136], message)
+        assert seal[56:72] == hashlib.sha256(public.public_bytes_raw()).digest()[:16]
+        public.verify(seal[72:136], b"vfplan bundle seal 2\0" + seal[:72] + seal[136:-48])
     return seal[148 : 148 + n_case].decode(), seal[148 + n_case : end].decode(), moment
 
 
@@ -126,12 +124,9 @@ def written(points):
     """A closed curve as a bundle, from sections 1 to 5."""
     stream = io.BytesIO()
     with h5py.File(stream, "w", libver=("v108", "v108")) as file:
-        for name, value in (
-            ("format", "vfplan-fixture"),
-            ("version", "2.0"),
-            ("frame", "robot_base"),
-            ("id", hashlib.sha256(b"robot_base\0" + points.tobytes()).hexdigest()[:32]),
-        ):
+        identity = hashlib.sha256(b"robot_base\0" + points.tobytes()).hexdigest()[:32]
+        names = {"format": "vfplan-fixture", "version": "2.0", "frame": "robot_base"}
+        for name, value in {**names, "id": identity}.items():
             text(file, name, value)
         dataset(file, "points", points, "m", "robot_base")
         curve = file.create_group("curve")
@@ -158,8 +153,7 @@ def written(points):
     superblock = payload[:28] + struct.pack("<Q", len(payload) + 512) + payload[36:44]
     payload = superblock + struct.pack("<I", lookup3(superblock)) + payload[48:]
     digest = hashlib.sha256(payload).digest()
-    head = struct.pack("<8sHHIQ32s", b"VFPLSEAL", 2, 0, 512, len(payload), digest)
-    head = head.ljust(464, b"\0")
+    head = struct.pack("<8sHHIQ32s408x", b"VFPLSEAL", 2, 0, 512, len(payload), digest)
     tail = hashlib.sha256(head).digest() + struct.pack("<II8s", 512, 0, b"VFPLTAIL")
     return payload + head + tail
 

@@ -11,16 +11,17 @@ import vfplan
 from vfplan.errors import SceneError
 
 SAMPLES = ROOT / "samples"
-MARKERS = SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv"
+SESSION = SAMPLES / "elbow_session.csv"
+ENDS = ".png", "_markers_image.csv", "_markers_robot.csv"
+PLAN = "plan", *(SAMPLES / f"elbow{end}" for end in ENDS)
+SPACING = "--pixel-spacing", 0.5
 
 
 @pytest.fixture(scope="module")
 def planned(vfplan_cli, tmp_path_factory):
     """The shipped slice with lines and arcs, and what `plan` said of it."""
     path = tmp_path_factory.mktemp("planned") / "f.h5"
-    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", path, "--pixel-spacing", 0.5
-    run = vfplan_cli(*command, "--arcs", 0.001, "--json")
-    assert run.code == 0, run.stderr
+    run = vfplan_cli(*PLAN, "-o", path, *SPACING, "--arcs", 0.001, "--json").sound
     return path, run.json["register"]
 
 
@@ -45,9 +46,8 @@ def test_plan_fits_pieces_within_what_was_asked(planned, vfplan_cli):
 
 
 def test_replay_takes_the_curve_where_there_is_one(planned, vfplan_cli):
-    session = SAMPLES / "elbow_session.csv"
-    exact = vfplan_cli("replay", planned[0], session, "--json").json
-    robust = vfplan_cli("replay", planned[0], session, "--rule", "robust", "--json").json
+    exact = vfplan_cli("replay", planned[0], SESSION, "--json").json
+    robust = vfplan_cli("replay", planned[0], SESSION, "--rule", "robust", "--json").json
     assert (exact["rule"], robust["rule"]) == ("exact", "robust")
     assert exact["contact_ticks"] == pytest.approx(robust["contact_ticks"], rel=0.01)
     assert abs(exact["clearance_min_m"]) < 1e-9
@@ -57,7 +57,7 @@ def test_replay_takes_the_curve_where_there_is_one(planned, vfplan_cli):
 def test_no_pieces_no_exact_rule(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
     vfplan.write_fixture(bundles.whole(), path)
-    run = vfplan_cli("replay", path, SAMPLES / "elbow_session.csv", "--rule", "exact")
+    run = vfplan_cli("replay", path, SESSION, "--rule", "exact")
     assert run.code == 3
     assert "needs a curve of pieces and an axis" in run.stderr
     with pytest.raises(SceneError, match="needs a curve"):
@@ -66,22 +66,20 @@ def test_no_pieces_no_exact_rule(vfplan_cli, tmp_path):
 
 def test_arcs_of_a_fixture_in_space_are_refused(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", path, "--pixel-spacing", 0.5
-    run = vfplan_cli(*command, "--arcs", 0.001, "--ignore-axis", "none")
+    run = vfplan_cli(*PLAN, "-o", path, *SPACING, "--arcs", 0.001, "--ignore-axis", "none")
     assert run.code in (2, 3)
     assert "across an ignored axis" in run.stderr
     assert not path.exists()
 
 
 def test_arcs_that_a_margin_or_a_gate_does_not_count_are_refused(vfplan_cli, tmp_path):
-    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", tmp_path / "f.h5", "--arcs", 1
+    command = *PLAN, "-o", tmp_path / "f.h5", "--arcs", 1, *SPACING
     for words in (("--margin", "tre95"), ("--max-tre", 0.5)):
-        run = vfplan_cli(*command, *words, "--pixel-spacing", 0.5)
+        run = vfplan_cli(*command, *words)
         assert (run.code, run.stdout) == (2, "")
         assert "lines and arcs" in run.error_line
         assert not (tmp_path / "f.h5").exists()
-    assert vfplan_cli(*command, "--pixel-spacing", 0.5).code == 0
-    session = SAMPLES / "elbow_session.csv"
-    run = vfplan_cli("campaign", tmp_path / "f.h5", session, "-o", tmp_path / "c", "--trials", 64)
+    assert vfplan_cli(*command).code == 0
+    run = vfplan_cli("campaign", tmp_path / "f.h5", SESSION, "-o", tmp_path / "c", "--trials", 64)
     assert run.code == 3
     assert "a campaign renders its points" in run.error_line

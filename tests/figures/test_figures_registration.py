@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from layouts import grid, planar, solid
 from margins import CLOCKWISE, LINE, registered
+from refusals import refuses
 
 from vfplan import PlannedImage
 from vfplan.errors import SettingError
@@ -21,6 +22,12 @@ def texts(figure):
     axes = figure.axes[0]
     found = [text.get_text() for text in axes.texts]
     return found + [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def stated_factor(figure, start):
+    """The factor that the legend states of what begins so."""
+    [stated] = [text for text in texts(figure) if text.startswith(start)]
+    return float(stated.split()[-1].rstrip("x"))
 
 
 @pytest.fixture
@@ -43,8 +50,7 @@ def test_arrows_are_the_residuals_times_the_stated_factor(figure):
     image = PlannedImage(np.full((780, 800, 3), 120, np.uint8))
     made = figure(registration, LINE, image=image)
     labels = texts(made)
-    stated = next(line for line in labels if line.startswith("residual, drawn"))
-    factor = float(stated.split()[-1].rstrip("x"))
+    factor = stated_factor(made, "residual, drawn")
     linear = registration.T_target_source[:3, :2]
     expected = registration.residual_vectors_m @ np.linalg.pinv(linear).T * factor
     np.testing.assert_allclose(tips_of(made), expected, atol=1e-9)
@@ -57,8 +63,7 @@ def test_arrows_are_the_residuals_times_the_stated_factor(figure):
 def test_the_band_is_the_bound_times_the_stated_factor(figure):
     registration = registered()
     made = figure(registration, CLOCKWISE)
-    stated = next(line for line in texts(made) if line.startswith("95 % band"))
-    factor = float(stated.split()[-1].rstrip("x"))
+    factor = stated_factor(made, "95 % band")
     quads = [path.vertices[:4] for path in made.axes[0].collections[0].get_paths()]
     assert len(quads) == 800  # closed: the last piece too
     widths = [np.linalg.norm(quad[1] - quad[0]) / 2 for quad in quads]
@@ -88,11 +93,12 @@ def in_space(scale=(1.0, 1.0, 1.0)):
 
 
 def tips_of(made):
-    return [
-        np.array(text.xy) - text.xyann
-        for text in made.axes[0].texts
-        if getattr(text, "arrow_patch", None) is not None
-    ]
+    arrows = [text for text in made.axes[0].texts if getattr(text, "arrow_patch", None) is not None]
+    return [np.array(text.xy) - text.xyann for text in arrows]
+
+
+def marker_places(made):
+    return next(x for x in made.axes[0].lines if x.get_label() == "marker").get_xydata()
 
 
 def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
@@ -103,40 +109,31 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     place[:, 2] = [-0.2, -0.1, -0.1, 1]
     image = PlannedImage(np.full((780, 800, 3), 120, np.uint8), T_patient_image=place)
     made = figure(registration, line, image=image)
-    stated = next(text for text in texts(made) if text.startswith("residual, drawn"))
-    factor = float(stated.split()[-1].rstrip("x"))
+    factor = stated_factor(made, "residual, drawn")
     # The residual in the patient's frame, without its part across the slice: least squares.
     A = registration.T_target_source[:3, :3] @ place[:3, :2]
     solved = np.linalg.lstsq(A, registration.residual_vectors_m.T, rcond=None)[0].T
     np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
     offset = registration.source - place[:3, 2]
     expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])
-    markers = next(line for line in made.axes[0].lines if line.get_label() == "marker")
-    np.testing.assert_allclose(markers.get_xydata(), expected, atol=1e-9)
+    np.testing.assert_allclose(marker_places(made), expected, atol=1e-9)
     assert any("mm in the slice" in text for text in texts(made))
 
 
-@pytest.mark.parametrize(
-    ("scale", "title", "letters"),
-    [
-        ((1, 1, 0.2), "axial view", "RLAP"),
-        ((1, 0.2, 1), "coronal view", "RLSI"),
-        ((0.2, 1, 1), "sagittal view", "APSI"),
-    ],
-)
-def test_without_a_slice_the_plane_of_the_patient_is_shown_that_holds_most(
-    figure, scale, title, letters
-):
-    registration, line = in_space(scale)
-    made = figure(registration, line)
+VIEWS = {"axial": ((1, 1, 0.2), "RLAP"), "coronal": ((1, 0.2, 1), "RLSI"),
+         "sagittal": ((0.2, 1, 1), "APSI")}  # fmt: skip
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_without_a_slice_the_plane_of_the_patient_is_shown_that_holds_most(figure, view):
+    scale, letters = VIEWS[view]
+    made = figure(*in_space(scale))
     shown = texts(made)
-    assert title in shown
+    assert f"{view} view" in shown
     assert [text for text in shown if text and text in letters] == list(letters)
-    width = made.axes[0].get_xlim()[1]
-    height = made.axes[0].get_ylim()[0]
-    markers = next(line for line in made.axes[0].lines if line.get_label() == "marker")
-    assert (markers.get_xydata() > 0).all()
-    assert (markers.get_xydata() < [width, height]).all()
+    width, height = made.axes[0].get_xlim()[1], made.axes[0].get_ylim()[0]
+    assert (marker_places(made) > 0).all()
+    assert (marker_places(made) < [width, height]).all()
     assert any(text.startswith("95 % band, drawn") for text in shown)
 
 
@@ -153,6 +150,5 @@ def test_pixels_of_a_slice_whose_place_is_unknown_are_refused(tmp_path):
     registration, _ = in_space()
     image = PlannedImage(np.zeros((780, 800, 3), np.uint8))
     for known in (None, image):
-        with pytest.raises(SettingError) as error:
+        with refuses(SettingError, "no-slice"):
             picture.draw_registration(registration, LINE, tmp_path / "p.png", image=known)
-        assert error.value.code == "no-slice"

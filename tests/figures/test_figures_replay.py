@@ -10,15 +10,8 @@ from replays import fixture_of, line, probing
 
 from vfplan import PlannedImage
 from vfplan.errors import InputError
-from vfplan.figures.replay import (
-    depth_along,
-    depth_plot,
-    image_places,
-    plane_basis,
-    scene,
-    slice_depth,
-    timeline,
-)
+from vfplan.figures import replay as pictures
+from vfplan.figures.replay import depth_along, image_places, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay, thinned
@@ -51,7 +44,7 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
 
 
 def test_the_same_replay_gives_the_same_picture(pressed, tmp_path):
-    for draw in (timeline, scene, depth_plot):
+    for draw in (timeline, scene, pictures.depth_plot):
         names = [tmp_path / f"{draw.__name__}{k}.png" for k in (1, 2)]
         for name in names:
             save_png(draw(pressed), name)
@@ -60,8 +53,7 @@ def test_the_same_replay_gives_the_same_picture(pressed, tmp_path):
 
 
 def test_solid_scenes_are_drawn_too(tmp_path):
-    found = replay(fixture_of(line(), axis=None), probing(1.0))
-    save_png(scene(found), tmp_path / "s.png")
+    save_png(scene(replay(fixture_of(line(), axis=None), probing(1.0))), tmp_path / "s.png")
     assert np.asarray(Image.open(tmp_path / "s.png")).std() > 1
 
 
@@ -107,9 +99,9 @@ def test_depth_is_carried_back_to_the_slice(pressed):
     moved, uv = on_image(pressed, sha)
     np.testing.assert_allclose(image_places(moved.fixture), uv, atol=1e-9)
     image = PlannedImage(np.zeros((120, 200, 3), np.uint8), None, sha)
-    assert slice_depth(moved, image).axes
+    assert pictures.slice_depth(moved, image).axes
     with refuses(InputError, "another-slice"):
-        slice_depth(moved, PlannedImage(image.rgb, None, "cd" * 32))
+        pictures.slice_depth(moved, PlannedImage(image.rgb, None, "cd" * 32))
     with refuses(InputError, "no-image-registration"):
         image_places(pressed.fixture)
 

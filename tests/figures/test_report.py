@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 from html.parser import HTMLParser
 
@@ -44,7 +43,7 @@ class Links(HTMLParser):
         self.found += [v for k, v in attrs if k in ("src", "href", "srcset", "action", "data")]
 
 
-def test_page_is_one_file_that_refers_to_nothing(written):
+def test_page_is_one_file_that_refers_to_nothing_and_has_a_review_sheet(written):
     text = written.read_text()
     links = Links()
     links.feed(text)
@@ -52,19 +51,8 @@ def test_page_is_one_file_that_refers_to_nothing(written):
     assert all(link.startswith("data:image/png;base64,") for link in links.found)
     assert not re.search(r"https?://|@import|url\(", text)
     assert "default-src 'none'" in text
-
-
-def test_review_sheet_is_a_page_of_the_report(written):
-    text = written.read_text()
     assert text.count('class="sheet"') == 1
     assert "What was planned" in text
-
-
-def test_numbers_and_verdict_are_the_replays(pressed, written):
-    text = written.read_text()
-    assert "FAIL: 1 of 4 limits" in text
-    assert f"{pressed.metrics['force_max_n']:.3f}" in text
-    assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
 
 
 def test_page_opens_with_verdict_slice_and_force_and_ends_with_the_hashes(written):
@@ -94,8 +82,11 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     assert f'<code class="digest">{digest}' in about
 
 
-def test_rules_are_compared_and_limits_have_units(pressed, written):
+def test_verdict_and_numbers_are_the_replays_with_rules_compared_and_units(pressed, written):
     text = written.read_text()
+    assert "FAIL: 1 of 4 limits" in text
+    assert f"{pressed.metrics['force_max_n']:.3f}" in text
+    assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
     row = re.search(r"<tr><td[^>]*>force, largest</td>(.*?)</tr>", text)[1]
     robust, paper, apart, unit = re.findall(r"<td[^>]*>(.*?)</td>", row)
     assert float(robust) == pytest.approx(pressed.metrics["force_max_n"], abs=1e-3)
@@ -155,11 +146,8 @@ def test_in_a_browser(pressed, written, tmp_path):
         problems = [e for e in browser.events if e["method"] in spoken]
         assert problems == []
         assert browser.run("document.querySelectorAll('main > section').length") >= 6
-        asked = [
-            e["params"]["request"]["url"][:40]
-            for e in browser.events
-            if e["method"] == "Network.requestWillBeSent"
-        ]
+        requests = [e for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+        asked = [request["params"]["request"]["url"][:40] for request in requests]
         assert all(url.startswith(("file:", "data:")) for url in asked), asked
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
@@ -196,11 +184,7 @@ def check_scrubber(browser, pressed):
     assert f"t = {at:.3f} s" in browser.run(readout)
     browser.run("document.getElementById('follow').click()")
     assert browser.run(picture) not in seen
-    drawn = json.loads(
-        browser.run(
-            "JSON.stringify(Array.from(document.images).map(i => [i.complete, i.naturalWidth]))"
-        )
-    )
+    drawn = browser.run("Array.from(document.images).map(i => [i.complete, i.naturalWidth])")
     assert all(complete and width > 300 for complete, width in drawn)
     assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
 
@@ -217,10 +201,9 @@ def check_zoom(browser, pressed):
     for choice in ("whole", 0, 1):
         browser.run(pick.format(choice))
         seen.append(browser.run(picture))
-    press(browser, plot, "-")
-    seen.append(browser.run(picture))
-    press(browser, plot, "ArrowLeft")
-    seen.append(browser.run(picture))
+    for key in ("-", "ArrowLeft"):
+        press(browser, plot, key)
+        seen.append(browser.run(picture))
     assert len(set(seen)) == 5
     press(browser, plot, "0")
     assert browser.run(picture) == seen[0]

@@ -45,8 +45,7 @@ def share(picture, rgb, within=60):
 def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     need_gl()
     png = tmp_path / "v.png"
-    run = vfplan_cli("view", *files, "--screenshot", png, "--json", env={"DISPLAY": ""})
-    assert run.code == 0, run.stderr
+    run = vfplan_cli("view", *files, "--screenshot", png, "--json", env={"DISPLAY": ""}).sound
     assert run.stderr == ""
     assert run.json["files"] == [str(png)]
     assert Image.open(png).size == (1200, 900)
@@ -78,8 +77,7 @@ def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     vfplan.write_fixture(vfplan.plan(*files).fixture, bundle)
     for name, more in (("border", ()), ("slice", ("--slice", files[0]))):
         picture = tmp_path / f"{name}.png"
-        run = vfplan_cli("view", bundle, "--screenshot", picture, *more, env={"DISPLAY": ""})
-        assert run.code == 0, run.stderr
+        assert vfplan_cli("view", bundle, "--screenshot", picture, *more, env={"DISPLAY": ""}).sound
     assert share(tmp_path / "border.png", (255, 255, 255)) > 0.8
     assert share(tmp_path / "slice.png", (255, 255, 255)) < 0.5
     other = tmp_path / "other.png"
@@ -112,8 +110,8 @@ def test_no_screen_is_said(vfplan_cli, files):
 
 
 def test_wrong_use(vfplan_cli, files, tmp_path):
-    for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m")):
-        run = vfplan_cli("view", *files, option, tmp_path / name)
+    for name in ("m.jpg", "m"):
+        run = vfplan_cli("view", *files, "--screenshot", tmp_path / name)
         assert run.code == 2
         assert ".png" in run.error_line
     assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2

@@ -43,8 +43,7 @@ def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
 
 
 def test_answers_go_by_code():
-    given = fixture()
-    digest = digest_of(given)
+    given, digest = fixture(), digest_of(fixture())
     with refuses(CheckFailed, "findings-unanswered", unanswered=["end-other-colour"]):
         accept(given, digest, "A", answers=["ink-left"])
     accepted = accept(given, digest, "A", answers=["ink-left", "end-other-colour"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, is_dataclass, replace
 
 import bundles
@@ -82,10 +83,8 @@ def test_sheet_without_its_slice_has_another():
 
 def test_time_and_program_do_not_change_it():
     fixture = bundles.whole()
-    later = replace(
-        fixture.provenance, created_utc="2031-01-01T00:00:00Z", software="vfplan 9",
-        history=("migrated",),
-    )  # fmt: skip
+    changed = {"created_utc": "2031-01-01T00:00:00Z", "software": "vfplan 9", "history": ("moved",)}
+    later = replace(fixture.provenance, **changed)
     assert digest_of(replace(fixture, provenance=later)) == digest_of(fixture)
 
 
@@ -94,9 +93,4 @@ def test_bundle_that_was_read_has_the_digest_of_what_was_written(name, tmp_path)
     fixture = getattr(bundles, name)()
     write_fixture(fixture, tmp_path / "f.h5")
     assert digest_of(read_fixture(tmp_path / "f.h5")) == digest_of(fixture)
-
-
-def test_it_is_64_hexadecimal_digits():
-    digest = digest_of(bundles.small())
-    assert len(digest) == 64
-    assert int(digest, 16) >= 0
+    assert re.fullmatch("[0-9a-f]{64}", digest_of(fixture))

@@ -21,23 +21,26 @@ def drawn(truth, closed, seed, off_px=1.0):
     return path_through(clicks, closed)
 
 
+def measured_errors(slice_, image, seed):
+    """The share with ink, the errors [px] away from the ends, and their size over sigma."""
+    truth, closed = slice_.truth, slice_.closed
+    line = SliceInk(image, "red").draw(drawn(truth, closed, seed), closed, 8.0, (True, True))
+    inner = ~line.edited
+    for end in () if closed else truth[[0, -1]]:
+        inner = inner & (np.hypot(*(line.points - end).T) > 6.0)
+    errors = normal_errors(line.points[inner], truth, closed)
+    return (~line.edited).mean(), errors, np.sqrt(np.mean((errors / line.sigma[inner]) ** 2))
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["plain", "thin", "pressure", "scanned", "upscaled", "words"])
 def test_a_drawn_path_moves_onto_its_ink_and_says_how_well(kind, seed):
     """Seeds 2 and 3 are JPEG."""
     slice_ = slices.draw(kind, seed)
-    truth, closed = slice_.truth, slice_.closed
-    ink = SliceInk(slice_.image, "red")
-    line = ink.draw(drawn(truth, closed, seed), closed, 8.0, (True, True))
-    shown = ~line.edited
-    assert shown.mean() > 0.9
-    points, sigma = line.points[shown], line.sigma[shown]
-    inner = np.ones(len(points), bool)
-    if not closed:
-        inner = np.minimum(*(np.hypot(*(points - end).T) for end in truth[[0, -1]])) > 6.0
-    errors = normal_errors(points, truth, closed)[inner]
+    shown, errors, ratio = measured_errors(slice_, slice_.image, seed)
+    assert shown > 0.9
     assert np.sqrt(np.mean(errors**2)) < (0.08 if slice_.quality is None else 0.2)
-    assert np.sqrt(np.mean((errors / sigma[inner]) ** 2)) < 1.5
+    assert ratio < 1.5
 
 
 @pytest.mark.parametrize(("quality", "at_most"), [(None, 1.0), (90, 1.4), (75, 1.6), (60, 2.2)])
@@ -47,17 +50,8 @@ def test_the_stated_deviation_is_honest_also_in_jpeg(quality, at_most):
     for kind in ("plain", "thin", "scanned"):
         for seed in range(4):
             slice_ = slices.draw(kind, 4 * seed)  # these seeds are not JPEG
-            image = slice_.image
-            if quality is not None:
-                image = jpeg(image, quality)
-            path = drawn(slice_.truth, slice_.closed, seed)
-            line = SliceInk(image, "red").draw(path, slice_.closed, 8.0, (True, True))
-            inner = ~line.edited
-            if not slice_.closed:
-                for end in slice_.truth[[0, -1]]:
-                    inner = inner & (np.hypot(*(line.points - end).T) > 6.0)
-            errors = normal_errors(line.points[inner], slice_.truth, slice_.closed)
-            ratios.append(np.sqrt(np.mean((errors / line.sigma[inner]) ** 2)))
+            image = slice_.image if quality is None else jpeg(slice_.image, quality)
+            ratios.append(measured_errors(slice_, image, seed)[2])
     assert max(ratios) < at_most
     assert np.median(ratios) < 1.15
     if quality is not None:
@@ -69,9 +63,8 @@ def test_a_path_without_ink_stays_as_it_is():
     path = path_through(wave()[::40], False)
     line = SliceInk(picture, "red").measure(path, False, 8.0)
     assert line.edited.all()
-    assert (
-        np.abs(normal_errors(line.points, path, False)).max() < 1e-3
-    )  # as far as points a pixel apart follow a bend
+    # As far as points a pixel apart follow a bend.
+    assert np.abs(normal_errors(line.points, path, False)).max() < 1e-3
 
 
 @pytest.mark.parametrize("gap", [4.0, 6.0, 8.0])

@@ -102,14 +102,11 @@ def test_the_page_needs_no_token_and_the_slice_does(served):
     assert (status, body[:4]) == (200, b"\x89PNG")
 
 
-@pytest.mark.parametrize("path", ["/../session.py", "/session.py", "/page/main.js", "//", "/x"])
-def test_nothing_else_is_served(served, path):
-    assert asked(served, path)[0] == 404
-
-
-def test_a_foreign_name_of_the_address_is_refused(served):
-    assert asked(served, "/", Host="evil.example")[0] == 403
-    assert asked(served, f"/slice.png?token={served.token}", Host="evil.example")[0] == 403
+def test_nothing_else_is_served_and_a_foreign_name_of_the_address_is_refused(served):
+    for path in ("/../session.py", "/session.py", "/page/main.js", "//", "/x"):
+        assert asked(served, path)[0] == 404
+    for path in ("/", f"/slice.png?token={served.token}"):
+        assert asked(served, path, Host="evil.example")[0] == 403
 
 
 @pytest.mark.parametrize("origin", [None, "http://evil.example", "http://127.0.0.1:1", "null"])
@@ -133,15 +130,15 @@ def test_what_is_no_message_ends_the_connection(served, text):
     assert served.session.steps == ()
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        {}, {"step": None}, {"step": 3}, {"step": {"do": "fly"}}, {"preview": 3},
-        {"preview": {"marker": "x9", "to": [1, 1]}}, {"undo": True}, {"redo": True},
-        {"step": {"do": "move_knot", "stroke": 0, "knot": 1, "to": [None, 1]}},
-        {"step": {"do": "draw", "points": [[1, 1]] * 501}},
-    ],
-)  # fmt: skip
+BAD_MESSAGES = [
+    {}, {"step": None}, {"step": 3}, {"step": {"do": "fly"}}, {"preview": 3},
+    {"preview": {"marker": "x9", "to": [1, 1]}}, {"undo": True}, {"redo": True},
+    {"step": {"do": "move_knot", "stroke": 0, "knot": 1, "to": [None, 1]}},
+    {"step": {"do": "draw", "points": [[1, 1]] * 501}},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("message", BAD_MESSAGES)
 def test_a_step_that_does_not_fit_is_answered_and_changes_nothing(served, message):
     with Tab(served) as client:
         client.heard("quick")
@@ -216,9 +213,8 @@ def test_an_approval_is_written_once_and_the_draft_goes(served, draft):
     written = []
     with Tab(served) as client:
         client.heard("quick")
-        steps = [
-            {"do": "answer", "finding": k} for k in range(len(served.session.current.findings))
-        ]
+        count = len(served.session.current.findings)
+        steps = [{"do": "answer", "finding": k} for k in range(count)]
         for step in ({"do": "viewed"}, *steps):
             client.send(step=step)
             client.heard("quick")

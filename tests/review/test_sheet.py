@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import BytesIO
 from itertools import combinations
 
 import bundles
@@ -11,6 +12,7 @@ import drawn_ends
 import numpy as np
 import pytest
 from drawing import blend, coverage, flat, to_uint8
+from PIL import Image
 from refusals import refuses
 from review_slices import MARKERS, SLICE
 
@@ -34,6 +36,14 @@ def drawn_part(sheet, box):
     top = round(box.y) + box.page * PAGE_HEIGHT
     left = round(box.x)
     return sheet.pixels[top : top + round(box.height), left : left + round(box.width)]
+
+
+def words_of(sheet):
+    return [box.words for box in sheet.boxes if box.kind == "text"]
+
+
+def picture_of(sheet):
+    return next(box for box in sheet.boxes if box.kind == "picture")
 
 
 def insets(sheet, words):
@@ -121,10 +131,7 @@ def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
     # Its border is a step of grey along each row and column that crosses it in the inset.
     inside = np.zeros(drawn.image.shape[:2], bool)
     inside[top : top + box_height, left : left + box_width] = True
-    part = np.ix_(
-        range(max(v, 0), min(v + height, len(inside))),
-        range(max(u, 0), min(u + width, inside.shape[1])),
-    )
+    part = np.s_[max(v, 0) : v + height, max(u, 0) : u + width]
     grey = drawn.image[..., 1].astype(float)
     border = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~inside
     assert border[part].sum() >= 20  # pixels of border are in the inset
@@ -164,7 +171,7 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
 def test_nothing_covers_the_ends_on_the_picture_itself():
     drawn = drawn_ends.draw(1, covered="")
     plain = draw_sheet(drawn_ends.sheet_input(drawn))
-    picture = next(box for box in plain.boxes if box.kind == "picture")
+    picture = picture_of(plain)
     zoom = picture.width / drawn.image.shape[1]
     size = round(picture.width), round(picture.height)
     method = cv2.INTER_NEAREST if zoom >= 2 else cv2.INTER_LINEAR
@@ -192,15 +199,13 @@ def white_ground(*, patch):
     return picture, line
 
 
-def test_cover_of_the_grey_around_it_is_told_in_words():
-    for patch in (None, 255):
-        image, line = white_ground(patch=patch)
-        sheet = draw_sheet(shown_of(image, line_of(line)))
-        words = [box.words for box in sheet.boxes if box.kind == "text"]
-        assert "One grey ahead of the end" in words
-        assert "One grey ahead of the start" in words  # the ground there is even too
-        assert words.count("one grey ahead: look twice") == 2
-        check_layout(sheet)
+@pytest.mark.parametrize("patch", [None, 255])
+def test_cover_of_the_grey_around_it_is_told_in_words(patch):
+    image, line = white_ground(patch=patch)
+    words = words_of(checked(shown_of(image, line_of(line))))
+    for end in ("start", "end"):  # the ground at the start is even too
+        assert f"One grey ahead of the {end}" in words
+    assert words.count("one grey ahead: look twice") == 2
 
 
 def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
@@ -213,17 +218,15 @@ def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
 
 
 def test_noise_ahead_of_an_end_is_not_called_one_grey():
-    drawn = drawn_ends.draw(1, covered="")
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(1, covered="")))
     assert not [box for box in sheet.boxes if box.words.startswith("One grey")]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_no_caption_lies_on_a_cover_at_an_end(seed):
-    covered = ("start", "end")[seed % 2]
-    drawn = drawn_ends.draw(seed, covered=covered)
+    drawn = drawn_ends.draw(seed, covered=("start", "end")[seed % 2])
     sheet = draw_sheet(drawn_ends.sheet_input(drawn))
-    picture = next(box for box in sheet.boxes if box.kind == "picture")
+    picture = picture_of(sheet)
     zoom = picture.width / drawn.image.shape[1]
     for first, last in ((drawn.line[0], drawn.line[8]), (drawn.line[-1], drawn.line[-9])):
         ahead = (first - last) / np.hypot(*(first - last))
@@ -231,8 +234,7 @@ def test_no_caption_lies_on_a_cover_at_an_end(seed):
         for box in sheet.boxes:
             if box.kind == "text" and box.overlaps(picture):
                 corner = np.array([box.x - picture.x, box.y - picture.y])
-                far_corner = corner + np.array([box.width, box.height])
-                closest = np.clip(centre, corner, far_corner)
+                closest = np.clip(centre, corner, corner + np.array([box.width, box.height]))
                 assert np.hypot(*(closest - centre)) >= AHEAD_RADIUS - 1, box.words
 
 
@@ -246,18 +248,14 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
                                    place_px=tuple(rng.uniform(0, 300, 2)))
         for k in range(int(rng.integers(0, 9)))
     ]  # fmt: skip
-    shown = drawn_ends.sheet_input(
-        drawn,
-        findings=tuple(findings),
-        markers=drawn_ends.markers(rng, shape, int(rng.integers(4, 41))),
-        metres_per_px=5e-4,
-        side="above (robot +z)",
-    )
+    markers = drawn_ends.markers(rng, shape, int(rng.integers(4, 41)))
+    more = {"findings": tuple(findings), "metres_per_px": 5e-4, "side": "above (robot +z)"}
+    shown = drawn_ends.sheet_input(drawn, markers=markers, **more)
     shown = replace(shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30))))
     sheet = checked(shown)
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
-    picture = next(box for box in sheet.boxes if box.kind == "picture")
+    picture = picture_of(sheet)
     zoom = picture.width / shape[1]
     at = np.rint((drawn.line + 0.5) * zoom - 0.5).astype(int)
     seen = drawn_part(sheet, picture)[at[:, 1], at[:, 0]]
@@ -285,10 +283,9 @@ def planned_sheet():
 
 @pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 1), (2, 1), (6, 2)])
 def test_a_sheet_with_few_findings_is_one_page(count, pages, planned_sheet):
-    findings = []
-    for number in range(count):
-        text = f"Number {number}. Look at the place, and accept it or cut the curve there."
-        findings.append(doubt("ink-touches", "plan", text, place_px=(300.0 + 90 * number, 300.0)))
+    text = "Number {}. Look at the place, and accept it or cut the curve there."
+    findings = [doubt("ink-touches", "plan", text.format(k), place_px=(300.0 + 90 * k, 300.0))
+                for k in range(count)]  # fmt: skip
     sheet = checked(replace(planned_sheet, findings=tuple(findings)))
     assert len(sheet.page_pngs()) == pages
     # Heading, heads and texts stand together; all heads begin in the same column.
@@ -316,12 +313,10 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     bridged[100:110] = True
     bridged[200:290] = True  # 90 px are more than one inset shows
     sheet = checked(shown_of(BLANK, line_of(points, bridged=bridged)))
-    names = [box.words for box in insets(sheet, "")]
-    assert names[:4] == [
-        "Start of the line", "Start of the line, wider", "End of the line", "End of the line, wider"
+    assert [box.words for box in insets(sheet, "")] == [
+        *(f"{end} of the line{wider}" for end in ("Start", "End") for wider in ("", ", wider")),
+        "Bridge 1, 9 px", *(f"Bridge 2, 89 px, part {k} of 3" for k in (1, 2, 3)),
     ]  # fmt: skip
-    assert names[4] == "Bridge 1, 9 px"
-    assert names[5:] == [f"Bridge 2, 89 px, part {k} of 3" for k in (1, 2, 3)]
     covered = np.zeros(380, bool)
     for box in insets(sheet, "Bridge 2"):
         covered[box.window[0] : box.window[0] + box.window[2]] = True
@@ -344,10 +339,8 @@ def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
     hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "hidden")
     ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
-    shown = shown_of(BLANK, line_of(points))
-    sheet = checked(replace(shown, account=(hidden, ink)))
-    names = [box.words for box in insets(sheet, "")]
-    assert names[4:] == ["1: line hidden"]
+    sheet = checked(replace(shown_of(BLANK, line_of(points)), account=(hidden, ink)))
+    assert [box.words for box in insets(sheet, "")][4:] == ["1: line hidden"]
 
 
 def test_closed_line_shows_its_start_and_a_bridge_across_it():
@@ -362,11 +355,8 @@ def test_closed_line_shows_its_start_and_a_bridge_across_it():
 def test_twelve_bridges_take_another_page():
     points = ring((600, 700), 220.0)
     bridged = np.arange(400) % 33 < 5
-    sheet = checked(
-        shown_of(
-            np.full((600, 700, 3), 90, np.uint8), line_of(points, closed=True, bridged=bridged)
-        )
-    )
+    image = np.full((600, 700, 3), 90, np.uint8)
+    sheet = checked(shown_of(image, line_of(points, closed=True, bridged=bridged)))
     assert len(insets(sheet, "Bridge")) == 12
     assert {box.page for box in insets(sheet, "Bridge")} == {0, 1}
 
@@ -397,15 +387,12 @@ def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
 def test_a_hundred_findings_and_forty_markers_are_all_named():
     rng = np.random.default_rng(7)
     drawn = drawn_ends.draw(2, covered="")
-    findings = tuple(
-        doubt("ink-left", "extract", f"Number {k}.", place_px=tuple(rng.uniform(0, 300, 2)))
-        for k in range(100)
-    )
-    shown = drawn_ends.sheet_input(
-        drawn, findings=findings, markers=drawn_ends.markers(rng, drawn.image.shape, 40)
-    )
-    sheet = checked(shown)
-    words = " ".join(box.words for box in sheet.boxes if box.kind == "text")
+    places = [tuple(rng.uniform(0, 300, 2)) for _ in range(100)]
+    findings = tuple(doubt("ink-left", "extract", f"Number {k}.", place_px=place)
+                     for k, place in enumerate(places))  # fmt: skip
+    markers = drawn_ends.markers(rng, drawn.image.shape, 40)
+    shown = drawn_ends.sheet_input(drawn, findings=findings, markers=markers)
+    words = " ".join(words_of(checked(shown)))
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
     assert shown.unanswered == 100
@@ -415,22 +402,20 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
 def test_the_headline_counts_the_ends_to_look_at():
     along = np.column_stack([np.linspace(20, 360, 341), np.full(341, 100.0)])
     one, two = line_of(along), line_of(along + np.array([0, 90]))
-    counts = {}
-    for name, lines in {"one": (one,), "two": (one, two), "ring": ()}.items():
-        shown = replace(shown_of(BLANK, one), strokes=lines)
-        if name == "ring":
-            shown = shown_of(BLANK, line_of(ring((320, 380)), closed=True))
-        counts[name] = ("both" in shown.verdict, "4" in shown.verdict)
+    closed = line_of(ring((320, 380)), closed=True)
+    for lines, counts in (((one,), (True, False)), ((one, two), (False, True)),
+                          ((closed,), (False, False))):  # fmt: skip
+        shown = shown_of(BLANK, *lines)
+        assert ("both" in shown.verdict, "4" in shown.verdict) == counts
         checked(shown)
-    assert counts == {"one": (True, False), "two": (False, True), "ring": (False, False)}
 
 
 def test_text_from_files_can_do_no_harm():
     drawn = drawn_ends.draw(4, covered="")
     names = ("a\nb\x1b[31m", "\u202eabc", "x" * 300, "名前 мм", "")
     rng = np.random.default_rng(1)
-    given = drawn_ends.markers(rng, drawn.image.shape, len(names))
-    given = tuple(replace(m, label=name) for m, name in zip(given, names, strict=True))
+    places = drawn_ends.markers(rng, drawn.image.shape, len(names))
+    given = tuple(replace(m, label=name) for m, name in zip(places, names, strict=True))
     finding = doubt("code" * 40, "plan", "word " * 200 + "y" * 400, answered_by="\x00" * 9)
     checked(drawn_ends.sheet_input(drawn, markers=given, findings=(finding,)))
 
@@ -438,20 +423,18 @@ def test_text_from_files_can_do_no_harm():
 # ---- a bundle ----
 
 
-@pytest.mark.parametrize("name", ["minimal", "small", "sheet", "whole", "guided", "patient"])
+@pytest.mark.parametrize(
+    "name", ["minimal", "small", "sheet", "whole", "guided", "patient", "large"]
+)
 def test_bundle_without_a_slice_has_three_views(name):
+    """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
-    place = tuple(fixture.points[0])
-    finding = doubt("size-unusual", "plan", "So.", place_m=place)
+    finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
     sheet = checked(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
         assert (drawn_part(sheet, view) < 200).any()
-
-
-def test_large_cloud_is_drawn_in_time():
-    checked(of_fixture(bundles.large(), "f.h5"))
 
 
 def test_sheet_without_its_slice_says_so():
@@ -494,11 +477,10 @@ def test_another_slice_is_refused():
 def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
     fixture = bundles.sheet()
     rendering = replace(fixture.rendering, stiffness=np.array(stiffness))
-    facts = dict(of_fixture(replace(fixture, rendering=rendering), "f.h5").facts)
+    shown = of_fixture(replace(fixture, rendering=rendering), "f.h5")
     for value in stiffness:
-        assert f"{value:g}" in facts["The wall"]
-    sheet = checked(of_fixture(replace(fixture, rendering=rendering), "f.h5"))
-    assert any(box.kind == "text" and "N/m" in box.words for box in sheet.boxes)
+        assert f"{value:g}" in dict(shown.facts)["The wall"]
+    assert any("N/m" in words for words in words_of(checked(shown)))
 
 
 def test_side_is_said_in_words():
@@ -512,12 +494,7 @@ def test_side_is_said_in_words():
 
 
 def test_png_prints_at_its_own_size():
-    from io import BytesIO
-
-    from PIL import Image
-
-    png = draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(0))).png()
-    with Image.open(BytesIO(png)) as image:
-        image.load()
-        assert image.size[0] == PAGE_WIDTH
-        assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)
+    image = Image.open(BytesIO(draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(0))).png()))
+    image.load()
+    assert image.size[0] == PAGE_WIDTH
+    assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)

@@ -39,17 +39,15 @@ def motion(count=50):
 
 
 def pose_of(store, place, quat):
-    t = store.types
-    return t["geometry_msgs/msg/Pose"](
-        t["geometry_msgs/msg/Point"](*map(float, place)),
-        t["geometry_msgs/msg/Quaternion"](*map(float, quat)),
+    pose, point, quaternion = (
+        store.types[f"geometry_msgs/msg/{name}"] for name in ("Pose", "Point", "Quaternion")
     )
+    return pose(point(*map(float, place)), quaternion(*map(float, quat)))
 
 
-def header_of(store, stamp):
-    t = store.types
-    time = t["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
-    return t["std_msgs/msg/Header"](time, "panda_link0")
+def header_of(store, stamp, *sequence, frame="panda_link0"):
+    time = store.types["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
+    return store.types["std_msgs/msg/Header"](*sequence, time, frame)
 
 
 def write_poses(path, extra_topic=False):
@@ -116,8 +114,7 @@ def test_franka_state_in_a_ros1_bag(tmp_path):
         for k, (stamp, place, turn) in enumerate(zip(stamps, places, turns, strict=True)):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = turn, place
-            time = store.types["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
-            header = store.types["std_msgs/msg/Header"](k, time, "base")
+            header = header_of(store, stamp, k, frame="base")
             message = store.types[name](header, np.zeros(6), pose.T.ravel())  # column-major
             writer.write(to, int(stamp), store.serialize_ros1(message, name))
     session = read_session(tmp_path / "arm.bag", ros=RosOptions(tool_tip=TIP))
@@ -154,8 +151,5 @@ def test_broken_bags_and_options_without_a_bag(tmp_path):
 
 def test_the_library_is_loaded_for_bags_only(tmp_path):
     (tmp_path / "s.csv").write_text("t,x,y,z\n0,1,2,3\n1,2,3,4\n")
-    code = (
-        "import sys, vfplan; vfplan.read_session('s.csv'); "
-        "assert 'rosbags' not in sys.modules, 'loaded'"
-    )
+    code = "import sys, vfplan; vfplan.read_session('s.csv'); assert 'rosbags' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
