@@ -149,15 +149,18 @@ def move_into_place(moves: list[tuple[Path, Path]], *, overwrite: bool) -> None:
             for temporary, current in moves:  # noqa: B007 - the error below names it
                 sync(temporary, os.O_NOFOLLOW | os.O_NONBLOCK)
             for temporary, current in moves:
+                old = None
                 if overwrite and os.path.lexists(current):
                     old = hidden_name(current, "old")
                     give_second_name(current, old)
                     old_files.append(old)
-                    undo.callback(put_back, current, old)
-                    put_in_place(temporary, current, overwrite=True)
-                else:
+                try:
                     put_in_place(temporary, current, overwrite=overwrite)
-                    undo.callback(put_back, current, None)
+                except BaseException:
+                    # The old file has its name still, so its second name is of no use.
+                    remove_quietly(old or temporary)
+                    raise
+                undo.callback(put_back, current, old)
             for folder in {target.parent for _, target in moves}:
                 sync(folder)
             undo.pop_all()
