@@ -134,8 +134,11 @@ def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> N
     from vfplan.figures.slice import draw_mask, draw_overlay
 
     if extracted.image is None or extracted.extraction is None:
-        message = "a vector curve alone has no image to draw it on. Leave --mask-out and "
-        raise SettingError(f"{message}--overlay-out out", code="picture-without-image")
+        raise SettingError(
+            "a vector curve alone has no image to draw it on. Leave --mask-out and --overlay-out "
+            "out",
+            code="picture-without-image",
+        )
     if mask is not None:
         if extracted.extraction.method == "vector":
             raise SettingError(

@@ -11,7 +11,6 @@ from vfplan.cli.options import OutputFile
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.writing import (
-    EXISTS,
     create,
     hidden_name,
     made_folder,
@@ -113,7 +112,7 @@ def refuse_place(path: Path) -> None:
         # To move a file there would unmake the device.
         raise refusal(path, "is a device or a pipe. Name a file", "output-is-a-device")
     if path.exists() and not is_overwriting():
-        raise refusal(path, EXISTS, "output-exists")
+        raise refusal(path, "exists already. Give --overwrite to replace it", "output-exists")
     if not path.parent.is_dir():
         raise refusal(path, "its folder does not exist. Make it first", "no-output-folder")
 

@@ -30,7 +30,7 @@ COMPOSED = {
     "leak.…": ("leak.open_ends", "leak.between", "leak.open_edges"),
 }
 """Codes that the source puts together at run time."""
-MAKERS = {"doubt": "doubt", "note": "note", "_finding": "doubt", "finding": "replay"}
+MAKERS = {"doubt": "doubt", "note": "note", "finding_at": "doubt", "finding": "replay"}
 """Functions that make a finding, with the severity that they give it."""
 STAGE_OF_PACKAGE = {"curve": "extract", "registration": "register", "markers": "register"}
 """Packages all of whose findings belong to one stage."""
@@ -117,18 +117,33 @@ def entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> 
     if name == "kind":  # a reader of tables raises the class of error that it was given
         name = "InputError"
     keywords = {keyword.arg: keyword.value for keyword in call.keywords}
+    kinds = ()
+    if name == "finding" and package == "registration":  # a doubt or a note, as its figures say
+        name, kinds = "doubt", ("doubt", "note")
     if name in MAKERS and call.args:
         kind = MAKERS[name]
         code = call.args[0]
         if name in ("doubt", "note"):
             stage = STAGE_OF_PACKAGE.get(package) or sentence_of(call.args[1], function)
             message = call.args[2]
-        elif name == "_finding":
+        elif name == "finding_at":
             stage = STAGE_OF_PACKAGE[package]
-            message = call.args[1]
+            code, message = call.args[1:3]
+            if len(call.args) > 3:
+                kind = call.args[3].id
         else:
             stage = ""
             message = call.args[2]
+    elif name == "error_at":  # what a picture shows at a place
+        kind, stage = "CurveError", ""
+        code, message = keywords["code"], call.args[1]
+    elif name == "refusal" and len(call.args) == 3:
+        kind, stage = "OutputError", ""
+        message, code = call.args[1:]
+    elif name == "refuse" and package == "bench":
+        kind, stage = "InputError", ""
+        code = call.args[1] if len(call.args) > 1 else ast.Constant("damaged-bench")
+        message = call.args[0]
     elif name == "Issue" and len(call.args) == 4:
         kind = "validate"
         code = call.args[1]
@@ -142,7 +157,8 @@ def entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> 
     else:
         return
     for text in codes_of(code, function):
-        yield Entry(text, kind, sentence_of(message, function), package, stage)
+        for each in kinds or (kind,):
+            yield Entry(text, each, sentence_of(message, function), package, stage)
 
 
 def codes_of(node: ast.expr, function: ast.FunctionDef) -> tuple[str, ...]:

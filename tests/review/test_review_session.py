@@ -231,7 +231,7 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     path = tmp_path / "slice.png"
     cv2.imwrite(str(path), slices.draw(kind.replace("_", " "), 4 * seed).image[..., ::-1])
     try:
-        extracted = vfplan.planning.extract(path)
+        extracted = vfplan.extract(path)
     except vfplan.errors.CurveError:
         pytest.skip("this drawing is refused, so it has no account")
     session = Session.open(path)

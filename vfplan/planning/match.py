@@ -52,7 +52,7 @@ class Record:
     inputs: dict[str, str] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
 
-    def doubt(self, code: str, text: str, stage: str = "register", **place: Any) -> None:
+    def doubt(self, code: str, stage: str, text: str, **place: Any) -> None:
         """Add a finding that wants an answer."""
         self.findings.append(doubt(code, stage, text, **place))
 
@@ -163,12 +163,14 @@ def match(
         record.findings += marks.findings
     if target_frame != "robot_base":
         record.doubt(
-            "target-not-robot", f"The target markers, and so the fixture, are in {target_frame}, "
+            "target-not-robot", "register",
+            f"The target markers, and so the fixture, are in {target_frame}, "
             "which no robot renders. Register it to the robot's own frame first.",
         )  # fmt: skip
     if image is not slice_image:
         record.doubt(
-            "image-other", "The image given is not the file that the curve was drawn on (SHA-256 "
+            "image-other", "register",
+            "The image given is not the file that the curve was drawn on (SHA-256 "
             "differs), so nothing was compared with it. Give that file.",
         )  # fmt: skip
     found = replace(correspondences, source=source)
@@ -357,12 +359,14 @@ def refine(
     if len(strays):
         rows = ", ".join(map(str, strays[:8])) + (", ..." if len(strays) > 8 else "")
         record.doubt(
-            "touch-left-out", f"{len(strays)} of {len(points)} touched points lie off the surface "
+            "touch-left-out", "register",
+            f"{len(strays)} of {len(points)} touched points lie off the surface "
             f"and are left out: {rows}. Check that the bone was touched there.",
         )  # fmt: skip
     if moved_over_bound > 1:
         record.doubt(
-            "touch-moves-far", f"Touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
+            "touch-moves-far", "register",
+            f"Touching moves the surface by up to {1e3 * moved_m.max():.3f} mm, "
             f"{moved_over_bound:.1f} times the markers' 95 % bound. Did a marker move, or is "
             "something else touched?",
         )  # fmt: skip

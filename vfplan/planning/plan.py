@@ -258,12 +258,12 @@ def register(
         fixture = add_guidance(fixture, settings, record)
     unusual_size = size_doubt(fixture.points)
     if unusual_size is not None:
-        record.doubt("size-unusual", unusual_size, "plan")
+        record.doubt("size-unusual", "plan", unusual_size)
     slow_tick = None
     if fixture.pieces is not None:
         slow_tick = slow_tick_text(fixture)
     if slow_tick is not None:
-        record.doubt("tick-too-long", slow_tick, "plan")
+        record.doubt("tick-too-long", "plan", slow_tick)
     # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
     of_extraction = [replace(finding, place_m=None) for finding in unregistered.findings]
     fixture = replace(fixture, findings=(*of_extraction, *record.findings))
@@ -534,7 +534,7 @@ def add_guidance(fixture: Fixture, settings: FixtureSettings, record: Record) ->
     }  # fmt: skip
     record.report["guide"] = report
     if guide.tight_bend:
-        record.doubt("guide-tight-bend", guide.tight_bend, "plan")
+        record.doubt("guide-tight-bend", "plan", guide.tight_bend)
     if stroke is not None:
         report |= {"stroke": stroke, "clearance_min_m": clearance(fixture, guide, record)}
     return fixture
@@ -572,5 +572,5 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
             "narrower --guide."
         )
         place = tuple(places[worst].tolist())
-        record.doubt("guide-in-forbidden", text, "plan", place_m=place)
+        record.doubt("guide-in-forbidden", "plan", text, place_m=place)
     return smallest
