@@ -126,9 +126,7 @@ def print_usage_error(error: click.ClickException, as_json: bool) -> None:
 
     context = getattr(error, "ctx", None)
     message = " ".join(error.format_message().split())
-    where = None
-    if context is not None:
-        where = context.command_path
+    where = context.command_path if context is not None else None
     hint = ""
     if where:
         hint = f" (see '{where} --help')"

@@ -47,8 +47,7 @@ def option_words(setting: Field) -> list[str]:
 
 def argument_of(setting: Field) -> str:
     """The name under which a command gets the option of a field."""
-    is_other = "to_option" in setting.metadata
-    if is_other:
+    if "to_option" in setting.metadata:
         return option_words(setting)[0].replace("-", "_")
     return setting.name
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntFlag
+from inspect import signature
 from typing import Any, Literal
 
 import numpy as np
@@ -337,6 +338,7 @@ class ProxyEngine:
     status: Status = Status.OK
     """Status of the last tick."""
 
+    __signature__ = signature(ProxyParameters.make).replace(return_annotation=None)
     _real_time = False  # Whether the engine was made for a loop that cannot wait.
     _is_editable = False  # Whether the native engine takes edits.
 

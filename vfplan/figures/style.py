@@ -97,7 +97,8 @@ def on_slice(
 def png_bytes(figure: Figure) -> bytes:
     """The figure as PNG; the same figure gives the same bytes (no date, no software version)."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None})
+    with style():
+        figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
 
 
