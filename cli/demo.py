@@ -121,10 +121,10 @@ def panda_text(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+# What is drawn -> its key in JSON (of the pipeline every number has its own), and its text.
 TELLERS: dict[str, tuple[str, Callable[[dict[str, Any]], str]]] = {
     "pipeline": ("", pipeline_text),
     "paper": ("figures", paper_text),
     "experiments": ("experiments", experiments_text),
     "panda": ("experiments", panda_text),
 }
-"""What is drawn -> its key in JSON (of the pipeline every number has its own), and its text."""

@@ -26,9 +26,10 @@ from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
+# Number of hidden stretches whose places are printed; `--json` has all.
 LISTED_GAPS = 4
-"""Number of hidden stretches whose places are printed; `--json` has all."""
 
+# Codes of refusals that a person can mend on the review page.
 MENDED_ON_PAGE = {
     *("several-candidates", "line-forks", "double-line", "runs-side-by-side", "bridge-too-long"),
     *("fit-left-ink", "too-little-ink", "no-line", "only-a-frame", "too-many-pieces"),
@@ -37,7 +38,6 @@ MENDED_ON_PAGE = {
     *("one-mark-two-markers", "mirrored", "scale-wrong"),
     *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
 }
-"""Codes of refusals that a person can mend on the review page."""
 
 
 @command(

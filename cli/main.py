@@ -48,8 +48,8 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
+# Exit code after Ctrl-C, as a shell reports an interrupt.
 INTERRUPTED = 128 + signal.SIGINT
-"""Exit code after Ctrl-C, as a shell reports an interrupt."""
 
 # The module of a command, imported when the command is called, which keeps `--help` fast. There the
 # command NAME is the function `vfplan_NAME`. One that is not named here is in vfplan.cli.NAME.

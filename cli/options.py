@@ -18,8 +18,8 @@ from vfplan.io.files import parse_decimal, parse_seconds
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import argument_of, option_words, scale_of, settings_from_options
 
+# An input. The library checks that it exists, and answers with exit code 3 instead of 2.
 FILE = click.Path(path_type=Path)
-"""An input. The library checks that it exists, and answers with exit code 3 instead of 2."""
 
 
 class OutputFile(click.Path):
@@ -157,11 +157,11 @@ class Number(Numbers):
         return float(value * self.scale)
 
 
+# A length above 0: typed in millimetres, handed on in metres.
 MM = Number("MM", 1e-3)
-"""A length above 0: typed in millimetres, handed on in metres."""
 
+# A length of 0 or above: typed in millimetres, handed on in metres.
 MM_OR_ZERO = Number("MM", 1e-3, zero_allowed=True)
-"""A length of 0 or above: typed in millimetres, handed on in metres."""
 
 
 class _StrictNumber(click.ParamType):
@@ -187,8 +187,8 @@ class WholeNumber(_StrictNumber, click.IntRange):
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+# What a signature may be for, and the option that demands it.
 SIGNED_FOR = {"case": "--case CASE", "robot_serial": "--robot-serial SERIAL"}
-"""What a signature may be for, and the option that demands it."""
 
 
 def option(*names: str, **attributes: Any) -> Callable[[F], F]:
@@ -296,6 +296,7 @@ ROBOT = robot_option("Write nothing if the stiffness is not stable with this rob
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
 COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
+# Form of a setting -> what reads it.
 FORMS = {
     kind.metavar: kind
     for kind in (
@@ -306,13 +307,12 @@ FORMS = {
         Parsed("tre95|p=P", parse_margin),
     )
 }  # fmt: skip
-"""Form of a setting -> what reads it."""
 
+# Where a simulated arm stands: `rehearse` and `plan --rehearse`.
 ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
-"""Where a simulated arm stands: `rehearse` and `plan --rehearse`."""
 
+# The tip of a simulated arm in the frame of its flange: `rehearse` and `plan --rehearse`.
 ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
-"""The tip of a simulated arm in the frame of its flange: `rehearse` and `plan --rehearse`."""
 
 
 def setting_option(kind: type, name: str) -> Callable[[F], F]:
@@ -354,6 +354,7 @@ def setting_options(kind: type, names: str) -> Callable[[F], F]:
     return options_in_order(*(setting_option(kind, name) for name in names.split()))
 
 
+# How the curve is read from the image: `extract`, `plan` and `review`.
 EXTRACT_OPTIONS = options_in_order(
     setting_options(
         ExtractSettings,
@@ -366,8 +367,8 @@ EXTRACT_OPTIONS = options_in_order(
     option("--overlay-out", type=PNG, metavar="PNG",
            help="Write a picture of the slice with the curve, or with the numbered candidates."),
 )  # fmt: skip
-"""How the curve is read from the image: `extract`, `plan` and `review`."""
 
+# How a curve becomes a fixture: `register`, `plan` and `review`.
 FIXTURE_OPTIONS = options_in_order(
     setting_options(
         FixtureSettings,
@@ -383,7 +384,6 @@ FIXTURE_OPTIONS = options_in_order(
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write a picture of the slice with the residuals and the error along the curve."),
 )  # fmt: skip
-"""How a curve becomes a fixture: `register`, `plan` and `review`."""
 
 
 def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:

@@ -19,8 +19,8 @@ from vfplan.io.writing import (
     remove_quietly,
 )
 
+# Under this key in click's context: raises where a signal has told the running command to stop.
 RAISE_IF_STOPPED = "vfplan.cli.raise_if_stopped"
-"""Under this key in click's context: raises where a signal has told the running command to stop."""
 
 
 def refuse_outputs() -> None:

@@ -21,8 +21,8 @@ from vfplan.io.writing import write_whole
 from vfplan.replaying.findings import change_words, gap_words
 from vfplan.settings import settings_from_options
 
+# Number of ticks that are kept for the pictures of `--report`.
 TICKS_OF_REPORT = 65536
-"""Number of ticks that are kept for the pictures of `--report`."""
 
 
 def parse_limit(text: str) -> tuple[str, float]:

@@ -23,8 +23,8 @@ from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 FORMS = {number.key: number for number in NUMBERS}
 NO_TOUCH = "the tool never touched the fixture"
 
+# The unit of each limit of a robot.
 UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
-"""The unit of each limit of a robot."""
 
 
 def written(report: dict[str, Any], key: str) -> str:

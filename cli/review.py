@@ -37,8 +37,8 @@ from vfplan.settings import settings_from_options
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
 
+# Seconds that the page has to show its last message before the server goes.
 FAREWELL_S = 0.5
-"""Seconds that the page has to show its last message before the server goes."""
 
 
 @command("review", settings_file=True)

@@ -40,12 +40,12 @@ from vfplan.io.files import now_utc, to_json_types
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+# Seconds after which a signal is repeated while the main thread still waits in C.
 REPEAT_S = 0.25
-"""Seconds after which a signal is repeated while the main thread still waits in C."""
 
+# Seconds in which a second signal counts as the same stop, so that it cannot cut the cleaning up
+# short. A later one counts again.
 SAME_STOP_S = 1.0
-"""Seconds in which a second signal counts as the same stop, so that it cannot cut the cleaning up
-short. A later one counts again."""
 
 
 class Stopped(BaseException):
@@ -152,8 +152,8 @@ def noted_signals() -> Iterator[Callable[[], bool]]:
         yield lambda: bool(arrivals)
 
 
+# Under this key in click's context: whether the help lists every option.
 SHOW_ALL = "vfplan.cli.show_all"
-"""Under this key in click's context: whether the help lists every option."""
 
 
 class PagedCommand(click.Command):
@@ -207,11 +207,11 @@ def print_whole_help(ctx: click.Context, option: click.Parameter, is_wanted: boo
         ctx.exit()
 
 
+# Unicode's categories of characters without a shape: controls, directions, surrogates, unknown.
 INVISIBLE_CATEGORIES = ("Cc", "Cf", "Cs", "Co", "Cn")
-"""Unicode's categories of characters without a shape: controls, directions, surrogates, unknown."""
 
+# The level of the log for no `-v`, one and two.
 LOG_LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
-"""The level of the log for no `-v`, one and two."""
 
 
 @dataclass(frozen=True)
@@ -327,6 +327,7 @@ class Printer:
         sys.exit(exit_code)
 
 
+# Options of every command, but for the first one, which only some have.
 COMMON_OPTIONS = (
     option("--settings", "settings_file", type=FILE, metavar="FILE.json",
            help="Take options from a file that holds fields of ExtractSettings and "
@@ -336,7 +337,6 @@ COMMON_OPTIONS = (
     option("-v", "--verbose", count=True,
            help="Print the statistics too; -vv adds the traceback of an error."),
 )  # fmt: skip
-"""Options of every command, but for the first one, which only some have."""
 
 
 def command_line() -> str:

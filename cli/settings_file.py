@@ -20,17 +20,17 @@ from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import argument_of
 
+# Options that say how a command is called, and nothing of its result.
 OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
-"""Options that say how a command is called, and nothing of its result."""
 
 
+# Fields whose option has another name or unit: the option's name, and the way to its value.
 CONVERTED_FIELDS = {
     setting.name: (argument_of(setting), setting.metadata["to_option"])
     for kind in (ExtractSettings, FixtureSettings)
     for setting in fields(kind)
     if "to_option" in setting.metadata
 }
-"""Fields whose option has another name or unit: the option's name, and the way to its value."""
 
 
 def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (31_436, 321_300, 169),
+    ("vfplan", "cli"): (30_778, 320_200, 169),
     ("tests",): (26_500, 336_000, 215),
 }
 NO_CODE = {

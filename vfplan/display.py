@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 
+# Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20
-"""Things of one kind that a text or a report lists one by one; of more, their number."""
 
+# Number of points of a cloud or of a path that a picture draws. More look the same.
 MAX_DRAWN = 4000
-"""Number of points of a cloud or of a path that a picture draws. More look the same."""
 
+# Millimetres in a metre.
 MM = 1e3
-"""Millimetres in a metre."""
 
 _LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 _DURATIONS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))

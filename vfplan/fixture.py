@@ -206,14 +206,14 @@ class StabilityVerdict:
 
 
 FRAMES: tuple[Frame, ...] = get_args(Frame)
+# Usual smallest extent of a fixture [m]: a mark on a bone.
 MIN_EXTENT_M = 1e-3
-"""Usual smallest extent of a fixture [m]: a mark on a bone."""
 
+# Usual largest extent of a fixture [m]: a patient.
 MAX_EXTENT_M = 3.0
-"""Usual largest extent of a fixture [m]: a patient."""
 
+# Usual largest coordinate [m]: a robot in the same room.
 MAX_COORDINATE_M = 10.0
-"""Usual largest coordinate [m]: a robot in the same room."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from typing import Any
 
 from vfplan.errors import SettingError
 
+# Unit that a person types a setting in -> what it is in SI units. Any other unit is SI.
 SCALES = {"mm": 1e-3, "1/mm": 1e3}
-"""Unit that a person types a setting in -> what it is in SI units. Any other unit is SI."""
 
 
 def setting(default: Any, text: str, **rule: Any) -> Any:

@@ -34,8 +34,8 @@ from vfplan.session.result import TickBlock
 WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
+# Seconds that the first picture may take. It takes one or two; a cold disk some more.
 PROBE_LIMIT_S = 60
-"""Seconds that the first picture may take. It takes one or two; a cold disk some more."""
 
 PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen={off}, window_size=(32, 32)); "
@@ -114,8 +114,8 @@ def ready_pyvista(*, screen: bool) -> Any:
 
 Array = NDArray[np.float64]
 
+# Grey of the slice's border, and of the slice in the legend.
 SLICE = "#8a8a8a"
-"""Grey of the slice's border, and of the slice in the legend."""
 
 
 def draw_view(

@@ -19,8 +19,8 @@ from vfplan.report.tables import table
 
 Array = NDArray[np.float64]
 
+# Number of postures that the arm is drawn in. More would hide each other.
 DRAWN_POSTURES = 6
-"""Number of postures that the arm is drawn in. More would hide each other."""
 
 
 def depth(rehearsal: Rehearsal) -> Figure:

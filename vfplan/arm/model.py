@@ -26,19 +26,19 @@ from vfplan.robot import Robot, read_robot
 
 _LOG = logging.getLogger("vfplan")
 
+# Largest number of elements. An arm has about a hundred.
 MAX_NODES = 5_000
-"""Largest number of elements. An arm has about a hundred."""
 
+# Largest number of elements within each other. An arm has about twenty.
 MAX_DEPTH = 64
-"""Largest number of elements within each other. An arm has about twenty."""
 
 ELEMENTS = {
     *("mujoco", "compiler", "option", "flag", "default", "statistic", "keyframe", "key"),
     *("worldbody", "body", "frame", "inertial", "joint", "geom", "site", "camera", "light"),
     *("actuator", "motor", "general", "position", "velocity", "contact", "exclude"),
 }
+# Attributes that name a file or a folder, or load code.
 FORBIDDEN = {"file", "meshdir", "texturedir", "assetdir", "plugin", "mesh", "hfield"}
-"""Attributes that name a file or a folder, or load code."""
 
 
 def mujoco() -> Any:
@@ -130,27 +130,27 @@ def check(data: bytes, where: str) -> None:
 
 Array = NDArray[np.float64]
 
+# Shipped arms, each with the robot file that has its limits.
 ARMS = {"panda": "franka", "fr3": "fr3"}
-"""Shipped arms, each with the robot file that has its limits."""
 
+# Largest number of joints that the engine takes. A model with more is no arm.
 MAX_JOINTS = _core.most_joints
-"""Largest number of joints that the engine takes. A model with more is no arm."""
 
+# Distance [m] that counts as much as one radian of turning in the inverse kinematics.
 ARM_LENGTH_M = 0.3
-"""Distance [m] that counts as much as one radian of turning in the inverse kinematics."""
 
+# Number of steps after which the inverse kinematics ends. A place in reach needs about ten.
 KINEMATICS_STEPS = 100
-"""Number of steps after which the inverse kinematics ends. A place in reach needs about ten."""
 
+# Largest error that one step of the inverse kinematics works off [m].
 LONGEST_STEP_M = 0.1
-"""Largest error that one step of the inverse kinematics works off [m]."""
 
+# Damping of the inverse kinematics, squared singular values [m²]. It bounds the step near a
+# singular posture and changes no result.
 DAMPING = (LONGEST_STEP_M / 10) ** 2
-"""Damping of the inverse kinematics, squared singular values [m²]. It bounds the step near a
-singular posture and changes no result."""
 
+# Error below which the inverse kinematics is solved [m].
 SOLVED_M = 1e-6
-"""Error below which the inverse kinematics is solved [m]."""
 
 
 @dataclass(frozen=True, eq=False)

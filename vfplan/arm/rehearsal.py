@@ -31,11 +31,11 @@ from vfplan.stability.study import largest_rendered_stiffness
 
 Array = NDArray[np.float64]
 
+# Number of ticks from one report of progress, and one check of the joints' speed, to the next.
 CHECK_TICKS = 256
-"""Number of ticks from one report of progress, and one check of the joints' speed, to the next."""
 
+# Largest speed of a joint [rad/s]. In a simulation that left all bounds a joint turns faster.
 LOST_SPEED_RAD_S = 100.0
-"""Largest speed of a joint [rad/s]. In a simulation that left all bounds a joint turns faster."""
 
 
 @dataclass(frozen=True)
@@ -239,18 +239,18 @@ def note_first(
         stops.append({"tick": int(ticks[0]), "kind": kind, **joint, **found})
 
 
+# Number of places along the session that the arm must reach, and whose postures are judged.
 PLACES = 100
-"""Number of places along the session that the arm must reach, and whose postures are judged."""
 
+# Largest distance of the tip from a place that counts as reached [m].
 REACHED_M = 1e-3
-"""Largest distance of the tip from a place that counts as reached [m]."""
 
+# Number of ticks of the longest session, an hour at 1 kHz. All of them are kept in memory.
 MAX_TICKS = 3_600_000
-"""Number of ticks of the longest session, an hour at 1 kHz. All of them are kept in memory."""
 
+# Largest share by which a session's rate differs from the arm's. Clocks of two computers differ by
+# less.
 SAME_RATE = 0.01
-"""Largest share by which a session's rate differs from the arm's. Clocks of two computers differ
-by less."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,17 +20,18 @@ from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, grouped
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
+# Number of panels in a row.
 COLUMNS = 4
-"""Number of panels in a row."""
 
+# The smallest error drawn in pixels.
 SMALLEST_PX = 1e-4
-"""The smallest error drawn in pixels."""
 
+# The smallest error drawn in micrometres. Below it is rounding.
 SMALLEST_UM = 1e6 * SMALLEST_ERROR_M
-"""The smallest error drawn in micrometres. Below it is rounding."""
 
 FRONT_COLOUR = "#c8c8c8"
 
+# The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone.
 RULES = {
     "robust": RULE["robust"], "paper": RULE["paper"], "exact": RULE["exact"],
     "nearest-point penalty": CONTACT, "nanoflann_peer": PROXY, "ridge": RULE["robust"],
@@ -38,9 +39,8 @@ RULES = {
     "bare least squares": CONTACT, "the paper's density": RULE["paper"],
     "the paper's: every mask pixel": RULE["paper"], "mask (the paper's)": RULE["paper"],
 }  # fmt: skip
-"""The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone."""
+# The markers of a rule's variants.
 MARKERS = "os^vDPX<>ph"
-"""The markers of a rule's variants."""
 
 Look = tuple[str, str]
 

@@ -34,11 +34,11 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import Status, Step
 from vfplan.errors import SettingError
 
+# Time after which a peer that still runs has failed [s], and so has building the shipped one.
 TIMEOUT_S = 120.0
-"""Time after which a peer that still runs has failed [s], and so has building the shipped one."""
 
+# Length of a peer's own message in an error.
 QUOTED_CHARACTERS = 200
-"""Length of a peer's own message in an error."""
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,14 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import choose, sample_curve
 from vfplan.scenes.outline import Run, arc, in_space, segment
 
+# Width of the drawn slice at scale 1 [px].
 WIDTH_PX = 640
-"""Width of the drawn slice at scale 1 [px]."""
 
+# Height of the drawn slice at scale 1 [px].
 HEIGHT_PX = 3 * WIDTH_PX // 4
-"""Height of the drawn slice at scale 1 [px]."""
 
+# A pixel's coverage is counted on a grid of this many places along u and along v.
 SUBPIXELS = 8
-"""A pixel's coverage is counted on a grid of this many places along u and along v."""
 
 
 def extract_scenes(quick: bool, *_: Any) -> Iterator[list[BenchRun]]:
@@ -204,11 +204,11 @@ EXTRACTIONS: dict[str, Callable[[Any], Array]] = {
     "hue + thinning": thin_hue_mask,
 }
 
+# Size of a pixel of the slice [m].
 PIXEL_M = 0.5e-3
-"""Size of a pixel of the slice [m]."""
 
+# Number of markers of the setting that counts as chosen, as on the sample.
 DEFAULT_MARKERS = 9
-"""Number of markers of the setting that counts as chosen, as on the sample."""
 
 
 def register_scenes(quick: bool, *_: Any) -> Iterator[list[BenchRun]]:
@@ -293,17 +293,17 @@ FITS: dict[str, Callable[[Array, Array], Array]] = {
     "bare least squares": fit_bare,
 }
 
+# Arc between the true curve's vertices [m].
 FINE_M = 20e-6
-"""Arc between the true curve's vertices [m]."""
 
+# Points a metre of the paper's Experiment 2.
 PAPER_DENSITY = 5.3e3
-"""Points a metre of the paper's Experiment 2."""
 
+# Number of ticks along the curve.
 TICKS = 600
-"""Number of ticks along the curve."""
 
+# Depth to which the HIP is pressed in [m].
 PRESS_M = 1e-3
-"""Depth to which the HIP is pressed in [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -424,8 +424,8 @@ SAMPLINGS: dict[str, Callable[..., Array]] = {
     "the paper's density": sample_as_planned,
 }
 
+# Every so many places of the true surface count, 0.1 mm apart.
 STRIDE = 5
-"""Every so many places of the true surface count, 0.1 mm apart."""
 
 
 def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:

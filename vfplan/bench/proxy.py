@@ -53,8 +53,8 @@ from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.curve import FINE_M
 
 Triangles = NDArray[np.int32]
+# Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm.
 FACE_CUTS = 25
-"""Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm."""
 
 
 class Meshed(Scene):
@@ -134,31 +134,31 @@ def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
     return corners, row.ravel()[np.array(triangles)].astype(np.int32)
 
 
+# Scenes of a quick run, each with the route through it.
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
          ("omega", "beside"))  # fmt: skip
-"""Scenes of a quick run, each with the route through it."""
 
+# Scenes of a full run, each with the route through it.
 FULL = (("point", "across"), ("segment", "above"), ("sheet", "front"), ("sheet", "back"),
         ("sheet", "edge"), ("double-sheet", "above"), ("circle", "outside"), ("circle", "inside"),
         ("sphere", "outside"), ("sphere", "inside"), ("wedge", "over"), ("corner", "floor"),
         ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "beside"),
         ("omega", "over"), ("omega", "inside"), ("teapot", "over"))  # fmt: skip
-"""Scenes of a full run, each with the route through it."""
 
+# Scenes of triangles, each with the route over it.
 MESHES = (("ball-mesh", BallMesh, "outside"), ("box-mesh", BoxMesh, "over an edge"))
-"""Scenes of triangles, each with the route over it."""
 
+# Standard deviation of a noisy cloud's points along each axis, as a share of their spacing.
 NOISE = 0.1
-"""Standard deviation of a noisy cloud's points along each axis, as a share of their spacing."""
 
+# Spacing of the cloud of a million points [m]: 1001 x 1001 on the sheet of Experiment 1.
 LARGE_SPACING_M = 0.1e-3
-"""Spacing of the cloud of a million points [m]: 1001 x 1001 on the sheet of Experiment 1."""
 
+# Number of ticks of a path in a quick run, and on a million points.
 QUICK_TICKS = 700
-"""Number of ticks of a path in a quick run, and on a million points."""
 
+# An engine can follow a proxy that moves by no more than this times what the HIP does.
 MAX_SENSITIVITY = 1 / (1 - DEPTH) + 1e-9
-"""An engine can follow a proxy that moves by no more than this times what the HIP does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,14 +336,14 @@ def chosen_points(scene: Scene, choice: Choice) -> Array:
     return points[np.sort(np.unique(nanometres, axis=0, return_index=True)[1])]
 
 
+# Number of points times ticks up to which the NumPy reference runs in good time.
 NUMPY_WORK = 4e7
-"""Number of points times ticks up to which the NumPy reference runs in good time."""
 
+# Number of points times ticks up to which a look at every point in every tick does.
 BRUTE_WORK = 10 * NUMPY_WORK
-"""Number of points times ticks up to which a look at every point in every tick does."""
 
+# A HIP further than this behind the surface [m] has a well-known normal.
 CONTACT_DEPTH_M = 0.1e-3
-"""A HIP further than this behind the surface [m] has a well-known normal."""
 
 Make = Callable[[Case], tuple[Any, dict[str, Any]]]
 

@@ -29,14 +29,14 @@ Setting = str | float | int | bool | None
 Record = dict[str, Any]
 Advance = Callable[[int], None]
 
+# Errors below a nanometre [m] are rounding, and count as equal.
 SMALLEST_ERROR_M = ROUNDING_M
-"""Errors below a nanometre [m] are rounding, and count as equal."""
 
+# Number of timed repeats after which a slow run is timed well enough.
 FEWEST_REPEATS = 3
-"""Number of timed repeats after which a slow run is timed well enough."""
 
+# Time [s] that a run must have taken for that.
 TIMED_ENOUGH_S = 0.25
-"""Time [s] that a run must have taken for that."""
 
 
 def errors_of(distances: Any, **figures: Any) -> Record:
@@ -235,6 +235,7 @@ class StageLook(NamedTuple):
     peers: tuple[str, ...]
 
 
+# Every stage by its name.
 LOOKS = {
     "extract": StageLook("extract: the drawn line, one call a slice", "call", "ms",
                          ("hue + thinning", "mask (the paper's)")),
@@ -247,7 +248,6 @@ LOOKS = {
     "plan": StageLook("plan: slice and markers to fixture, one call", "call", "ms",
                       ("the paper's: every mask pixel",)),
 }  # fmt: skip
-"""Every stage by its name."""
 
 
 def error_text(result: Record, key: str = "error_rms") -> str:

@@ -34,22 +34,22 @@ from vfplan.io.writing import write_whole
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose
 
+# The runs of each scene of a stage, from: quick, tolerance [m], peers.
 STAGES: dict[str, Callable[..., Iterable[list[BenchRun]]]] = {
     "extract": extract_scenes, "sample": sample_scenes, "register": register_scenes,
     "proxy": proxy_scenes, "plan": plan_scenes,
 }  # fmt: skip
-"""The runs of each scene of a stage, from: quick, tolerance [m], peers."""
 
 Bar = Callable[[str, int], AbstractContextManager[Advance]]
 
+# Number of timed rounds; the medians of seven spread by some percent.
 REPEATS = 7
-"""Number of timed rounds; the medians of seven spread by some percent."""
 
+# The same in a quick run.
 QUICK_REPEATS = FEWEST_REPEATS
-"""The same in a quick run."""
 
+# Time for a tick of a 1 kHz controller [µs].
 BUDGET_US = 1e6 / RATE_HZ
-"""Time for a tick of a 1 kHz controller [µs]."""
 
 FORMAT = "vfplan-bench"
 VERSION = "1.0"

@@ -31,8 +31,8 @@ from vfplan.fixture import (
     StabilityVerdict,
 )
 
+# Path -> value: text (`str`), `int`, `float`, a NumPy array, or a tuple of texts.
 Content = dict[str, Any]
-"""Path -> value: text (`str`), `int`, `float`, a NumPy array, or a tuple of texts."""
 
 FORMAT = "vfplan-fixture"
 VERSION = "2.0"
@@ -124,6 +124,7 @@ def max_number(path: str) -> float:
 # a path without a field, or a field without a path, fails. `/findings`, `/provenance` and
 # `/rendering/stability` are written out below, and `/@format`, `/@version`, `/@id`,
 # `/@must_understand` and `/leak` are what the format computes.
+# Path in the bundle -> field of the fixture.
 FIELDS = {
     "/@frame": "frame",
     "/points": "points",
@@ -169,16 +170,15 @@ FIELDS = {
     "/review@utc": "reviewed.utc",
     "/review@digest": "reviewed.digest",
 }
-"""Path in the bundle -> field of the fixture."""
 
+# Fields of a `StabilityVerdict` in the order of `/rendering/stability`.
 STABILITY_FIELDS = tuple(field.name for field in fields(StabilityVerdict) if field.name != "robot")
-"""Fields of a `StabilityVerdict` in the order of `/rendering/stability`."""
 
+# The parts of a fixture that `FIELDS` names in front of a point, and their types.
 PARTS = {
     "curve": Curve, "pieces": Pieces, "image": SourceImage, "rendering": Rendering,
     "guidance": Guidance, "registration": RegistrationRecord, "reviewed": Review,
 }  # fmt: skip
-"""The parts of a fixture that `FIELDS` names in front of a point, and their types."""
 
 
 # --- Fixture -> content -------------------------------------------------------------------------

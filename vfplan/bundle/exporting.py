@@ -187,10 +187,10 @@ def arbitrary_axes(axis: Vector) -> Vector:
     return np.stack([x, np.cross(axis, x), axis])
 
 
+# Ending -> what makes such a file, and the parts of a fixture that it holds besides the points.
 FORMS: dict[str, tuple[Callable[[Fixture], bytes], tuple[str, ...]]] = {
     ".ply": (ply, ("mesh",)),
     ".csv": (csv, ("sigma", "curve")),
     ".mrk.json": (slicer_markups, ("curve",)),
     ".dxf": (dxf, ("curve",)),
 }
-"""Ending -> what makes such a file, and the parts of a fixture that it holds besides the points."""

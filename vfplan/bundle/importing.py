@@ -37,17 +37,17 @@ from vfplan.io.files import (
     read_bytes,
 )
 
+# Unit of a file's numbers -> metres.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
-"""Unit of a file's numbers -> metres."""
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
+# Longest header of a PLY file that is looked for [bytes].
 HEADER_BYTES = 1 << 16
-"""Longest header of a PLY file that is looked for [bytes]."""
+# PLY's name of a type -> NumPy's.
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
-"""PLY's name of a type -> NumPy's."""
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 USED_PROPERTIES = {"vertex": ("x", "y", "z"), "face": ("vertex_indices", "vertex_index")}
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -62,20 +62,20 @@ TEXT_FACET = re.compile(
 
 Points = NDArray[np.float64]
 Triangles = NDArray[np.int32]
+# Name of a property -> its values, a row for each vertex or face.
 Columns = dict[str, NDArray]
-"""Name of a property -> its values, a row for each vertex or face."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """What a file holds."""
 
+    # (N, 3) in the file's unit.
     points: NDArray[np.float64]
-    """(N, 3) in the file's unit."""
+    # (K, 3) rows of `points`; `None` when the file holds no faces.
     triangles: NDArray[np.integer] | None = None
-    """(K, 3) rows of `points`; `None` when the file holds no faces."""
+    # What else the file says, each as "element.property".
     left_out: tuple[str, ...] = ()
-    """What else the file says, each as "element.property"."""
 
 
 def import_cloud(
@@ -388,8 +388,8 @@ class Element:
 
     name: str
     count: int
+    # Each as (name, type, type of the list's length, which is "" for a single number).
     properties: list[tuple[str, str, str]] = field(default_factory=list)
-    """Each as (name, type, type of the list's length, which is "" for a single number)."""
 
 
 def read_ply(data: bytes) -> Mesh:

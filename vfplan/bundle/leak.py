@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.bundle.content import Content
 
+# Number of triangles or points that are looked at together, to bound memory.
 BLOCK = 1 << 18
-"""Number of triangles or points that are looked at together, to bound memory."""
+# Number of steps along a tree's order that bound the distance to the nearest neighbour.
 STEPS = 16
-"""Number of steps along a tree's order that bound the distance to the nearest neighbour."""
 
 
 def certificate(content: Content) -> Content:

@@ -57,13 +57,13 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 MAGIC = b"VFPLSEAL"
 TAIL_MAGIC = b"VFPLTAIL"
 SEAL_VERSION = 2
+# Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes.
 LENGTHS = tuple(512 << doublings for doublings in range(4))
-"""Lengths that a seal may have: 512, 1024, 2048 and 4096 bytes."""
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 TAIL = struct.Struct("<32sII8s")
 SIGNATURE = slice(72, 136)
+# In front of what is signed, so that a signature can be taken for no other one.
 DOMAIN = b"vfplan bundle seal 2\0"
-"""In front of what is signed, so that a signature can be taken for no other one."""
 
 
 class SealFlag(IntFlag):
@@ -242,8 +242,8 @@ def unsealed(stream: BinaryIO) -> Sealed:
 
 # --- Trust --------------------------------------------------------------------------------------
 
+# How far a time of signing may lie in the future, because two clocks differ [s].
 CLOCK_SKEW = 60
-"""How far a time of signing may lie in the future, because two clocks differ [s]."""
 
 
 @dataclass(frozen=True)

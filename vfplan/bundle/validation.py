@@ -24,8 +24,8 @@ from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
 UNSIGNED = "is not signed: protected against accident, not against intent. Sign it: vfplan sign"
+# Relative difference of a stored certificate from a recomputed one that is rounding.
 CERTIFICATE_TOLERANCE = 1e-9
-"""Relative difference of a stored certificate from a recomputed one that is rounding."""
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ from vfplan.io.hdf5 import h5py
 from vfplan.io.writing import write_whole
 
 h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
+# What `/@id` is the digest of, behind the frame.
 GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
-"""What `/@id` is the digest of, behind the frame."""
 
+# Codes of values that are sound each, and do not fit together.
 DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration")
-"""Codes of values that are sound each, and do not fit together."""
 
 UNITS_OF_FRAME = {"image": "px", "robot_base": "m", "patient_lps": "m"}
 

@@ -29,12 +29,12 @@ from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event
 from vfplan.session.session import BLOCK, Session
 
+# Largest number of points that the ball removes in a tick. Each goes and another appears, and the
+# engine takes 64 changes a tick.
 MAX_POINTS = 32
-"""Largest number of points that the ball removes in a tick. Each goes and another appears, and the
-engine takes 64 changes a tick."""
 
+# Number of neighbours from which the normal of a point is taken: two rings around it.
 NEIGHBOURS = 12
-"""Number of neighbours from which the normal of a point is taken: two rings around it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,8 +120,8 @@ def summary(
     }
 
 
+# Number of trials times p from which the 95 % interval of a (1 - p) quantile has an upper end.
 TRIALS_TIMES_P = 3.7
-"""Number of trials times p from which the 95 % interval of a (1 - p) quantile has an upper end."""
 
 
 def require_same_plan(folder: Path, fixture: Fixture) -> None:
@@ -163,8 +163,8 @@ def margin_for(folder: Path, p: float) -> float:
     return 1e-3 * high_mm
 
 
+# Number of bins along the curve.
 BINS = 40
-"""Number of bins along the curve."""
 
 
 def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, path: Path) -> None:

@@ -32,8 +32,8 @@ from vfplan.session.session import Session
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"
 QUESTION_FILE = "campaign.json"
+# Largest size of a block of trials that is read. One of 64 trials is a thousandth of it.
 MAX_BLOCK_BYTES = MAX_TEXT_BYTES // 4
-"""Largest size of a block of trials that is read. One of 64 trials is a thousandth of it."""
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
 
 
@@ -252,8 +252,8 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
 
 Rows = list[dict[str, Any]]
 
+# The trials of a worker process, which are sent to it once and not with each block.
 _trials_of_this_process: Trials | None = None
-"""The trials of a worker process, which are sent to it once and not with each block."""
 
 
 def run_campaign(

@@ -32,14 +32,14 @@ from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
 
+# Number of trials in a block, about half a second of work.
 BLOCK = 64
-"""Number of trials in a block, about half a second of work."""
 
+# Lower end of the band of physiological tremor [Hz] (Riviere, Gangloff, de Mathelin 2006).
 TREMOR_LOWEST_HZ = 8.0
-"""Lower end of the band of physiological tremor [Hz] (Riviere, Gangloff, de Mathelin 2006)."""
 
+# Upper end of that band [Hz].
 TREMOR_HIGHEST_HZ = 12.0
-"""Upper end of that band [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -131,22 +131,22 @@ def fle_of(record: RegistrationRecord) -> float:
     return float(np.sqrt(3 * (record.residuals_m**2).sum() / degrees_of_freedom))
 
 
+# Number of ticks that are bounded together in the search for the deepest place. It changes the run
+# time alone.
 STRETCH_TICKS = 16
-"""Number of ticks that are bounded together in the search for the deepest place. It changes the
-run time alone."""
 
+# Of each so many ticks the distance of one is taken for that bound.
 SAMPLED_TICKS = STRETCH_TICKS // 4
-"""Of each so many ticks the distance of one is taken for that bound."""
 
+# A campaign renders the points of a fixture, and its lines and arcs may lie this far from them [m].
+# As much may add to the depth between sampled ticks.
 MAX_DEPARTURE_M = 1e-5
-"""A campaign renders the points of a fixture, and its lines and arcs may lie this far from them
-[m]. As much may add to the depth between sampled ticks."""
 
+# The depth of a trial in which nothing was touched [m].
 NEVER_TOUCHED_M = -1.0
-"""The depth of a trial in which nothing was touched [m]."""
 
+# A tremor stays within this many times its RMS; the sum of its waves is at most sqrt(6).
 TREMOR_REACH = 3
-"""A tremor stays within this many times its RMS; the sum of its waves is at most sqrt(6)."""
 
 
 class Deepest(NamedTuple):

@@ -21,20 +21,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+# Takes a file, gives its values by path, or `None` when it refuses the file.
 Reader = Callable[[Path], "dict[str, object] | None"]
-"""Takes a file, gives its values by path, or `None` when it refuses the file."""
 
 
 @dataclass(frozen=True)
 class Result:
     """What a reader made of one file of the kit."""
 
+    # `valid`, `invalid` or `signed`.
     kind: str
-    """`valid`, `invalid` or `signed`."""
     name: str
     rule: str
+    # Empty when the reader did as it must.
     problem: str
-    """Empty when the reader did as it must."""
 
 
 def judge(kit: Path, reader: Reader, verifier: Reader | None = None) -> list[Result]:

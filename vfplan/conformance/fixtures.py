@@ -182,8 +182,8 @@ def reviewed() -> Fixture:
     return replace(registered(), reviewed=Review("A. Planner", TIME, "0f" * 32))
 
 
+# HDF5's address of nothing: all 64 bits are set.
 UNDEFINED = int(np.iinfo(np.uint64).max)
-"""HDF5's address of nothing: all 64 bits are set."""
 DATATYPES = {
     "f8": bytes.fromhex("11203f000800000000004000340b0034ff030000"),
     "i4": bytes.fromhex("100800000400000000002000"),
@@ -208,21 +208,21 @@ class MessageType(IntEnum):
 class Item:
     """A group, or a dataset (`data` is not `None`), before it has a place in the file."""
 
+    # Name -> (datatype, dataspace, value).
     attributes: dict[bytes, tuple[bytes, bytes, bytes]] = field(default_factory=dict)
-    """Name -> (datatype, dataspace, value)."""
+    # Name -> path of an item, or the body of a link message as it is.
     links: dict[bytes, str | bytes] = field(default_factory=dict)
-    """Name -> path of an item, or the body of a link message as it is."""
     datatype: bytes = b""
     dataspace: bytes = b""
     data: bytes | None = None
+    # Address to write in place of the true one, or the path of the item whose data to name.
     data_at: int | str | None = None
-    """Address to write in place of the true one, or the path of the item whose data to name."""
     layout: bytes = b"\x03\x01"
     fill: bytes = b"\x03\x06"
+    # Further messages: (kind, body).
     more: list[tuple[int, bytes]] = field(default_factory=list)
-    """Further messages: (kind, body)."""
+    # Flags of the datatype's message; 2 says that it is shared.
     flags: int = 0
-    """Flags of the datatype's message; 2 says that it is shared."""
 
 
 def text_type(size: int, padding: int = 1) -> bytes:

@@ -20,6 +20,7 @@ FIXTURES = (
     "minimal", "cloud", "curve", "registered", "navigated", "pixels", "patient", "mesh",
     "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed",
 )  # fmt: skip
+# Fixture -> rules by which a path is rendered.
 RENDERED = {
     "cloud": ("paper", "robust"),
     "curve": ("paper", "robust"),
@@ -28,9 +29,8 @@ RENDERED = {
     "drawn_mesh": ("paper", "robust", "exact"),
     "guided": ("guide",),
 }
-"""Fixture -> rules by which a path is rendered."""
+# The part of its path that a hand has gone at each tick.
 STEPS = np.linspace(0.0, 1.0, 60)[:, None]
-"""The part of its path that a hand has gone at each tick."""
 
 
 def write_kit(folder: Path) -> int:

@@ -21,8 +21,8 @@ from vfplan.bundle.write import completed
 from vfplan.conformance import fixtures
 from vfplan.conformance.fixtures import Item, MessageType, add, set_attribute, space_of
 
+# Length of a seal with short texts [bytes].
 SEAL = seal.LENGTHS[0]
-"""Length of a seal with short texts [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class Vector:
     make: Callable[[], bytes]
 
 
+# Rules that no file of the folder `invalid` breaks, each with the reason.
 NOT_BY_A_FILE = {
     "L11": "binds a writer: a reader cannot know what identifies a patient",
     "C5": "binds a writer: whether a fixture was changed after its review is not in the file",
@@ -42,7 +43,6 @@ NOT_BY_A_FILE = {
     "K5": "binds a reader that renders points: the paths render/drawn_mesh-*.json hold it",
     "M3": "binds a reader to read a file: the valid file newer_minor holds it",
 }
-"""Rules that no file of the folder `invalid` breaks, each with the reason."""
 
 # --- Sound contents, items, payloads and files --------------------------------------------------
 
@@ -96,8 +96,8 @@ def sound_file() -> bytes:
     return of_items(items("minimal"))
 
 
+# Seed of the key with which the kit is signed: no secret.
 KIT_SEED = bytes(32)
-"""Seed of the key with which the kit is signed: no secret."""
 
 
 def key_of(seed: bytes) -> Any:
@@ -325,8 +325,8 @@ SCALAR = space_of(())
 GROWING = struct.pack("<BBBBQQQQ", 2, 2, 1, 1, 6, 3, 7, 3)
 SOFTWARE = ("minimal", "/provenance", "software")
 SECOND_SOFTWARE = fixtures.attribute(b"software", *fixtures.stored("kit 2", "text"))
+# Seed of a key that nobody trusts.
 OTHER_SEED = b"\x01" * 32
-"""Seed of a key that nobody trusts."""
 
 Rows = tuple[tuple[Any, ...], ...]
 # fmt: off
@@ -579,8 +579,8 @@ def vectors_of(table: Rows) -> list[Vector]:
 
 
 VECTORS = vectors_of(TABLE)
+# Files that are sound, and that a reader must refuse where the kit's signature is demanded.
 UNTRUSTED = vectors_of(WITHOUT_TRUST)
-"""Files that are sound, and that a reader must refuse where the kit's signature is demanded."""
 
 
 def quoted_setting() -> bytes:

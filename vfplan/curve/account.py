@@ -19,8 +19,8 @@ from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
 
+# Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
-"""Pieces of ink of one sort that have a finding of their own; the account lists all."""
 
 
 @dataclass(frozen=True)

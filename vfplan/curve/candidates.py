@@ -17,8 +17,8 @@ from vfplan.geometry.lines import Array, Flags
 
 Pixels = NDArray[np.int64]
 
+# Times by which a staircase of pixels is longer than its line.
 STAIR = 1.05
-"""Times by which a staircase of pixels is longer than its line."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,8 @@ from vfplan.fixture import Stroke
 from vfplan.geometry import filters, lines
 from vfplan.geometry.lines import Array, Flags, Spline, evenly, normals, runs
 
+# Pixels: standard deviation of a skeleton's pixels across the line.
 SKELETON_SIGMA_PX = 0.5
-"""Pixels: standard deviation of a skeleton's pixels across the line."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,8 +17,8 @@ from vfplan.errors import CurveError
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, runs
 
+# Lines that an error message describes.
 DESCRIBED = 8
-"""Lines that an error message describes."""
 
 Choice = int | Literal["all", "longest"] | None
 

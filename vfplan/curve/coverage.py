@@ -19,8 +19,8 @@ from vfplan.curve import tuned
 from vfplan.errors import SettingError
 from vfplan.geometry.lines import Array, Flags
 
+# Names of pens that a refusal looks for when the named pen drew nothing.
 HUES = ("red", "orange", "yellow", "lime", "cyan", "blue", "magenta")
-"""Names of pens that a refusal looks for when the named pen drew nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +87,8 @@ def parse_colour(colour: str) -> Array:
         ) from None
 
 
+# (u, v, width, height) [px].
 Box = tuple[int, int, int, int]
-"""(u, v, width, height) [px]."""
 
 
 @dataclass(frozen=True)
@@ -164,14 +164,14 @@ def _checked_box(box: Box, shape: tuple[int, ...]) -> Box:
     return u, v, width, height
 
 
+# Rows worked on at a time.
 STRIP_ROWS = 128
-"""Rows worked on at a time."""
+# Pixels around a strip that its blurs and its local maximum reach.
 HALO_PX = 20
-"""Pixels around a strip that its blurs and its local maximum reach."""
+# Steps of `Ink.other` in the pen's strength.
 OTHER_UNIT = 100.0
-"""Steps of `Ink.other` in the pen's strength."""
+# Brightness of red, green and blue (ITU-R BT.601), which JPEG keeps at full resolution.
 LUMINANCE = np.array([0.299, 0.587, 0.114])
-"""Brightness of red, green and blue (ITU-R BT.601), which JPEG keeps at full resolution."""
 
 
 @dataclass(frozen=True, eq=False)

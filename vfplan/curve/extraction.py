@@ -19,10 +19,10 @@ from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.images.read import PlannedImage, as_image
 
+# Pen widths from the line: a place that is farther away is not meant to be on it.
 REACH_WIDTHS = 3.0
-"""Pen widths from the line: a place that is farther away is not meant to be on it."""
+# The same in pixels, for thin lines. A person clicks this well.
 REACH_PX = 10.0
-"""The same in pixels, for thin lines. A person clicks this well."""
 
 Place = tuple[float, float] | None
 

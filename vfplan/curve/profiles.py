@@ -207,8 +207,8 @@ def add_brightness(
     return offset + share * (by_light - offset)
 
 
+# Pixels: lengths of the falls that are held against the ink.
 FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
-"""Pixels: lengths of the falls that are held against the ink."""
 HIGH = tuned.FALL_SHARE
 LOW = 1 - tuned.FALL_SHARE
 

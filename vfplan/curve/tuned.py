@@ -5,262 +5,256 @@
 
 # The pen and its ink.
 
+# Degrees of hue between the named pen and its ink. Crimson lies 15 degrees from red and is still
+# red; orange lies 28 degrees away and is not.
 HUE_GATE_DEG = 22.0
-"""Degrees of hue between the named pen and its ink. Crimson lies 15 degrees from red and is still
-red; orange lies 28 degrees away and is not."""
 
+# Grey levels (0 to 255) of chroma below which nothing is ink. The noise of JPEG reaches 12.
 CHROMA_FLOOR = 18.0
-"""Grey levels (0 to 255) of chroma below which nothing is ink. The noise of JPEG reaches 12."""
 
+# Grey levels of chroma from which a pixel of another hue is another pen's. Less may be a fringe of
+# JPEG.
 OTHER_CHROMA = 40.0
-"""Grey levels of chroma from which a pixel of another hue is another pen's. Less may be a fringe of
-JPEG."""
 
+# Pixels (sigma) around another pen within which its hue is taken from it. JPEG stores one colour
+# for 2 pixels along each axis, so its fringe is a little broader than that.
 OTHER_REACH_PX = 2.5
-"""Pixels (sigma) around another pen within which its hue is taken from it. JPEG stores one colour
-for 2 pixels along each axis, so its fringe is a little broader than that."""
 
+# Pixels (sigma) by which the mask and the ink along a line are smoothed, because noise frays them.
 MASK_BLUR_PX = 0.8
-"""Pixels (sigma) by which the mask and the ink along a line are smoothed, because noise frays
-them."""
 
+# Pixels along a side of the square in which the strongest ink sets the threshold. It is wider than
+# any pen, so that it reaches the middle of the line from its edge.
 LOCAL_PX = 15
-"""Pixels along a side of the square in which the strongest ink sets the threshold. It is wider than
-any pen, so that it reaches the middle of the line from its edge."""
 
+# Share of the strongest ink at which a line ends. Blur does not move the half-height edge.
 HALF = 0.5
-"""Share of the strongest ink at which a line ends. Blur does not move the half-height edge."""
 
+# Number of connected pieces of ink in a picture. More is noise or a coloured picture.
 MAX_PIECES = 3000
-"""Number of connected pieces of ink in a picture. More is noise or a coloured picture."""
 
 # Lines and candidates.
 
+# Length of a line over its width; a part of a line has half of it. A dot or a panel has less.
 MIN_ASPECT = 4.0
-"""Length of a line over its width; a part of a line has half of it. A dot or a panel has less."""
 
+# Share of the longest line's length from which another line is a second candidate. From a quarter
+# on, scale bars and callipers would be candidates as well.
 RIVAL_SHARE = 0.5
-"""Share of the longest line's length from which another line is a second candidate. From a quarter
-on, scale bars and callipers would be candidates as well."""
 
+# Share of a line that lies on the sides of the upright rectangle around it, and share of those
+# sides that it covers, from which it is a frame.
 FRAME_SHARE = 0.9
-"""Share of a line that lies on the sides of the upright rectangle around it, and share of those
-sides that it covers, from which it is a frame."""
 
+# Pixels of line from which the direction of an end is taken. From these many pixels of a skeleton
+# it is good to 5 degrees.
 TANGENT_PX = 14
-"""Pixels of line from which the direction of an end is taken. From these many pixels of a skeleton
-it is good to 5 degrees."""
 
+# Degrees between the direction of an end and the gap that is bridged from it. A hand goes on
+# roughly as it went before it was lifted.
 MAX_TURN_DEG = 45.0
-"""Degrees between the direction of an end and the gap that is bridged from it. A hand goes on
-roughly as it went before it was lifted."""
 
+# Factor within which the widths, and the strengths, on both sides of a gap agree if one pen drew
+# them.
 ALIKE = 2.0
-"""Factor within which the widths, and the strengths, on both sides of a gap agree if one pen drew
-them."""
 
+# Times the length of a part of the line, up to which a gap before it is asked about although it is
+# too long to be bridged. A box over the middle of a curve leaves such a part.
 AHEAD_LENGTHS = 2.0
-"""Times the length of a part of the line, up to which a gap before it is asked about although it is
-too long to be bridged. A box over the middle of a curve leaves such a part."""
 
 # Profiles and the centre line.
 
+# Pixels between samples across the line. Two samples a pixel lose nothing that the picture holds.
 STEP_PX = 0.5
-"""Pixels between samples across the line. Two samples a pixel lose nothing that the picture
-holds."""
 
+# Pixels that a profile reaches beyond the line's edge. A blur of 1.5 px has ended there.
 FLANK_PX = 2.0
-"""Pixels that a profile reaches beyond the line's edge. A blur of 1.5 px has ended there."""
 
+# Share of the line's usual ink below which a profile lies in a gap.
 VISIBLE = 0.25
-"""Share of the line's usual ink below which a profile lies in a gap."""
 
+# Share of the line's usual ink below which another colour at that place lies on top of the line.
 HIDDEN = 0.85
-"""Share of the line's usual ink below which another colour at that place lies on top of the
-line."""
 
+# Share of the pen's strength from which colour of another hue is another pen's and no noise.
 FOREIGN = 0.35
-"""Share of the pen's strength from which colour of another hue is another pen's and no noise."""
 
+# Share of full coverage by which ink rises again, beyond the line's edge, if it belongs to a
+# neighbour. A smaller rise is noise.
 RISE = 0.2
-"""Share of full coverage by which ink rises again, beyond the line's edge, if it belongs to a
-neighbour. A smaller rise is noise."""
 
+# Number of profiles in which a line must show. A cubic spline has four coefficients a piece.
 MIN_PROFILES = 4
-"""Number of profiles in which a line must show. A cubic spline has four coefficients a piece."""
 
+# Pixels over which the spline smooths, and over which the stairs of a skeleton are smoothed. Hands
+# bend over 10 px and more.
 SMOOTH_PX = 2.0
-"""Pixels over which the spline smooths, and over which the stairs of a skeleton are smoothed. Hands
-bend over 10 px and more."""
 
+# Pixels over which the spline smooths where colour is noisy. The noise of JPEG hangs together over
+# blocks of 8 px, so it takes a longer stretch to average it.
 SMOOTH_NOISY_PX = 3.0
-"""Pixels over which the spline smooths where colour is noisy. The noise of JPEG hangs together over
-blocks of 8 px, so it takes a longer stretch to average it."""
 
+# Pixels over which a line is smoothed at a sharp corner, where it is smoothed least.
 SMOOTH_MIN_PX = 1.25
-"""Pixels over which a line is smoothed at a sharp corner, where it is smoothed least."""
 
+# Share of the radius of a bend over which the line is smoothed there. More would cut the bend.
 BEND_SHARE = 0.14
-"""Share of the radius of a bend over which the line is smoothed there. More would cut the bend."""
 
+# Pixels of line around a bend that are smoothed as little as the bend itself.
 BEND_REACH_PX = 9
-"""Pixels of line around a bend that are smoothed as little as the bend itself."""
 
+# Factor on the length over which the line is smoothed at an open end. A smoothing spline runs out
+# straight there, which a bent line does not.
 END_SMOOTH = 0.5
-"""Factor on the length over which the line is smoothed at an open end. A smoothing spline runs out
-straight there, which a bent line does not."""
 
+# Pixels (sigma) of line over which the offset from the path is averaged to tell its noise. Slower
+# changes are the path's own.
 TREND_PX = 8.0
-"""Pixels (sigma) of line over which the offset from the path is averaged to tell its noise. Slower
-changes are the path's own."""
 
+# Share of full coverage that the median pixel beside a line has from which a picture counts as
+# noisy. A PNG has 0 there.
 NOISY = 0.0027
-"""Share of full coverage that the median pixel beside a line has from which a picture counts as
-noisy. A PNG has 0 there."""
 
+# Pixels that the pixel grid adds to the error and that no residual shows. On seeds 12800 to 13100
+# with PNG the error was 0.013 px by median.
 GRID_PX = 0.01
-"""Pixels that the pixel grid adds to the error and that no residual shows. On seeds 12800 to 13100
-with PNG the error was 0.013 px by median."""
 
+# Factor on the noise where colour is noisy. The noise of JPEG hangs together over blocks of 8 px,
+# so that smoothing averages fewer residuals.
 CORRELATED_NOISY = 2.7
-"""Factor on the noise where colour is noisy. The noise of JPEG hangs together over blocks of 8 px,
-so that smoothing averages fewer residuals."""
 
+# Times by which the deviation grows towards an open end, because ink holds the line from one side
+# only. On seed 9000 with PNG the true error over the stated one was 0.9 there, and 2.0 without it.
 END_FACTOR = 4.0
-"""Times by which the deviation grows towards an open end, because ink holds the line from one side
-only. On seed 9000 with PNG the true error over the stated one was 0.9 there, and 2.0 without it."""
 
+# Pixels of standard deviation that a line has where another colour lies at its edge, over or under
+# it.
 OTHER_SIGMA_PX = 0.15
-"""Pixels of standard deviation that a line has where another colour lies at its edge, over or under
-it."""
 
+# Times its usual curvature that a line may bend where a gap hides it.
 SWAY = 1.5
-"""Times its usual curvature that a line may bend where a gap hides it."""
 
 # What is refused.
 
+# Share of the line, from its narrowest profiles on, whose widest profile has the usual width. It is
+# below a half, so that a second run along most of the line does not pass for the usual width.
 USUAL_SHARE = 0.35
-"""Share of the line, from its narrowest profiles on, whose widest profile has the usual width. It
-is below a half, so that a second run along most of the line does not pass for the usual width."""
 
+# Times its usual width from which a lasting stretch of line is two runs side by side.
 WIDE = 1.3
-"""Times its usual width from which a lasting stretch of line is two runs side by side."""
 
+# Pen widths of line, half of which must be wide before it counts as two runs. A dot or a control
+# point is 3 widths long.
 WIDE_RUN_WIDTHS = 8.0
-"""Pen widths of line, half of which must be wide before it counts as two runs. A dot or a control
-point is 3 widths long."""
 
+# Share of its height by which the mean profile dips in the middle if two lines run side by side.
 VALLEY = 0.12
-"""Share of its height by which the mean profile dips in the middle if two lines run side by
-side."""
 
 # The ends.
 
+# Pixels beyond the end of the skeleton in which the end of the ink is sought.
 TAPER_REACH_PX = 30
-"""Pixels beyond the end of the skeleton in which the end of the ink is sought."""
 
+# Share of the width by which the centre of a round tip lies before the place where half of the ink
+# is left. A disc has 0.43, and blur moves its steep end inward.
 ROUND_SHARE = 0.4
-"""Share of the width by which the centre of a round tip lies before the place where half of the ink
-is left. A disc has 0.43, and blur moves its steep end inward."""
 
+# Pixels over which the ink of a crisp hair line falls at a blunt end, at most.
 BLUNT_PX = 2.0
-"""Pixels over which the ink of a crisp hair line falls at a blunt end, at most."""
 
+# Times the fall of the line's own edge by which blur lengthens the fall of a blunt end.
 BLUNT_EDGES = 1.8
-"""Times the fall of the line's own edge by which blur lengthens the fall of a blunt end."""
 
+# Share of the width by which a round tip lengthens the fall of a blunt end.
 BLUNT_SHARE = 0.25
-"""Share of the width by which a round tip lengthens the fall of a blunt end."""
 
+# Pixels by which the fall of a blunt end is longer if the ink varies from point to point by all of
+# itself; in proportion if it varies less.
 BLUNT_ROUGH_PX = 105.0
-"""Pixels by which the fall of a blunt end is longer if the ink varies from point to point by all of
-itself; in proportion if it varies less."""
 
+# Share of the line's ink, or of its height, from which a fall is measured. The fall ends where the
+# rest, 0.2, is left.
 FALL_SHARE = 0.8
-"""Share of the line's ink, or of its height, from which a fall is measured. The fall ends where the
-rest, 0.2, is left."""
 
+# Times the longest fall of a blunt end from which a fall shows that the pen was drawn out.
 TAPER_TIMES = 1.5
-"""Times the longest fall of a blunt end from which a fall shows that the pen was drawn out."""
 
+# Share of the line's ink by which a clean picture varies along the line.
 INK_NOISE = 0.02
-"""Share of the line's ink by which a clean picture varies along the line."""
 
+# Share of the line's ink by which a picture with noisy colour varies along the line.
 INK_NOISE_NOISY = 0.06
-"""Share of the line's ink by which a picture with noisy colour varies along the line."""
 
+# Times the noise along the line from which ink is seen.
 VISIBLE_SIGMAS = 3.0
-"""Times the noise along the line from which ink is seen."""
 
+# Pixels of line over which the noise of the ink hangs together, so that they count as one.
 INK_HANGS_PX = 5.0
-"""Pixels of line over which the noise of the ink hangs together, so that they count as one."""
 
+# Probability that a pen was drawn out, beside one that was lifted, before the ink is looked at. Of
+# the open clear kinds in tests/making/extraction_kinds.py, 3 of 26 ends are drawn out.
 TAPER_PRIOR = 0.1
-"""Probability that a pen was drawn out, beside one that was lifted, before the ink is looked at. Of
-the open clear kinds in tests/making/extraction_kinds.py, 3 of 26 ends are drawn out."""
 
+# Pixels of width from which a flat tip begins to show. In a thinner line blur hides its corners.
 FLAT_WIDTH_PX = 2.5
-"""Pixels of width from which a flat tip begins to show. In a thinner line blur hides its
-corners."""
 
+# Pixels of width from which a flat tip begins to show where colour is noisy and therefore blurred.
 FLAT_WIDTH_NOISY_PX = 7.0
-"""Pixels of width from which a flat tip begins to show where colour is noisy and therefore
-blurred."""
 
+# Share of the width from the middle of a tip to the places at its sides where its shape is read.
+# Farther out the line's edge blurs them.
 TIP_SIDE = 0.36
-"""Share of the width from the middle of a tip to the places at its sides where its shape is read.
-Farther out the line's edge blurs them."""
 
+# Share of the width to either side of these places, so that a quarter of the line is read.
 TIP_BAND = 0.06
-"""Share of the width to either side of these places, so that a quarter of the line is read."""
 
+# Share of the width by which the sides of a tip end before its middle, below which the tip is flat.
+# It is round from twice as much on. A disc has 0.14.
 ROUND_BACK = 0.04
-"""Share of the width by which the sides of a tip end before its middle, below which the tip is
-flat. It is round from twice as much on. A disc has 0.14."""
 
+# Pixels of standard deviation along the line of an end that is plain to see. On seed 12900 it was
+# 0.3 with PNG.
 END_SIGMA_PX = 0.35
-"""Pixels of standard deviation along the line of an end that is plain to see. On seed 12900 it was
-0.3 with PNG."""
 
 # The account and the findings.
 
+# Pixels beyond the line's edge within which ink is the blur of the edge.
 EDGE_BLUR_PX = 1.5
-"""Pixels beyond the line's edge within which ink is the blur of the edge."""
 
+# Pixels of area below which a piece of ink is noise.
 SPECK_PX = 4
-"""Pixels of area below which a piece of ink is noise."""
 
+# Times the longest gap that is bridged, within which ink near an end may carry the curve on.
 END_REACH_GAPS = 1.5
-"""Times the longest gap that is bridged, within which ink near an end may carry the curve on."""
 
+# Pixels of standard deviation along the line from which an end is unsure.
 UNSURE_PX = 1.5
-"""Pixels of standard deviation along the line from which an end is unsure."""
 
+# Pixels of line hidden or bridged from which a person is asked. Shorter stretches are listed.
 LONG_STRETCH_PX = 20.0
-"""Pixels of line hidden or bridged from which a person is asked. Shorter stretches are listed."""
 
+# Share of the usual width below which a sudden change of width comes from the ground.
 SUDDEN = 0.4
-"""Share of the usual width below which a sudden change of width comes from the ground."""
 
+# Times the median change of width over 12 px from which a change is sudden. Pressed pens reached 6,
+# second runs 16 and more.
 AT_ONCE = 8.0
-"""Times the median change of width over 12 px from which a change is sudden. Pressed pens reached
-6, second runs 16 and more."""
 
+# Pixels of line over which a sudden change of width is looked for.
 SUDDEN_PX = 12
-"""Pixels of line over which a sudden change of width is looked for."""
 
+# Times the usual lasting change of width from which a change is asked about. Pressed pens reached
+# 2, second runs 4 to 400.
 LASTING_TIMES = 3.5
-"""Times the usual lasting change of width from which a change is asked about. Pressed pens reached
-2, second runs 4 to 400."""
 
+# Share of a sudden change of width that lies on one side of the line only, from which it is no dot.
+# Dots on the line reached 0.2.
 ONE_SIDED = 0.25
-"""Share of a sudden change of width that lies on one side of the line only, from which it is no
-dot. Dots on the line reached 0.2."""
 
+# Share of the pixels of a piece that have ink on the other side of the line as well, from which the
+# piece is a dot on the line.
 MIRRORED = 0.7
-"""Share of the pixels of a piece that have ink on the other side of the line as well, from which
-the piece is a dot on the line."""
 
+# Pen widths of a dot, a control point or a head on the line, along and across. They had 2 to 3 in
+# tests.
 DOT_WIDTHS = 3.0
-"""Pen widths of a dot, a control point or a head on the line, along and across. They had 2 to 3 in
-tests."""

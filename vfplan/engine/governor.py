@@ -24,27 +24,26 @@ from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 
+# The share of an arm's torque steps that `Governor.of` uses.
+#
+# The arm's own control (friction, Coriolis, an impedance law) changes the torque in the same tick.
 HEADROOM = 0.95
-"""The share of an arm's torque steps that `Governor.of` uses.
-
-The arm's own control (friction, Coriolis, an impedance law) changes the torque in the same tick.
-"""
 
 
 class GovernorStatus(IntFlag):
     """What a tick of the governor has to say; 0 when all is well."""
 
     OK = 0
+    # The force was not finite, or beyond 1e6 N. It was taken for 0, and the last one fades out.
     BAD_FORCE = 1
-    """The force was not finite, or beyond 1e6 N. It was taken for 0, and the last one fades out."""
+    # The Jacobian was not finite, or beyond 1e6 m. Force and torques fade out.
     BAD_JACOBIAN = 2
-    """The Jacobian was not finite, or beyond 1e6 m. Force and torques fade out."""
+    # Torques are limited, but without a Jacobian only forces were.
     NO_JACOBIAN = 4
-    """Torques are limited, but without a Jacobian only forces were."""
+    # The arm turns faster than its torques may follow: `torque_nm` is not Jᵀ F.
     TORQUE_LAGS = 8
-    """The arm turns faster than its torques may follow: `torque_nm` is not Jᵀ F."""
+    # The force held back gave more energy than the spring had stored.
     OVERDRAWN = 16
-    """The force held back gave more energy than the spring had stored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +117,10 @@ class Governor:
             torque_step=of_all_joints(steps),
             torque_max=of_all_joints(maxima),
         )
+        # The smallest `force_step_n` that is passive with the other settings [N].
         self.least_passive_step_n = limits.least_passive_step
-        """The smallest `force_step_n` that is passive with the other settings [N]."""
+        # The smallest that is also passive when the force turns round at its largest [N].
         self.least_reversing_step_n = limits.least_reversing_step
-        """The smallest that is also passive when the force turns round at its largest [N]."""
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
                            torque_step="nm", torque_max="nm"):  # fmt: skip
             self._governor = _core.Governor(limits)

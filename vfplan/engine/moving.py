@@ -18,11 +18,11 @@ from vfplan.engine.parameters import MAX_COORDINATE, Vector, core_settings, real
 from vfplan.engine.proxy import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SceneError
 
+# How far an entry of RᵀR may be from that of the unit matrix. A tracker's file has six digits.
 RIGID_TOLERANCE = 1e-6
-"""How far an entry of RᵀR may be from that of the unit matrix. A tracker's file has six digits."""
 
+# Largest absolute time [s]. Differences of such times do not overflow.
 MAX_TIME_S = sys.float_info.max / 2
-"""Largest absolute time [s]. Differences of such times do not overflow."""
 
 
 class MovingFrame:

@@ -22,27 +22,26 @@ from vfplan.fixture import Pieces
 Vector = NDArray[np.float64]
 
 Rule = Literal["robust", "paper", "exact"]
+# The rules that render points.
 RULES: tuple[Rule, ...] = ("robust", "paper")
-"""The rules that render points."""
 
+# Most points that a bundle may hold (schemas/bundle-2.0.json).
 MAX_POINTS = 4_000_000
-"""Most points that a bundle may hold (schemas/bundle-2.0.json)."""
 
+# Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre.
 MAX_COORDINATE = _core.largest_coordinate
-"""Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre."""
 
+# The band of Algorithm 1, r2 - r_c = r_c - r1 [m].
 PAPER_BAND = 10e-6
-"""The band of Algorithm 1, r2 - r_c = r_c - r1 [m]."""
 
+# Smallest band as a share of R.
+#
+# A squared distance is rounded to 2e-16 of itself, and the smallest step that counts is a millionth
+# of the band. In a finer band the proxy lags, and eq. (1) loses its digits.
 FINEST_BAND = _core.finest_band
-"""Smallest band as a share of R.
 
-A squared distance is rounded to 2e-16 of itself, and the smallest step that counts is a millionth
-of the band. In a finer band the proxy lags, and eq. (1) loses its digits.
-"""
-
+# How far from 1 the length of a unit vector may be, as in the C++ header parameters.hpp.
 UNIT_TOLERANCE = 1e-9
-"""How far from 1 the length of a unit vector may be, as in the C++ header parameters.hpp."""
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

@@ -38,24 +38,22 @@ class Status(IntFlag):
     """What a tick has to say beside its result; 0 when all is well."""
 
     OK = 0
+    # The HIP was not finite, or beyond 1e6 m. The proxy stayed, and the force is the last one.
+    #
+    # Before the first good HIP proxy and force are 0.
     BAD_HIP = 1
-    """The HIP was not finite, or beyond 1e6 m. The proxy stayed, and the force is the last one.
-
-    Before the first good HIP proxy and force are 0.
-    """
+    # The proxy is inside the fixture and on its way out.
     INSIDE = 2
-    """The proxy is inside the fixture and on its way out."""
+    # The tick used up its iterations. The proxy is safe and goes on at the next tick.
     LIMIT = 4
-    """The tick used up its iterations. The proxy is safe and goes on at the next tick."""
+    # The moving fixture's pose is too old, and its last frame stands.
+    #
+    # Before the first pose nothing is rendered.
     STALE = 8
-    """The moving fixture's pose is too old, and its last frame stands.
-
-    Before the first pose nothing is rendered.
-    """
+    # The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP).
     CHANGING = 16
-    """The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP)."""
+    # With INSIDE: no way out was found on the side where the proxy was before the exchange.
     CROSSED = 32
-    """With INSIDE: no way out was found on the side where the proxy was before the exchange."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +134,13 @@ def check_hip(hip: ArrayLike, name: str = "hip", *, finite: bool = False) -> Vec
     return position
 
 
+# Longest tick that a loop of 1 kHz can wait for [s].
 MAX_TICK_TIME = _core.most_tick_work
-"""Longest tick that a loop of 1 kHz can wait for [s]."""
 
+# Largest band of a cloud that is no finding, as a share of R.
+#
+# A wider band shows that the points are rough or far apart. The tool may sink by that much.
 MAX_BAND_SHARE = 0.01
-"""Largest band of a cloud that is no finding, as a share of R.
-
-A wider band shows that the points are rough or far apart. The tool may sink by that much.
-"""
 
 
 def check_renderable(fixture: Fixture) -> ProxyParameters:
@@ -335,8 +332,8 @@ class ProxyEngine:
         Points that are no finite (N, 3) cloud.
     """
 
+    # Status of the last tick.
     status: Status = Status.OK
-    """Status of the last tick."""
 
     __signature__ = signature(ProxyParameters.make).replace(return_annotation=None)
     _real_time = False  # Whether the engine was made for a loop that cannot wait.

@@ -23,25 +23,24 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# Height [in] of the strip under the view: a row of scale bars and one of the legend.
 STRIP_IN = 2 * MARGIN_IN
-"""Height [in] of the strip under the view: a row of scale bars and one of the legend."""
 
+# Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name.
 BAR_IN = 2.5 * MARGIN_IN
-"""Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name."""
 
+# Space around markers and curve where no slice is shown, as a share of their longer extent. It
+# leaves room for labels where they lie on a line, too.
 BORDER = 0.15
-"""Space around markers and curve where no slice is shown, as a share of their longer extent. It
-leaves room for labels where they lie on a line, too."""
 
 
+# The planes of a patient as radiologists look at them: the directions at the left, right, upper and
+# lower border, and (3, 2) what points right and what points down, in the patient's frame (LPS).
 PATIENT_PLANES = {
     "axial": ("RLAP", np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T),
     "coronal": ("RLSI", np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]).T),
     "sagittal": ("APSI", np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).T),
 }
-"""The planes of a patient as radiologists look at them: the directions at the left, right, upper
-and lower border, and (3, 2) what points right and what points down, in the patient's frame (LPS).
-"""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from vfplan.replaying.replay import Replay, contact_marks
 
 Array = NDArray[np.float64]
 
+# How often contact circles and normals are drawn [Hz], as in the paper.
 MARK_HZ = 10.0
-"""How often contact circles and normals are drawn [Hz], as in the paper."""
 
 
 def timeline(replayed: Replay) -> Figure:
@@ -219,9 +219,9 @@ def guide_plot(replayed: Replay) -> Figure:
     return figure
 
 
+# Number of planned points that a proxy passes in a tick while it slides. One that passes more has
+# left the curve in between.
 MAX_SLIDE = 50
-"""Number of planned points that a proxy passes in a tick while it slides. One that passes more has
-left the curve in between."""
 
 
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:

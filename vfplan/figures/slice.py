@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# Parts of a pixel, so that the outline is a smooth line on a picture twice as large.
 FINE = 4
-"""Parts of a pixel, so that the outline is a smooth line on a picture twice as large."""
 
 
 def outline_along(points: Array, distance: float, *, closed: bool = False) -> list[Array]:
@@ -57,32 +57,32 @@ def outline_along(points: Array, distance: float, *, closed: bool = False) -> li
 
 OTHER_INK = PROXY
 
+# Width [px of the picture] of the largest slice: two pages side by side.
 MAX_WIDTH_PX = 2 * WIDTH_PX
-"""Width [px of the picture] of the largest slice: two pages side by side."""
 
+# Number of arrow heads along a stroke, which show its direction.
 ARROWS = 6
-"""Number of arrow heads along a stroke, which show its direction."""
 
+# Distance [px of the picture] between the edge of the ink and the outline.
 OUTLINE_GAP_PX = 3.0
-"""Distance [px of the picture] between the edge of the ink and the outline."""
 
+# Distance [px of the picture] between the outline and the arrow heads along it.
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
-"""Distance [px of the picture] between the outline and the arrow heads along it."""
 
+# Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
-"""Diameter [pt] of the ring around a place that a refusal speaks of."""
 
+# Distance [pt] of a word from the place that it speaks of: clear of the ring.
 WORD_DISTANCE_PT = RING_PT / 2 + 1
-"""Distance [pt] of a word from the place that it speaks of: clear of the ring."""
 
+# Width [px of the picture] of a letter: two thirds of its height, if it is bold.
 LETTER_PX = TEXT_PX * 2 / 3
-"""Width [px of the picture] of a letter: two thirds of its height, if it is bold."""
 
+# Height [px of the picture] of a line of text in a box.
 LINE_PX = TEXT_PX * 1.6
-"""Height [px of the picture] of a line of text in a box."""
 
+# Share of a direction from which on its side is named too: less is nearer to the main one.
 OBLIQUE = np.sin(np.pi / 8)
-"""Share of a direction from which on its side is named too: less is nearer to the main one."""
 
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 

@@ -16,20 +16,20 @@ from vfplan.io.writing import write_whole
 from vfplan.palette import CONTACT, CYCLE, RULE
 from vfplan.stability.contacts import CaseResult
 
+# Dots an inch of every picture.
 DPI = 150
-"""Dots an inch of every picture."""
 
+# Height [pt] of text that reads at the width of a page.
 TEXT_PT = 9.0
-"""Height [pt] of text that reads at the width of a page."""
 
+# The same as it is printed [px of the picture]; 72 pt are an inch.
 TEXT_PX = TEXT_PT * DPI / 72
-"""The same as it is printed [px of the picture]; 72 pt are an inch."""
 
+# Width [px of the picture] of the smallest slice: the 6 inches of a page.
 WIDTH_PX = 6 * DPI
-"""Width [px of the picture] of the smallest slice: the 6 inches of a page."""
 
+# Height [in] of the margin beside a slice that holds one row of a legend.
 MARGIN_IN = 0.45
-"""Height [in] of the margin beside a slice that holds one row of a legend."""
 
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
 SETTINGS = {
@@ -108,11 +108,11 @@ def save_png(figure: Figure, path: Path) -> None:
 
 
 RULES = tuple(RULE)
+# Width of a rule's dots with the gap beside them, as a share of the scene's column.
 RULE_WIDTH = 1 / (len(RULES) + 1)
-"""Width of a rule's dots with the gap beside them, as a share of the scene's column."""
 
+# Excess up to which the axis is linear. Beyond it, it is logarithmic on both sides.
 LINEAR_UP_TO = 1e-3
-"""Excess up to which the axis is linear. Beyond it, it is logarithmic on both sides."""
 
 
 def passivity_plot(rows: list[CaseResult]) -> Figure:

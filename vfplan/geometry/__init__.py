@@ -1,18 +1,18 @@
 """Plane and space geometry that several packages need."""
 
+# Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
+# changes no result.
 ROWS_AT_ONCE = 10_000
-"""Number of rows of an array that are worked on at once, so that memory stays at some megabytes. It
-changes no result."""
 
+# Distance [m] below which two places are one: a nanometre, far below what any part resolves.
 ROUNDING_M = 1e-9
-"""Distance [m] below which two places are one: a nanometre, far below what any part resolves."""
 
+# Distance from a pixel's corner to its centre, along u and along v [px].
 CORNER_PX = 0.5
-"""Distance from a pixel's corner to its centre, along u and along v [px]."""
 
+# Largest rounding of a length, as a share of the longest one: some thousand steps of float64.
 ROUNDING = 1e-12
-"""Largest rounding of a length, as a share of the longest one: some thousand steps of float64."""
 
+# How far the length of a direction or a quaternion in a file may be from 1. Scanners and trackers
+# that write three decimals stay within.
 UNIT_ROUNDED = 1e-3
-"""How far the length of a direction or a quaternion in a file may be from 1. Scanners and trackers
-that write three decimals stay within."""

@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from vfplan.errors import InputError, VfplanError, requires_extra
 from vfplan.geometry import UNIT_ROUNDED
 
+# Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time.
 MAX_PARSED_BYTES = 24 << 20
-"""Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time."""
+# Items of sequences that are parsed outside the sandbox: contours and frames.
 MAX_ITEMS = 200_000
-"""Items of sequences that are parsed outside the sandbox: contours and frames."""
+# The transfer syntax of a file that is compressed as a whole (PS3.5 A.5).
 DEFLATED = b"1.2.840.10008.1.2.1.99"
-"""The transfer syntax of a file that is compressed as a whole (PS3.5 A.5)."""
+# The tag that begins an item of a sequence (PS3.5 7.5).
 ITEM = b"\xfe\xff\x00\xe0"
-"""The tag that begins an item of a sequence (PS3.5 7.5)."""
+# How an element of pixels may begin: with either explicit type, or with none.
 PIXEL_DATA = (b"\xe0\x7f\x10\x00OB\0\0", b"\xe0\x7f\x10\x00OW\0\0", b"\xe0\x7f\x10\x00")
-"""How an element of pixels may begin: with either explicit type, or with none."""
+# A data set without a preamble begins with an element of a lower number than this or this one.
 LAST_FIRST_ELEMENT = 0x1199
-"""A data set without a preamble begins with an element of a lower number than this or this one."""
 
 
 def is_dicom(data: bytes) -> bool:

@@ -23,18 +23,18 @@ from vfplan.images.dataset import group_value, memory_file, open_dataset, pixel_
 from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
 
+# Photometric interpretations in colour, besides those that begin with YBR.
 COLOUR_KINDS = ("RGB", "PALETTE COLOR")
-"""Photometric interpretations in colour, besides those that begin with YBR."""
+# Photometric interpretations in grey.
 GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
-"""Photometric interpretations in grey."""
+# Elements that hold pixels.
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
-"""Elements that hold pixels."""
+# Bytes of memory that a pixel may take while it is decoded, rescaled and windowed.
 BYTES_PER_PIXEL = 48
-"""Bytes of memory that a pixel may take while it is decoded, rescaled and windowed."""
+# Pixels a second that the slowest decoder reads at least.
 PIXELS_PER_SECOND = 2_000_000
-"""Pixels a second that the slowest decoder reads at least."""
+# Bytes of pixels that the child process hands over at a time: a quarter of the largest array.
 PART_BYTES = MAX_ARRAY_BYTES // 4
-"""Bytes of pixels that the child process hands over at a time: a quarter of the largest array."""
 
 
 def read_dicom(

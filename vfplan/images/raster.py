@@ -22,20 +22,20 @@ from vfplan.errors import ImageError
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8\xff"
 BMP_START = b"BM"
+# The first four bytes of a TIFF, with the order of bytes that they stand for.
 TIFF_BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
-"""The first four bytes of a TIFF, with the order of bytes that they stand for."""
+# The third and fourth byte of a BigTIFF, whose offsets have 64 bits.
 BIG_TIFF = (b"+\0", b"\0+")
-"""The third and fourth byte of a BigTIFF, whose offsets have 64 bits."""
 
+# Colour types of a PNG without alpha: grey, colour, palette.
 OPAQUE_PNG_TYPES = {0, 2, 3}
-"""Colour types of a PNG without alpha: grey, colour, palette."""
+# Pages of a TIFF, and tags of one page. Stacks of slices and the standards have some hundreds.
 MAX_TIFF_PARTS = 4096
-"""Pages of a TIFF, and tags of one page. Stacks of slices and the standards have some hundreds."""
+# Scans of a JPEG. Each is a pass over the whole picture, and encoders write about ten.
 MAX_JPEG_SCANS = 200
-"""Scans of a JPEG. Each is a pass over the whole picture, and encoders write about ten."""
 
+# TIFF's types of whole numbers, of 16 and of 32 bits, as `struct` names them.
 WHOLE_NUMBERS = {3: "H", 4: "I"}
-"""TIFF's types of whole numbers, of 16 and of 32 bits, as `struct` names them."""
 
 DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
 
@@ -231,11 +231,11 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
     return number - 1
 
 
+# Rows of a page that are laid over black together. So few stay in the processor's cache, which
+# takes a quarter of the time of 256 rows.
 ROWS_AT_ONCE = 8
-"""Rows of a page that are laid over black together. So few stay in the processor's cache, which
-takes a quarter of the time of 256 rows."""
+# How the lines begin by which libjpeg says that it made up a part of the picture.
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
-"""How the lines begin by which libjpeg says that it made up a part of the picture."""
 
 
 def decode_raster(

@@ -18,14 +18,13 @@ from vfplan.images.dataset import is_dicom
 from vfplan.images.raster import decode_raster, is_picture, read_header
 from vfplan.io.files import naming_place, opened_file, read_whole
 
+# Bytes of an image file. OpenCV's decoders take no more.
 MAX_BYTES = 2**31 - 1
-"""Bytes of an image file. OpenCV's decoders take no more."""
+# Pixels that are read unless the caller says otherwise, in millions: 8000 x 8000, sixteen times a
+# large CT slice. A file of a megabyte can decode to gigabytes; a slice that is planned on does not.
 MAX_MEGAPIXELS = 64.0
-"""Pixels that are read unless the caller says otherwise, in millions: 8000 x 8000, sixteen times a
-large CT slice. A file of a megabyte can decode to gigabytes; a slice that is planned on does not.
-"""
+# The most that a caller may allow, in millions: 16384 x 16384 of one page.
 LARGEST_MEGAPIXELS = 268.5
-"""The most that a caller may allow, in millions: 16384 x 16384 of one page."""
 
 
 @dataclass(frozen=True, eq=False)

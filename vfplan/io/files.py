@@ -31,42 +31,42 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 
+# Bytes of a file that is read whole, where the caller names no other limit.
 MAX_FILE_BYTES = 1 << 30
-"""Bytes of a file that is read whole, where the caller names no other limit."""
 
+# Bytes that packed data may unpack to.
 MAX_DECOMPRESSED_BYTES = MAX_FILE_BYTES
-"""Bytes that packed data may unpack to."""
 
+# Bytes of a file of settings, keys, a robot or an arm. A real one is a hundred times smaller.
 MAX_SETTINGS_BYTES = 1 << 20
-"""Bytes of a file of settings, keys, a robot or an arm. A real one is a hundred times smaller."""
 
+# Bytes of a file of text. Parsing text takes several times its size in memory.
 MAX_TEXT_BYTES = 1 << 28
-"""Bytes of a file of text. Parsing text takes several times its size in memory."""
 
+# Bytes of a line of text. No program that exports tables writes a longer one.
 MAX_LINE_BYTES = 1 << 16
-"""Bytes of a line of text. No program that exports tables writes a longer one."""
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
+# Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
+# is larger, and its square is finite.
 MAX_NUMBER = 1e9
-"""Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
-is larger, and its square is finite."""
 
+# Columns of a table of numbers. Loggers write some tens.
 MAX_COLUMNS = 1000
-"""Columns of a table of numbers. Loggers write some tens."""
 
+# Bytes that are parsed at a time, about 40,000 lines of a session.
 BLOCK_BYTES = 1 << 21
-"""Bytes that are parsed at a time, about 40,000 lines of a session."""
 
 # Bytes of a block that NumPy's parser and `parse_decimal` read alike. Both also take nan and inf,
 # which the callers refuse.
 _NUMERIC_BYTES = b"0123456789+-.,eE \t\nnaifNAIF"
 
+# What tells zlib to take either kind of header.
 GZIP_OR_ZLIB = zlib.MAX_WBITS | 32
-"""What tells zlib to take either kind of header."""
 
+# The units of a length of time, with their names in `timedelta`.
 UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
-"""The units of a length of time, with their names in `timedelta`."""
 
 # Digits, a point, an exponent. Python and NumPy would also take 1_000, nan and digits of other
 # scripts, and other readers take 0x10 and 1d3.
@@ -297,8 +297,8 @@ def now_utc() -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
+# Bytes of the header of a `.npy` file: NumPy's own limit.
 MAX_HEADER_BYTES = 10_000
-"""Bytes of the header of a `.npy` file: NumPy's own limit."""
 
 
 def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:

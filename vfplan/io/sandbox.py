@@ -39,18 +39,18 @@ from vfplan.io.files import OpenedFile, stream_over, to_json_types
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
+# Bytes that a reader may take beyond what it shares with the helper. The libraries that are loaded
+# take about 200 MiB, and a block of any reader below 300 MiB.
 MEMORY_BYTES = 768 << 20
-"""Bytes that a reader may take beyond what it shares with the helper. The libraries that are
-loaded take about 200 MiB, and a block of any reader below 300 MiB."""
 
+# Seconds of processor time between two answers. A whole slice or block takes well below one.
 STEP_S = 8
-"""Seconds of processor time between two answers. A whole slice or block takes well below one."""
 
+# Bytes of an answer's JSON. The parent takes no more from a child, which the file may control.
 MAX_HEAD_BYTES = 16 << 20
-"""Bytes of an answer's JSON. The parent takes no more from a child, which the file may control."""
 
+# Bytes of one array of an answer.
 MAX_ARRAY_BYTES = 256 << 20
-"""Bytes of one array of an answer."""
 
 _ARRAY_TYPES = ("<f8", "|i1", "|u1", "<u2")
 _LENGTH = struct.Struct("<Q")
@@ -323,8 +323,8 @@ def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
         initializer(*args)
 
 
+# Seconds after which a connection that asks for nothing is closed; browsers open such ones.
 OPEN_TIMEOUT_S = 2.0
-"""Seconds after which a connection that asks for nothing is closed; browsers open such ones."""
 
 _SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
 

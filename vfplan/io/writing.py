@@ -17,8 +17,8 @@ from vfplan.errors import OutputError
 
 EXISTS = "exists already. Give --overwrite to replace it"
 
+# Error numbers by which a file system says that it has no hard links.
 NO_HARD_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
-"""Error numbers by which a file system says that it has no hard links."""
 
 
 def hidden_name(path: Path, suffix: str) -> Path:

@@ -41,11 +41,11 @@ from vfplan.report.page import document, part, scene_data, scripts, tick_row
 Array = NDArray[np.float64]
 HEADER = struct.Struct(">H12s20sQQQ")
 
+# The protocol's code of the unit N.
 NEWTON = (0x0B << 54) | (1 << 50)
-"""The protocol's code of the unit N."""
 
+# Generator of the ECMA-182 CRC.
 POLYNOMIAL = 0x42F0E1EBA9EA3693
-"""Generator of the ECMA-182 CRC."""
 
 
 class StatusCode(IntEnum):
@@ -156,11 +156,11 @@ def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
     return points, np.vstack(faces)
 
 
+# A client that takes nothing for so long is disconnected [s].
 STALLED_S = 5.0
-"""A client that takes nothing for so long is disconnected [s]."""
 
+# Bytes of a client's message. No request to this server is nearly as long.
 MAX_REQUEST_BYTES = 2**20
-"""Bytes of a client's message. No request to this server is nearly as long."""
 
 STATE_NAMES = {"-1": "no neighbour", "0": "free", "1": "in contact", "2": "entrenched"}
 FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))

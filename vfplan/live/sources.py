@@ -19,31 +19,30 @@ from vfplan.io.files import MAX_NUMBER
 from vfplan.session.bags import TICK
 from vfplan.session.result import read_result
 
+# How a datagram begins: its magic, and version 1 in two bytes.
 SIGNATURE = b"VFPT\x01\x00"
-"""How a datagram begins: its magic, and version 1 in two bytes."""
 
 HEADER = np.dtype([("signature", "V6"), ("count", "<u2"), ("sequence", "<u8"), ("dropped", "<u8")])
 
+# Ticks of a datagram: as many as fit into one Ethernet frame (`telemetry.hpp`).
 MAX_TICKS = 11
-"""Ticks of a datagram: as many as fit into one Ethernet frame (`telemetry.hpp`)."""
 
+# Seconds after which whoever waits for ticks looks around: whether to stop, whether a client has
+# gone or asks for something.
 WAIT_S = 0.2
-"""Seconds after which whoever waits for ticks looks around: whether to stop, whether a client has
-gone or asks for something."""
 
+# Bytes that the system is asked to buffer: three seconds of a controller's ticks; it may give less.
 RECEIVE_BUFFER_BYTES = 2**22
-"""Bytes that the system is asked to buffer: three seconds of a controller's ticks; it may give
-less."""
 
+# Ticks of a result that are handed out at a time, a hundredth of a second at 1 kHz.
 RESULT_BLOCK = 10
-"""Ticks of a result that are handed out at a time, a hundredth of a second at 1 kHz."""
 
+# Clients of one server. Each has a thread of its own.
 MAX_CLIENTS = 32
-"""Clients of one server. Each has a thread of its own."""
 
+# A reader that is further behind misses the oldest ticks [s]. A picture that is later would
+# mislead.
 MAX_DELAY_S = 0.5
-"""A reader that is further behind misses the oldest ticks [s]. A picture that is later would
-mislead."""
 
 
 @dataclass(frozen=True, eq=False)

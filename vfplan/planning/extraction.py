@@ -30,9 +30,9 @@ PEN_SETTINGS = (
 # Settings that only an image can follow.
 IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
 
+# Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
+# has a ratio of 5, while pixels of slices are nearly square.
 MAX_SPACING_RATIO = 2.0
-"""Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for
-1.5 has a ratio of 5, while pixels of slices are nearly square."""
 
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5

@@ -20,11 +20,11 @@ from vfplan.session.events import Event, Poses, read_events, read_poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
 
+# Where the metrics have a fixture without a pose [m]: out of reach of any tool.
 NO_POSE_M = 1e3
-"""Where the metrics have a fixture without a pose [m]: out of reach of any tool."""
 
+# Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`).
 POSES_AT_ONCE = 32
-"""Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`)."""
 
 
 class ChangingFixture:

@@ -25,8 +25,8 @@ from vfplan.session.result import TickBlock, concatenate_ticks
 
 Array = NDArray[np.float64]
 
+# A penetration above this is contact [m]. Below it is the rounding of p + (x - p).
 CONTACT_M = ROUNDING_M
-"""A penetration above this is contact [m]. Below it is the rounding of p + (x - p)."""
 
 SUMS = (
     "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
@@ -199,26 +199,26 @@ class PairedTicks:
         return steps
 
 
+# Distances that are held in memory at a time, about 50 MB.
 PAIRS_AT_ONCE = 2_000_000
-"""Distances that are held in memory at a time, about 50 MB."""
 
+# Ticks that are compared with a mesh together.
 TICKS_AT_ONCE = 64
-"""Ticks that are compared with a mesh together."""
 
+# Cells along the longest side of a cloud. Smaller ones are tried while few of them hold points.
 CELLS_ACROSS = 64
-"""Cells along the longest side of a cloud. Smaller ones are tried while few of them hold points."""
 
+# Cells with points up to which smaller cells still pay: a flat cloud's. All three numbers only set
+# the speed.
 FEW_CELLS = CELLS_ACROSS**2
-"""Cells with points up to which smaller cells still pay: a flat cloud's. All three numbers only set
-the speed."""
 
 # A cell's key holds its three coordinates in 21 bits each, of which the highest is unused.
 KEY_STEP = 1 << np.iinfo(np.int64).bits // 3
 # Mask that removes the bit that a halved coordinate passes to its neighbour in the key.
 HALVED_KEY_MASK = ~(KEY_STEP >> 1 | KEY_STEP * KEY_STEP >> 1)
 
+# Half a cube's diagonal in units of its side, rounded up.
 HALF_DIAGONAL = math.sqrt(3) / 2 * (1 + ROUNDING)
-"""Half a cube's diagonal in units of its side, rounded up."""
 
 
 def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:

@@ -20,12 +20,12 @@ from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import JUMP_M_S
 
+# A session that stays farther away than this [m] is likely in other units or another frame.
 NEVER_NEAR_M = 0.5
-"""A session that stays farther away than this [m] is likely in other units or another frame."""
+# No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds.
 SLOWEST_HZ = 5.0
-"""No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds."""
+# No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds.
 FASTEST_HZ = 50_000.0
-"""No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds."""
 
 
 def finding(code: str, severity: str, text: str) -> Finding:
@@ -235,8 +235,8 @@ LIMITS = {
     "force_step": ("force_step_limit_n", "force_step_max_n"),
     "speed": ("speed_limit_m_s", "session.speed_max_m_s"),
 }
+# Of each limit the number's name in the report, "at_most" or "at_least", and the bound.
 Limits = tuple[tuple[str, str, float], ...]
-"""Of each limit the number's name in the report, "at_most" or "at_least", and the bound."""
 
 
 class RobotLimitCounts:

@@ -23,8 +23,8 @@ from vfplan.replaying.metrics import timed
 from vfplan.robot import Robot
 from vfplan.session.session import Largest, WithPrevious
 
+# Bins of the profile along all strokes together. A picture of it is about as wide in pixels.
 BINS = 512
-"""Bins of the profile along all strokes together. A picture of it is about as wide in pixels."""
 
 
 class Guided:

@@ -136,15 +136,15 @@ class LossyLink:
         return data
 
 
+# Speed of the hand [m/s]. A hand that follows a drawn line with care is about as fast.
 SPEED_M_S = 0.05
-"""Speed of the hand [m/s]. A hand that follows a drawn line with care is about as fast."""
 
+# How far beyond contact the hand wants to be [m], but never beyond the drawn line.
 PRESS_DEPTH_M = 5e-3
-"""How far beyond contact the hand wants to be [m], but never beyond the drawn line."""
 
+# Where a session begins and ends, in units of the distance at which the proxy stops. Above 1, so
+# that the hand starts without contact.
 START_DISTANCE = 1.5
-"""Where a session begins and ends, in units of the distance at which the proxy stops. Above 1, so
-that the hand starts without contact."""
 
 
 def approach_sessions(
@@ -204,10 +204,10 @@ def side_normals(points: Array, axis: Array | None) -> Array:
     return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
 
 
+# Proxies farther apart than this [m] have parted; below it rules differ by their bands alone.
 PART_M = 5e-5
-"""Proxies farther apart than this [m] have parted; below it rules differ by their bands alone."""
+# How many stretches apart are listed one by one.
 LISTED = 50
-"""How many stretches apart are listed one by one."""
 
 
 class Comparison:

@@ -58,8 +58,8 @@ class Number(NamedTuple):
         return f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
 
 
+# How many of a unit are in the SI unit.
 FACTORS = {"mm": MM, "mm/s": MM, "mJ": MM, "µm": 1e6}
-"""How many of a unit are in the SI unit."""
 
 NUMBERS = (
     Number("duration_s", "s", 3, "duration"),
@@ -88,11 +88,11 @@ NUMBERS = (
     Number("speed_at_touch_m_s", "mm/s", 1, column="touch"),
 )
 
+# The last words of a number's key and its unit in the report, the longest first.
 UNITS = {
     "_m_s": "m/s", "_n_per_m": "N/m", "_deg": "°", "_ticks": "ticks", "_tick": "tick", "_hz": "Hz",
     "_us": "µs", "_mm": "mm", "_nm": "N·m", "_j": "J", "_n": "N", "_s": "s", "_m": "m",
 }  # fmt: skip
-"""The last words of a number's key and its unit in the report, the longest first."""
 
 
 def unit_of(key: str) -> str:
@@ -100,13 +100,13 @@ def unit_of(key: str) -> str:
     return next((unit for ending, unit in UNITS.items() if key.endswith(ending)), "")
 
 
+# Runs of contact closer than this [s] are one episode. A touch that flickers is one touch, and no
+# hand lets go and touches again as fast.
 JOIN_S = 0.01
-"""Runs of contact closer than this [s] are one episode. A touch that flickers is one touch, and no
-hand lets go and touches again as fast."""
 
+# The deepest episodes that are reported one by one. Of the others the report has their number and
+# their largest values, so that a report stays readable and bounded.
 MAX_EPISODES = 1000
-"""The deepest episodes that are reported one by one. Of the others the report has their number and
-their largest values, so that a report stays readable and bounded."""
 
 # What is known of an episode and not reported as it is.
 UNREPORTED = ("press_path", "drag_work", "touch", "leave")
@@ -399,14 +399,14 @@ class Metrics:
         return data
 
 
+# Each bin of the histogram is 1.1 % wide; a clock is no more exact.
 BINS_PER_OCTAVE = 64
-"""Each bin of the histogram is 1.1 % wide; a clock is no more exact."""
 
+# Beginning of the first bin [s].
 SHORTEST_S = 1e-9
-"""Beginning of the first bin [s]."""
 
+# The histogram ends at 1000 s.
 BINS = 40 * BINS_PER_OCTAVE
-"""The histogram ends at 1000 s."""
 
 
 class StepTimes:

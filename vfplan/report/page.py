@@ -41,14 +41,14 @@ from vfplan.session.result import TickBlock
 
 Array = NDArray[np.float64]
 
+# Number of columns of the whole session's envelope, one for each pixel of the plot's width.
 COLUMNS = WIDTH_PX
-"""Number of columns of the whole session's envelope, one for each pixel of the plot's width."""
 
+# Number of columns of an episode's envelope. It is drawn coarser, to keep the page small.
 ZOOM_COLUMNS = COLUMNS // 2
-"""Number of columns of an episode's envelope. It is drawn coarser, to keep the page small."""
 
+# Number of episodes with an envelope of their own. A page of more would be slow to open.
 MAX_ZOOMS = 40
-"""Number of episodes with an envelope of their own. A page of more would be slow to open."""
 
 
 def placing(fixture: Fixture) -> tuple[Array, Array]:
@@ -147,8 +147,8 @@ def _flat(rows: Array, decimals: int) -> list[float]:
 
 # The page may show what it carries and fetch nothing.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+# What a live page may do in addition: listen to the server that it came from.
 LIVE_POLICY = "; connect-src 'self'"
-"""What a live page may do in addition: listen to the server that it came from."""
 
 
 def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> str:

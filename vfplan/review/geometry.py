@@ -34,8 +34,8 @@ from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
 
 Array = NDArray[np.float64]
 
+# Entries that are listed at most; more is a photograph, not a drawing.
 MAX_ENTRIES = 200
-"""Entries that are listed at most; more is a photograph, not a drawing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +152,11 @@ def boxes_of(text: Any) -> tuple[Box, ...]:
     return tuple(areas)
 
 
+# Routes that are offered at most: one digit chooses among them.
 MAX_ROUTES = 9
-"""Routes that are offered at most: one digit chooses among them."""
 
+# Free ends of a forked line beyond which it is writing, through which no route is offered.
 MAX_FREE_ENDS = 12
-"""Free ends of a forked line beyond which it is writing, through which no route is offered."""
 
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
@@ -239,9 +239,9 @@ def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
     return path[::-1]
 
 
+# Distance [px] from the points of its old line from which a point counts as changed: half of it may
+# be a step along the line.
 MOVED_PX = 1.0
-"""Distance [px] from the points of its old line from which a point counts as changed: half of it
-may be a step along the line."""
 
 
 @dataclass(frozen=True, eq=False)

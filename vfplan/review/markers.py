@@ -27,17 +27,17 @@ from vfplan.markers.correspondences import Correspondences, read_markers
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.registration import Registration, fit_registration
 
+# Markers that determine a transform from a plane into space.
 MIN_MARKERS = 3
-"""Markers that determine a transform from a plane into space."""
 
+# Places along a curve at which its bound is computed: a bound bends slowly.
 BOUND_PLACES = 50
-"""Places along a curve at which its bound is computed: a bound bends slowly."""
 
+# Name of the format of Slicer's files; nothing is fetched from there.
 SLICER_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
     "Schema/markups-schema-v1.0.3.json#"
 )
-"""Name of the format of Slicer's files; nothing is fetched from there."""
 
 
 @dataclass(frozen=True)

@@ -31,17 +31,17 @@ def colour_of(hexadecimal: str) -> Colour:
     return tuple(int(hexadecimal[i : i + 2], 16) for i in (1, 3, 5))
 
 
+# Dots an inch in print.
 DPI = 200
-"""Dots an inch in print."""
 
+# Width of A4, 210 mm, in pixels.
 PAGE_WIDTH = round(210 / 25.4 * DPI)
-"""Width of A4, 210 mm, in pixels."""
 
+# Height of A4, 297 mm, in pixels.
 PAGE_HEIGHT = round(297 / 25.4 * DPI)
-"""Height of A4, 297 mm, in pixels."""
 
+# Width of the empty border of a page: 7.6 mm, which printers can print.
 MARGIN = 60
-"""Width of the empty border of a page: 7.6 mm, which printers can print."""
 
 CONTENT_WIDTH = PAGE_WIDTH - 2 * MARGIN
 
@@ -55,8 +55,8 @@ BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
 MARGIN_COLOUR: Colour = colour_of(HIP)
 BAND_COLOUR: Colour = colour_of(PROXY)
 
+# Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel.
 SHIFT = 4
-"""Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel."""
 
 
 @dataclass(frozen=True)
@@ -116,19 +116,19 @@ class Style:
         return _font(self.points, self.bold).getlength(words)
 
 
+# Height of the letters [points] of all text but the headings; smaller was called too small.
 BASE = 8.0
-"""Height of the letters [points] of all text but the headings; smaller was called too small."""
 
 TITLE = Style(1.9 * BASE, bold=True)
 HEADING = Style(1.2 * BASE, bold=True)
 BODY = Style(BASE)
 STRONG = Style(BASE, bold=True)
 
+# Side [px of the page] of an inset, a place that is enlarged: 46 mm in print.
 INSET_PX = 360
-"""Side [px of the page] of an inset, a place that is enlarged: 46 mm in print."""
 
+# Row at which the foot of a page begins; nothing else stands below it.
 FOOT = PAGE_HEIGHT - MARGIN - BODY.line_height
-"""Row at which the foot of a page begins; nothing else stands below it."""
 
 
 class Paper:
@@ -360,20 +360,20 @@ def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int, y: int) -> None
     part[rows, columns] = np.rint(under + share * (np.array(colour) - under)).astype(np.uint8)
 
 
+# Distance [px of the page] from one try to the next: half a line of text.
 STEP = BODY.line_height // 2
-"""Distance [px of the page] from one try to the next: half a line of text."""
 
+# Distances that are tried: a leader longer than twelve lines of text is hard to follow.
 TRIES = 24
-"""Distances that are tried: a leader longer than twelve lines of text is hard to follow."""
 
+# Length [px of the page] around its point that a leader does not cover.
 LEADER_GAP = 0.4 * BODY.line_height
-"""Length [px of the page] around its point that a leader does not cover."""
 
+# Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
-"""Distance [px of the page] between two captions, and from a caption to the picture's edge."""
 
+# Number of directions that are tried at each distance, the first to the upper right.
 DIRECTIONS = 16
-"""Number of directions that are tried at each distance, the first to the upper right."""
 
 
 class Labeller:

@@ -19,14 +19,14 @@ from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.sheet_input import SheetInput, ends_of
 
+# Side [px of the page] of a view: two stand side by side.
 VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
-"""Side [px of the page] of a view: two stand side by side."""
 
+# Points or triangles of a view: it has no pixels for more.
 MAX_DRAWN = 50_000
-"""Points or triangles of a view: it has no pixels for more."""
 
+# Triangles whose edges are drawn; the edges of more would fill the view.
 MAX_OUTLINED = 2_000
-"""Triangles whose edges are drawn; the edges of more would fill the view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +55,12 @@ class View:
         return points[:, self.toward] * self.sign
 
 
+# The words of each view, and its axes.
 SIDES = (
     ("Seen from above (+z)", 0, 1, 2, 1.0),
     ("Seen from the side (-y)", 0, 2, 1, -1.0),
     ("Seen from the side (+x)", 1, 2, 0, 1.0),
 )
-"""The words of each view, and its axes."""
 
 
 def draw_views(sheet: paper.Paper, content: SheetInput, y: float) -> tuple[float, float, float]:
@@ -174,31 +174,31 @@ def draw_tag(
     sheet.text(box.x + x + 6, box.y + y + 1, words, STRONG, letters)
 
 
+# Width [px of the page] of the column of facts beside the slice.
 COLUMN_WIDTH = round(1.3 * INSET_PX)
-"""Width [px of the page] of the column of facts beside the slice."""
 
+# Width [px of the page] of the slice at most.
 PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
-"""Width [px of the page] of the slice at most."""
 
+# Height [px of the page] of the slice at most: a row of insets fits below it.
 PICTURE_HEIGHT = 980
-"""Height [px of the page] of the slice at most: a row of insets fits below it."""
 
+# Distance [px of the page] between the edge of the ink and the outline beside it.
 OUTLINE_GAP = 7.0
-"""Distance [px of the page] between the edge of the ink and the outline beside it."""
 
+# Half the pen's width [px of the slice] if nobody knows it: half of what pens mostly are.
 USUAL_HALF_WIDTH = 2.0
-"""Half the pen's width [px of the slice] if nobody knows it: half of what pens mostly are."""
 
+# Radius [px of the page] around an end that no outline, arrow or caption enters.
 FREE_RADIUS = 20
-"""Radius [px of the page] around an end that no outline, arrow or caption enters."""
 
 
+# Radius [px of the page] of the disc ahead of an end that no caption enters: a cover of the end
+# lies there, and it has to be visible.
 AHEAD_RADIUS = 5 * FREE_RADIUS
-"""Radius [px of the page] of the disc ahead of an end that no caption enters: a cover of the end
-lies there, and it has to be visible."""
 
+# Length [px of the page] of the longest arrow of a residual, about.
 ARROW_LENGTH = INSET_PX // 4
-"""Length [px of the page] of the longest arrow of a residual, about."""
 
 
 @dataclass(frozen=True, eq=False)

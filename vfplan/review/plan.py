@@ -31,8 +31,8 @@ from vfplan.review.strokes import MendedStroke
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
+# Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
-"""Grey level of the ground on which a curve lies whose slice is not at hand."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,8 @@ from vfplan.review.plan import sha256_of
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
 
+# Largest size of a draft. Thousands of steps take some megabytes.
 MAX_BYTES = MAX_TEXT_BYTES // 4
-"""Largest size of a draft. Thousands of steps take some megabytes."""
 
 
 class Draft:
@@ -119,17 +119,17 @@ def draft_path(output: Path) -> Path:
     return output.with_name(f"{output.name}.draft.json")
 
 
+# Size of a message from the page at most; 500 clicks take 20 kB, a table of 200 markers 16 kB.
 MAX_MESSAGE_BYTES = 64 * 1024
-"""Size of a message from the page at most; 500 clicks take 20 kB, a table of 200 markers 16 kB."""
 
+# Messages a second that are taken; a screen that drags sends at most 60.
 MESSAGES_PER_S = 100.0
-"""Messages a second that are taken; a screen that drags sends at most 60."""
 
+# Messages that may come at once, as after a browser's pause.
 BURST = 3 * MESSAGES_PER_S
-"""Messages that may come at once, as after a browser's pause."""
 
+# Pages that are served at a time.
 MAX_TABS = 8
-"""Pages that are served at a time."""
 
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -142,8 +142,8 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+# A grey of a slice, as a page asks for it.
 GREY_LEVEL = re.compile("[0-9]{1,6}")
-"""A grey of a slice, as a page asks for it."""
 
 MEDIA_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 

@@ -25,8 +25,8 @@ from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 
+# Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
-"""Steps of a review at most: a person makes some hundreds."""
 
 
 SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box", "outline")

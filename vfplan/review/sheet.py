@@ -30,21 +30,21 @@ from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, ST
 from vfplan.review.picture import COLUMN_WIDTH, draw_picture, draw_views
 from vfplan.review.sheet_input import WORDS_OF_ENTRY, LineEnd, SheetInput, ends_of
 
+# Pixels of the page to one of the slice in an inset.
 ZOOM = 8
-"""Pixels of the page to one of the slice in an inset."""
 
+# The same in the wider view of an end.
 WIDER_ZOOM = ZOOM // 2
-"""The same in the wider view of an end."""
 
+# Side [px of the slice] of what an inset shows.
 SHOWN_PX = INSET_PX // ZOOM
-"""Side [px of the slice] of what an inset shows."""
 
+# Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
+# an end is larger than that.
 AHEAD_PX = 10.0
-"""Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
-an end is larger than that."""
 
+# Range of greys, of 256, within which a ground counts as even; noise of a CT spans more.
 ONE_GREY = 2
-"""Range of greys, of 256, within which a ground counts as even; noise of a CT spans more."""
 
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
@@ -52,8 +52,8 @@ CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
 
 
+# Entries of the account that are listed; the others are summed up.
 LISTED_ENTRIES = 12
-"""Entries of the account that are listed; the others are summed up."""
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
@@ -419,8 +419,8 @@ def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
 
 
+# Where the column of facts begins, beside the picture [px of the page].
 COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
-"""Where the column of facts begins, beside the picture [px of the page]."""
 
 
 @dataclass(frozen=True, eq=False)

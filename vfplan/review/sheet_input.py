@@ -62,13 +62,13 @@ def ends_of(stroke: Stroke) -> list[LineEnd]:
     return ends
 
 
+# What the sheet calls an entry of the account.
 WORDS_OF_ENTRY = {
     "ink": "",
     "bridge": "gap in the line",
     "hidden": "line hidden",
     "gap": "gap in the line, or line hidden",
 }
-"""What the sheet calls an entry of the account."""
 
 
 @dataclass(frozen=True, eq=False)

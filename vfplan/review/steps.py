@@ -23,17 +23,17 @@ from vfplan.review.plan import Plan, key_of
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
 
 Step = dict[str, Any]
+# Points of a drawn line at most; a hand clicks some tens.
 MAX_CLICKS = 500
-"""Points of a drawn line at most; a hand clicks some tens."""
 
+# Excluded boxes at most.
 MAX_EXCLUDED = 100
-"""Excluded boxes at most."""
 
+# Markers at most; layouts have 4 to 40.
 MAX_MARKERS = 200
-"""Markers at most; layouts have 4 to 40."""
 
+# Characters of a label at most, as a bundle holds them.
 MAX_LABEL = 64
-"""Characters of a label at most, as a bundle holds them."""
 
 
 # The fields of a step.

@@ -44,18 +44,18 @@ def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
     return nearest, float(distance[nearest])
 
 
+# Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
 KNOTS = 30
-"""Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws."""
 
+# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
 MIN_KNOT_SPACING_PX = 10.0
-"""Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap."""
 
+# Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
+# belongs to the stretch that was mended.
 JOIN_PX = 12.0
-"""Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
-belongs to the stretch that was mended."""
 
+# The fields of a stroke that have a value a point.
 PER_POINT = ("points", "sigma", "bridged", "edited", "viewed")
-"""The fields of a stroke that have a value a point."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

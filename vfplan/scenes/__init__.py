@@ -31,6 +31,7 @@ from vfplan.scenes.scenes import (
     travel,
 )  # fmt: skip
 
+# Every scene by its name.
 SCENES: dict[str, type[Scene]] = {
     scene.name: scene
     for scene in (
@@ -38,7 +39,6 @@ SCENES: dict[str, type[Scene]] = {
         Channel, Omega, Teapot,
     )
 }  # fmt: skip
-"""Every scene by its name."""
 
 __all__ = [
     "SCENES", "Bend", "Channel", "Circle", "Corner", "Cylinder", "DoubleSheet", "Drawn", "Omega",

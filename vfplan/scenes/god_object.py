@@ -15,23 +15,23 @@ from vfplan.engine.parameters import Vector
 from vfplan.errors import SceneError
 from vfplan.scenes.outline import Look, Pieces, stack
 
+# Longest step along a contact, in R.
 STRIDE = 0.1
-"""Longest step along a contact, in R."""
 
+# Below this step, in R, Newton's method is tried on the pieces that hold the proxy.
 CLOSE = 1e-2
-"""Below this step, in R, Newton's method is tried on the pieces that hold the proxy."""
 
+# Below this step, in R, nothing more is gained.
 SETTLED = 1e-10
-"""Below this step, in R, nothing more is gained."""
 
+# Number of steps after which a proxy counts as lost.
 MAX_STEPS = 20000
-"""Number of steps after which a proxy counts as lost."""
 
+# Number of Newton's steps; it doubles the correct digits in each.
 MAX_NEWTON_STEPS = 8
-"""Number of Newton's steps; it doubles the correct digits in each."""
 
+# Number of steps back into the free space; two or three are usual.
 MAX_RESTORING_STEPS = 30
-"""Number of steps back into the free space; two or three are usual."""
 
 
 def look(pieces: tuple[Pieces, ...], x: Vector) -> Look:

@@ -299,11 +299,11 @@ def _opened_bag(path: Path) -> Iterator[Any]:
         raise SessionError(message, where=path.name, code="bag-broken") from None
 
 
+# A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes.
 TICK = np.dtype([
     ("index", "<u8"), ("t", "<f8"), ("hip", "<f8", 3), ("proxy", "<f8", 3), ("normal", "<f8", 3),
     ("force", "<f8", 3), ("state", "i1"), ("status", "u1"), ("nothing", "V6"),
 ])  # fmt: skip
-"""A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes."""
 
 TOPIC = "/vfplan/tick"
 DEFINITION = b"""# One tick of a haptic loop. Lengths in m, time in s, force in N on the hand.
@@ -319,11 +319,11 @@ uint8 status
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
+# Bytes of a chunk. MCAP's own default; readers seek by whole chunks.
 CHUNK_BYTES = 2**20
-"""Bytes of a chunk. MCAP's own default; readers seek by whole chunks."""
 
+# Bytes that are reserved ahead: more than the last chunk and the index of an hour need.
 RESERVE_BYTES = 4 * CHUNK_BYTES
-"""Bytes that are reserved ahead: more than the last chunk and the index of an hour need."""
 
 
 class ReservingFile(io.FileIO):

@@ -94,18 +94,18 @@ def read_poses(path: str | Path) -> Poses:
 
 HEADER = ["tick", "what", "x", "y", "z"]
 
+# Ticks are counted exactly up to here, also by programs that have float64 alone.
 MAX_TICK = 2**sys.float_info.mant_dig
-"""Ticks are counted exactly up to here, also by programs that have float64 alone."""
 
+# Number of points that 32 bits can tell apart, as the engine does.
 MAX_POINT_NUMBER = np.iinfo(np.uint32).max + 1
-"""Number of points that 32 bits can tell apart, as the engine does."""
 
+# Columns in which a controller logs how many poses and events it had, if its fixture changes.
 CHANGE_COLUMNS = ("poses", "events")
-"""Columns in which a controller logs how many poses and events it had, if its fixture changes."""
 
+# Columns of a session's CSV that say what the control loop knew at each tick: how many poses it had
+# taken so far, and how many events.
 LOOP_COLUMNS = ("t", *CHANGE_COLUMNS)
-"""Columns of a session's CSV that say what the control loop knew at each tick: how many poses it
-had taken so far, and how many events."""
 
 
 @dataclass(frozen=True, eq=False)

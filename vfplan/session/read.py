@@ -161,8 +161,8 @@ def _read_unchanged(
 
 
 NAMES = ("time", "hip")
+# The attribute `format` of a fixture bundle.
 FIXTURE_FORMAT = "vfplan-fixture"
-"""The attribute `format` of a fixture bundle."""
 
 
 def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:

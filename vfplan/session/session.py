@@ -65,11 +65,11 @@ class LongestRun:
         self._open = int(lengths[-1])
 
 
+# An interval longer than this many nominal ones misses samples: half a sample beyond one.
 GAP = 1.5
-"""An interval longer than this many nominal ones misses samples: half a sample beyond one."""
 
+# No hand moves a tool faster than this [m/s]: the position jumped.
 JUMP_M_S = 20.0
-"""No hand moves a tool faster than this [m/s]: the position jumped."""
 
 
 class SamplingReport:
@@ -157,19 +157,19 @@ class SamplingReport:
 # Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
 Samples = tuple[Array, Array]
 
+# Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
+# sums then run in the same order on every run, and memory does not grow with the session.
 BLOCK = 16384
-"""Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
-sums then run in the same order on every run, and memory does not grow with the session."""
 
+# Largest time stamp [s]. No clock gives more, and the square of a difference stays finite.
 MAX_TIME_S = 1e20
-"""Largest time stamp [s]. No clock gives more, and the square of a difference stays finite."""
 
+# Smallest difference between two time stamps [s]. A smaller one would make speeds overflow.
 MIN_STEP_S = 1e-9
-"""Smallest difference between two time stamps [s]. A smaller one would make speeds overflow."""
 
+# Highest rate of resampling. No arm's loop is as fast, and a rate mistyped by some zeros would fill
+# the memory.
 MAX_RATE_HZ = 1e6
-"""Highest rate of resampling. No arm's loop is as fast, and a rate mistyped by some zeros would
-fill the memory."""
 
 
 @dataclass(frozen=True, eq=False)

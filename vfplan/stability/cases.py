@@ -32,18 +32,18 @@ from vfplan.stability import contacts
 from vfplan.stability.closed_loop import EngineMaker, engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
 
+# Number of ticks that the engine is given at once, so that a long run needs little memory.
 BLOCK_TICKS = 100_000
-"""Number of ticks that the engine is given at once, so that a long run needs little memory."""
 
+# Length of the long runs [ticks], 28 hours at 1 kHz.
 LONG_TICKS = 1000 * BLOCK_TICKS
-"""Length of the long runs [ticks], 28 hours at 1 kHz."""
 
+# Half of the width of the box in which the long walk stays [m]. It is more than R on either side,
+# and in a wider box the walk may miss the cloud for many ticks.
 WANDER_M = 1.6 * RADIUS
-"""Half of the width of the box in which the long walk stays [m]. It is more than R on either side,
-and in a wider box the walk may miss the cloud for many ticks."""
 
+# Standard deviation of a step of the long walk along each axis [m], 0.1 m/s at 1 kHz.
 WANDER_STEP_M = RADIUS / 50
-"""Standard deviation of a step of the long walk along each axis [m], 0.1 m/s at 1 kHz."""
 
 EngineFactory = Callable[[Contact], ProxyEngine]
 
@@ -290,6 +290,7 @@ def walk_long(contact: Contact, make_engine: EngineFactory, ticks: int) -> dict[
 
 OUTSIDE = "the proxy stays outside"
 FINITE = f"finite answers, and {OUTSIDE}"
+# Every case, in the order of the report.
 CASES = (
     ExtremeCase("hip/at rest for 1e7 ticks", "no drift at all",
                 partial(drift_at_rest, ticks=10_000_000), 0.0, "m of drift"),
@@ -311,7 +312,6 @@ CASES = (
                 partial(figure_of_long_walk, ticks=LONG_TICKS, figure="growth"),
                 4e6, "bytes", full=True),
 )  # fmt: skip
-"""Every case, in the order of the report."""
 
 
 @dataclass(frozen=True)

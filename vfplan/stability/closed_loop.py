@@ -30,30 +30,29 @@ from vfplan.stability.loop import (
     stable_edge,
 )
 
+# Depth of the hand's press, as a share of R. The contact stays closed under the blow.
 PRESS_DEPTH = 0.05
-"""Depth of the hand's press, as a share of R. The contact stays closed under the blow."""
 
+# Way that the blow carries the mass, as a share of the depth of the press.
 BLOW = 0.2
-"""Way that the blow carries the mass, as a share of the depth of the press."""
 
+# Stiffness of a hand that also holds the mass sideways, as a share of K.
 HAND_SHARE = 0.2
-"""Stiffness of a hand that also holds the mass sideways, as a share of K."""
 
+# Width, relative to K, at which the bisection ends. A K below this share of the bound is none.
 RESOLUTION = 2.5e-3
-"""Width, relative to K, at which the bisection ends. A K below this share of the bound is none."""
 
+# The first K that is tried, as a share of the exact bound.
+#
+# The bisection halves and doubles it, so that it never tries the bound itself. An agreement with
+# theory is then found and not put in.
 FIRST_GUESS = 0.61
-"""The first K that is tried, as a share of the exact bound.
 
-The bisection halves and doubles it, so that it never tries the bound itself. An agreement with
-theory is then found and not put in.
-"""
-
+# Largest K that is tried, over the exact bound. A contact that bears more is far from it.
 MAX_RATIO = 16.0
-"""Largest K that is tried, over the exact bound. A contact that bears more is far from it."""
 
+# Longest run of one trial or press [ticks], 20 s at 1 kHz.
 MAX_TICKS = 20_000
-"""Longest run of one trial or press [ticks], 20 s at 1 kHz."""
 
 
 @dataclass(frozen=True)
@@ -192,14 +191,14 @@ def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
     return SimulatedHand(stiffness * press, hand_stiffness, contact.touch + press)
 
 
+# Largest difference of a flat wall's largest stable K from the exact bound, relative to it.
 FLAT_TOLERANCE = 0.02
-"""Largest difference of a flat wall's largest stable K from the exact bound, relative to it."""
 
+# Smallest share of the exact bound that any other contact must bear.
 MIN_RATIO = 0.95
-"""Smallest share of the exact bound that any other contact must bear."""
 
+# Share of the final depth within which a pressed mass counts as at rest.
 REST_TOLERANCE = 0.05
-"""Share of the final depth within which a pressed mass counts as at rest."""
 
 
 @dataclass(frozen=True)

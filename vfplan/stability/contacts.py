@@ -17,11 +17,11 @@ from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
 from vfplan.fixture import Fixture, Pieces
 
+# R = r_c of the scenes [m], as in the paper's experiments.
 RADIUS = 5e-3
-"""R = r_c of the scenes [m], as in the paper's experiments."""
 
+# Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack.
 ROUNDING_M = 1e-12
-"""Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack."""
 
 X, Y, _ = np.eye(3)
 
@@ -143,14 +143,14 @@ def omega() -> Iterator[Contact]:
                       exact_shape=shape)  # fmt: skip
 
 
+# Every scene of contact by its name.
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "flat": flat, "convex": convex, "corner": corner, "three-walls": three_walls,
     "channel": channel, "point": point, "double-sheet": double_sheet, "omega": omega,
 }  # fmt: skip
-"""Every scene of contact by its name."""
 
+# The scenes whose lines and arcs are known, which rule "exact" renders.
 SCENES_WITH_CURVE = ("channel", "omega")
-"""The scenes whose lines and arcs are known, which rule "exact" renders."""
 
 
 def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | None]:

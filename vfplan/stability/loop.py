@@ -25,21 +25,20 @@ from vfplan.engine.parameters import Vector, number
 from vfplan.engine.proxy import Step
 from vfplan.robot import Robot
 
+# Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
 MIN_DECAY = 1e-9
-"""Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0."""
 
+# Largest decay b T / m of a tick. The exponential of a larger one overflows float64.
 MAX_DECAY = 1e12
-"""Largest decay b T / m of a tick. The exponential of a larger one overflows float64."""
 
+# Largest spectral radius that counts as stable.
+#
+# One minus the radius reaches the rounding of an eigenvalue long before K reaches 0, so that a
+# radius of exactly 1 would be met by rounding alone.
 STABLE_RADIUS = 1.0 - 1e-13
-"""Largest spectral radius that counts as stable.
 
-One minus the radius reaches the rounding of an eigenvalue long before K reaches 0, so that a
-radius of exactly 1 would be met by rounding alone.
-"""
-
+# Width, relative to K, at which the bisection of the exact bound ends.
 BOUND_RESOLUTION = 1e-10
-"""Width, relative to K, at which the bisection of the exact bound ends."""
 
 
 @dataclass(frozen=True)

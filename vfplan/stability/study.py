@@ -27,11 +27,11 @@ from vfplan.stability.closed_loop import closed_loop_case, scenes_for
 from vfplan.stability.contacts import CaseResult
 from vfplan.stability.loop import Plant, exact_bound
 
+# Factor by which K may grow and the loop stays stable, unless the user gives another.
 SAFETY_FACTOR = 1.25
-"""Factor by which K may grow and the loop stays stable, unless the user gives another."""
 
+# What a verdict holds of the robot.
 ROBOT_KEYS = ("mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
-"""What a verdict holds of the robot."""
 
 
 def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -> StabilityVerdict:
@@ -115,15 +115,15 @@ def verdict_text(verdict: StabilityVerdict) -> str:
     )
 
 
+# The robot of the standard scenes: a mass of 1 kg with little damping, at 1 kHz.
 DEFAULT_ROBOT = Robot("assumed", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
-"""The robot of the standard scenes: a mass of 1 kg with little damping, at 1 kHz."""
 
+# Stiffness that is judged where neither the caller nor a bundle gives one [N/m].
 DEFAULT_STIFFNESS = 1000.0
-"""Stiffness that is judged where neither the caller nor a bundle gives one [N/m]."""
 
 ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
+# The parts of the study by name, in the order of the report.
 PARTS = ("closed-loop", "passivity", "extremes")
-"""The parts of the study by name, in the order of the report."""
 
 Task = Callable[[], list[CaseResult]]
 Done = Callable[[int], None]

@@ -23,17 +23,16 @@ from vfplan.surface.outline import Contours, SlicedVolume, Stack, slice_contours
 from vfplan.surface.sources import read_contours
 
 Array = NDArray[np.float64]
+# Largest distance of a place in a triangle from its corners, in grid steps.
+#
+# Over the shapes of the tests 0.89 is measured. The report has each surface's own.
 COVER = 0.9
-"""Largest distance of a place in a triangle from its corners, in grid steps.
-
-Over the shapes of the tests 0.89 is measured. The report has each surface's own.
-"""
+# Share of the tolerance for dimples between corners. The band takes as much, chords the rest.
 DIMPLE_SHARE = 0.45
-"""Share of the tolerance for dimples between corners. The band takes as much, chords the rest."""
+# Number of points of the outlines that are held against the surface.
 MAX_CHECKED_POINTS = 10_000
-"""Number of points of the outlines that are held against the surface."""
+# The same of each slice that is left out. A structure shows on some fifty slices.
 MAX_CHECKED_POINTS_OF_SLICE = 200
-"""The same of each slice that is left out. A structure shows on some fifty slices."""
 
 
 @dataclass(frozen=True)

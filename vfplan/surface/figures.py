@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from vfplan.surface.outline import Stack
 
 Array = NDArray[np.float64]
+# How far to the side the eye is.
 TURNED = np.radians(25)
-"""How far to the side the eye is."""
+# How far above the eye is.
 RAISED = np.radians(20)
-"""How far above the eye is."""
+# The eye's axes as rows: to the right, up, towards the eye.
 VIEW = np.array(
     [
         [np.cos(TURNED), np.sin(TURNED), 0],
@@ -27,9 +28,8 @@ VIEW = np.array(
         [np.cos(RAISED) * np.sin(TURNED), -np.cos(RAISED) * np.cos(TURNED), np.sin(RAISED)],
     ]
 )
-"""The eye's axes as rows: to the right, up, towards the eye."""
+# Number of outlines that are drawn on the surface. More would hide it.
 MAX_OUTLINES = 60
-"""Number of outlines that are drawn on the surface. More would hide it."""
 
 
 def draw_surface(result: Surface, path: Path) -> None:

@@ -21,41 +21,41 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.int32]
+# Number of nodes along a side of a block. Far from the outline one distance serves all of them.
 BLOCK = 8
-"""Number of nodes along a side of a block. Far from the outline one distance serves all of them."""
+# Largest number of nodes of a grid, which take 600 MB in single precision.
 MAX_NODES = 150_000_000
-"""Largest number of nodes of a grid, which take 600 MB in single precision."""
+# Distance from a node, in grid steps, within which corners become one. With half of it angles fall
+# below 4 degrees.
 SNAP = 0.25
-"""Distance from a node, in grid steps, within which corners become one. With half of it angles fall
-below 4 degrees."""
+# Smallest slope by which a value is divided to become a distance. It is less at ridges alone.
 MIN_SLOPE = 0.1
-"""Smallest slope by which a value is divided to become a distance. It is less at ridges alone."""
+# Angle of a corner from which on it is flipped away. With 165 degrees angles of 4.2 degrees remain,
+# and with 130 degrees angles of 6.
 WIDE_CORNER_DEG = 150.0
-"""Angle of a corner from which on it is flipped away. With 165 degrees angles of 4.2 degrees
-remain, and with 130 degrees angles of 6."""
 
 
 @dataclass(frozen=True, eq=False)
 class LevelSurface:
     """The surface of one stack, in its own frame."""
 
+    # (N, 3) corners [m].
     points: Array
-    """(N, 3) corners [m]."""
+    # (K, 3) rows of `points`, seen anticlockwise from outside.
     triangles: Triangles
-    """(K, 3) rows of `points`, seen anticlockwise from outside."""
+    # How far the farthest corner that could be moved onto the level is from it [m].
     distance_max_m: float
-    """How far the farthest corner that could be moved onto the level is from it [m]."""
 
 
 class GridMesh(NamedTuple):
     """Triangles whose corners lie on the edges of a grid."""
 
+    # (N, 3) corners [m].
     points: Array
-    """(N, 3) corners [m]."""
+    # (N,) whether each lies in a plane of the grid across the slices' normal.
     in_plane: Flags
-    """(N,) whether each lies in a plane of the grid across the slices' normal."""
+    # (K, 3) rows of `points`.
     triangles: Triangles
-    """(K, 3) rows of `points`."""
 
 
 def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:

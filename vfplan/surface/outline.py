@@ -30,49 +30,49 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+# Largest width of a keyhole's channel [m]. No tool draws bone as thin.
 CHANNEL_M = 1e-4
-"""Largest width of a keyhole's channel [m]. No tool draws bone as thin."""
+# Smallest way along the ring from one side of a channel to the other, in widths of a channel.
 MIN_CHANNEL_LENGTH = 20.0
-"""Smallest way along the ring from one side of a channel to the other, in widths of a channel."""
+# Largest distance of a flat ring from its plane [m]. Tenths of a millimetre round as far.
 FLAT_M = 5e-5
-"""Largest distance of a flat ring from its plane [m]. Tenths of a millimetre round as far."""
+# Largest distance between two statements of one place [m]. Single precision rounds as far.
 SAME_M = 2e-5
-"""Largest distance between two statements of one place [m]. Single precision rounds as far."""
+# Distance between doubled slices, as a share of the usual one. No series is cut so finely.
 DOUBLED = 0.1
-"""Distance between doubled slices, as a share of the usual one. No series is cut so finely."""
+# Widest gap, in usual distances, that is bridged unless a person gives another.
 WIDEST = 1.5
-"""Widest gap, in usual distances, that is bridged unless a person gives another."""
+# Largest share of a ring's area that little loops at its ends may enclose.
 STRAY_SHARE = 1e-3
-"""Largest share of a ring's area that little loops at its ends may enclose."""
 
 
 class Edges(NamedTuple):
     """The edges of all rings of an outline. Places and directions are complex numbers, x + iy."""
 
+    # (E,) the corner that each edge starts in [m].
     start: NDArray[np.complex128]
-    """(E,) the corner that each edge starts in [m]."""
+    # (E,) the way from there to its end [m].
     along: NDArray[np.complex128]
-    """(E,) the way from there to its end [m]."""
+    # (E,) the unit normal of each edge, outwards.
     normal: NDArray[np.complex128]
-    """(E,) the unit normal of each edge, outwards."""
+    # (E,) the sum of the normals of both edges that meet in its start.
     corner_normal: NDArray[np.complex128]
-    """(E,) the sum of the normals of both edges that meet in its start."""
+    # (E,) the edge before each in its ring.
     before: Indices
-    """(E,) the edge before each in its ring."""
+    # (E,) the edge after each in its ring.
     after: Indices
-    """(E,) the edge after each in its ring."""
+    # The starts, as a k-d tree.
     corners: cKDTree
-    """The starts, as a k-d tree."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
     """What a slice shows of a structure."""
 
+    # Place of the slice along the normal [m].
     z: float
-    """Place of the slice along the normal [m]."""
+    # Polygons with holes, in the slice's plane [m], that do not overlap.
     parts: tuple[Polygon, ...]
-    """Polygons with holes, in the slice's plane [m], that do not overlap."""
 
     def signed(self, xy: Array) -> tuple[Array, Array]:
         """Signed distance (M,) [m] of points (M, 2), below 0 inside, and its gradient (M, 2).
@@ -272,30 +272,30 @@ def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:
 class Structure:
     """One of the structures that a source holds."""
 
+    # As the source numbers it.
     number: int
-    """As the source numbers it."""
+    # As the source names it; empty where it does not.
     name: str = ""
-    """As the source names it; empty where it does not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contours:
     """One structure as a stack of outlines."""
 
+    # Each (M, 3), patient LPS [m], its last corner joined to its first.
     rings: tuple[Array, ...]
-    """Each (M, 3), patient LPS [m], its last corner joined to its first."""
+    # All structures of the source.
     structures: tuple[Structure, ...]
-    """All structures of the source."""
+    # The number of this one.
     chosen: int
-    """The number of this one."""
+    # Role -> SHA-256 of the source's bytes.
     inputs: dict[str, str]
-    """Role -> SHA-256 of the source's bytes."""
+    # (3,) unit normal of the slices where the source states it; `None`: what the rings give.
     normal: Array | None = None
-    """(3,) unit normal of the slices where the source states it; `None`: what the rings give."""
+    # (E, 3) a point of each slice that is known to show nothing of the structure.
     empty: Array = field(default_factory=lambda: np.empty((0, 3)))
-    """(E, 3) a point of each slice that is known to show nothing of the structure."""
+    # What a person should know.
     remarks: tuple[str, ...] = ()
-    """What a person should know."""
 
 
 def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> Structure:
@@ -416,12 +416,12 @@ def slope_weights(z: Array) -> Array:
 class SlicedVolume:
     """A structure's slices."""
 
+    # (3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal.
     R_slice_patient: Array
-    """(3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal."""
+    # One for each run of slices without an empty one between.
     stacks: tuple[Stack, ...]
-    """One for each run of slices without an empty one between."""
+    # What a person should know.
     remarks: tuple[str, ...]
-    """What a person should know."""
 
     @property
     def gaps_m(self) -> Array:

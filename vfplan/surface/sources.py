@@ -30,15 +30,15 @@ from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 from vfplan.surface.volumes import MAX_VOXEL_M, MIN_VOXEL_M
 
 Array = NDArray[np.float64]
+# Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132.
 HEAD_BYTES = 256
-"""Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132."""
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 SEGMENTATION_TYPES = ("BINARY", "FRACTIONAL", "LABELMAP")
 CLOSED_CONTOURS = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+# Largest size of a file [bytes]; the contours in it are text. One of a whole pelvis has some ten
+# million.
 MAX_BYTES = MAX_TEXT_BYTES
-"""Largest size of a file [bytes]; the contours in it are text. One of a whole pelvis has some ten
-million."""
 
 
 def read_contours(

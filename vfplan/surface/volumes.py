@@ -30,31 +30,31 @@ from vfplan.io.files import (
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
+# Standard deviation of the smoothing [px], as the stairs of a mask are a pixel long.
 SMOOTHING_PX = 1.0
-"""Standard deviation of the smoothing [px], as the stairs of a mask are a pixel long."""
+# Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations).
 PAD_PX = round(4 * SMOOTHING_PX)
-"""Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations)."""
+# Shortest side of a voxel [m]. The finest scans of micro-CT have it.
 MIN_VOXEL_M = 1e-5
-"""Shortest side of a voxel [m]. The finest scans of micro-CT have it."""
+# Longest side of a voxel [m]. A longer one is a slip of units.
 MAX_VOXEL_M = 0.1
-"""Longest side of a voxel [m]. A longer one is a slip of units."""
+# Smallest volume of a voxel over that of a box with its sides. It is 0.87 where a gantry leans by
+# 30 degrees.
 MIN_VOXEL_VOLUME = 0.1
-"""Smallest volume of a voxel over that of a box with its sides. It is 0.87 where a gantry leans by
-30 degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelVolume:
     """A label map as its file has it."""
 
+    # (L, I, J, K) integers.
     layers: NDArray
-    """(L, I, J, K) integers."""
+    # Each structure -> its layer, and the label that its voxels have there.
     places: dict[Structure, tuple[int, int]]
-    """Each structure -> its layer, and the label that its voxels have there."""
+    # (4, 4) maps [i j k 1] to patient LPS [m].
     T_lps_voxel: Array
-    """(4, 4) maps [i j k 1] to patient LPS [m]."""
+    # As in `Contours`.
     inputs: dict[str, str]
-    """As in `Contours`."""
 
     @property
     def slice_axis(self) -> int:
@@ -178,9 +178,10 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     )  # fmt: skip
 
 
+# Distance up to which NIfTI's sform and qform are the same: single precision and a quaternion round
+# as far.
 PLACES_AGREE_M = SAME_M / 2
-"""Distance up to which NIfTI's sform and qform are the same: single precision and a quaternion
-round as far."""
+# NRRD's name of a space -> the sign of each of its axes against LPS.
 SIGNS_OF_SPACE = {
     "left-posterior-superior": (1, 1, 1),
     "lps": (1, 1, 1),
@@ -189,16 +190,15 @@ SIGNS_OF_SPACE = {
     "left-anterior-superior": (1, -1, 1),
     "las": (1, -1, 1),
 }
-"""NRRD's name of a space -> the sign of each of its axes against LPS."""
+# NRRD's name of an encoding -> the compression that it is.
 COMPRESSIONS = {"raw": None, "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
-"""NRRD's name of an encoding -> the compression that it is."""
+# A NIfTI file's first bytes, its header's size -> the order of bytes and the version.
 NIFTI_HEADS = {
     (348).to_bytes(4, "little"): ("little", 1),
     (348).to_bytes(4, "big"): ("big", 1),
     (540).to_bytes(4, "little"): ("little", 2),
     (540).to_bytes(4, "big"): ("big", 2),
 }
-"""A NIfTI file's first bytes, its header's size -> the order of bytes and the version."""
 GZIP = b"\x1f\x8b"
 
 

@@ -25,13 +25,13 @@ from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
+# Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan.
 FINE_M = 2.5e-4
-"""Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan."""
+# Largest distance, in steps, of two points where a curve meets itself. Of two straight runs that
+# cross, some points are 0.71 steps apart.
 MEETING_STEPS = 0.75
-"""Largest distance, in steps, of two points where a curve meets itself. Of two straight runs that
-cross, some points are 0.71 steps apart."""
+# Number of steps along the curve within which two points are neighbours and do not meet.
 NEIGHBOUR_STEPS = 4
-"""Number of steps along the curve within which two points are neighbours and do not meet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +183,8 @@ def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.flo
     return np.column_stack([np.interp(at, knots, column) for column in points.T])
 
 
+# The types of graphic that are lines, and whether each is curved between its points.
 IS_SMOOTH = {"POLYLINE": False, "INTERPOLATED": True}
-"""The types of graphic that are lines, and whether each is curved between its points."""
 
 
 @dataclass(frozen=True, eq=False)

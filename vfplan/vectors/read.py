@@ -32,20 +32,20 @@ from vfplan.vectors.curve import (
 )  # fmt: skip
 
 PixelOrigin = Literal["centre", "corner"]
+# Where ImageJ's zero may lie on the first pixel.
 ORIGINS = ("centre", "corner")
-"""Where ImageJ's zero may lie on the first pixel."""
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
 LINES = ("POLYLINE", "FREELINE")
+# The format of a `.roi` that counts in either way: ImageJ 1.52i to 1.54 wrote it. The lines of
+# older formats count from corners, those of newer ones from centres.
 UNCLEAR_FORMAT = 228
-"""The format of a `.roi` that counts in either way: ImageJ 1.52i to 1.54 wrote it. The lines of
-older formats count from corners, those of newer ones from centres."""
 NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
+# Largest distance from a slice's plane [m] of a curve that was drawn on it.
 OUT_OF_PLANE_M = 1e-3
-"""Largest distance from a slice's plane [m] of a curve that was drawn on it."""
+# How the names of files end that hold a curve alone.
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
-"""How the names of files end that hold a curve alone."""
 WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
 
 
@@ -157,11 +157,11 @@ def read_by_suffix(
     return read_table(text, origin, where)
 
 
+# Largest distance [m] of a spline from straight lines without a warning, where a file names
+# neither.
 SPLINE_WARNING_M = 1e-4
-"""Largest distance [m] of a spline from straight lines without a warning, where a file names
-neither."""
+# Slicer's names of curves, and whether they are closed.
 SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
-"""Slicer's names of curves, and whether they are closed."""
 
 
 def read_markups(text: str, where: str) -> VectorDrawing:
