@@ -43,6 +43,8 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Control rate [Hz].  [default: 1000]"),
     option("--delay-ticks", type=WholeNumber(0, 1000), metavar="N",
            help="Ticks between a position and its force.  [default: 0]"),
+    option("--filter", "filter_hz", type=DecimalNumber(min=0), metavar="HZ",
+           help="Cutoff of the robot's filter on forces [Hz]; 0: none.  [default: the robot's]"),
     option("--friction", "friction_n", type=ABOVE_0, metavar="N",
            help="Coulomb friction at the tip [N].  [default: the robot's]"),
     option("--quantum", "quantum_m", type=ABOVE_0, metavar="M",
@@ -135,9 +137,9 @@ def vfplan_stability(
 
 
 def short_text(studied: Any) -> str:
-    """The largest stable stiffness, the number of cases, and those that failed."""
+    """The largest stable stiffness, the rest after blows, how many cases ran, and which failed."""
     outcomes = Counter(row.outcome for row in studied.rows)
-    lines = [studied.as_text().splitlines()[0]]
+    lines = studied.as_text().splitlines()[:2]
     line = f"{count(len(studied.rows), 'case')}: {outcomes['pass']} pass"
     if outcomes["fail"]:
         line += f", {outcomes['fail']} fail"

@@ -185,11 +185,6 @@ class StabilityVerdict:
     margin: float
 
     @property
-    def k_linear_bound_n_per_m(self) -> float:
-        """b / (T/2 + t_d) [N/m]."""
-        return self.damping_n_s_per_m * self.rate_hz / (0.5 + self.delay_ticks)
-
-    @property
     def k_pass_n_per_m(self) -> float:
         """The largest K that passes [N/m]."""
         return self.k_max_n_per_m / self.margin
@@ -201,7 +196,7 @@ class StabilityVerdict:
 
     def as_dict(self) -> dict[str, str | float | bool]:
         """As a report holds it."""
-        derived = ("k_linear_bound_n_per_m", "k_pass_n_per_m", "stable")
+        derived = ("k_pass_n_per_m", "stable")
         return asdict(self) | {name: getattr(self, name) for name in derived}
 
 

@@ -32,6 +32,10 @@ class Robot:
         Control rate [1/s].
     delay_ticks
         Ticks between a position and the force it causes.
+    delay_jitter_ticks
+        By how many ticks that delay varies from tick to tick.
+    filter_hz
+        Cutoff of the first-order filter that the robot puts on its forces [Hz]; `None` or 0: none.
     quantum_m
         Resolution of a measured position [m].
     force_limit_n, force_step_limit_n
@@ -53,6 +57,8 @@ class Robot:
     damping_n_s_per_m: float
     rate_hz: float
     delay_ticks: int = 0
+    delay_jitter_ticks: int = 0
+    filter_hz: float | None = None
     quantum_m: float | None = None
     force_limit_n: float | None = None
     force_step_limit_n: float | None = None

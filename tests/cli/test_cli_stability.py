@@ -40,6 +40,7 @@ def test_study_of_a_point(vfplan_cli, dot, tmp_path):
     assert run.json["stable"] is True
     assert run.json["k_linear_bound_n_per_m"] == pytest.approx(10_000)
     loops = [row for row in run.json["cases"] if row["case"].startswith("closed-loop/")]
+    loops = [row for row in loops if row["case"] != "closed-loop/blows"]
     assert {row["scene"] for row in loops} == {"point", "bundle"}
     least = {rule: min(row["measured"] for row in loops if row["rule"] == rule)
              for rule in ("robust", "paper")}  # fmt: skip
@@ -56,7 +57,7 @@ def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, 
     options = ("--robot", "franka", "--stiffness", 3000, "--part", "closed-loop", "--json")
     run = vfplan_cli("stability", dot, *options).fails(1)
     assert run.json["stable"] is False
-    assert run.json["k_pass_n_per_m"] == pytest.approx(3338 / 1.25, rel=0.03)
+    assert run.json["k_pass_n_per_m"] == pytest.approx(1629 / 1.25, rel=0.03)
     assert run.json["robot"]["delay_ticks"] == 1
 
 
@@ -78,9 +79,10 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
 
 
 def test_options_win_over_the_robot(vfplan_cli, dot):
-    options = ("--robot", "franka", "--delay-ticks", 0, "--damping", 20, "--rate", 500)
+    options = ("--robot", "franka", "--delay-ticks", 0, "--damping", 20, "--rate", 500, "--filter", 0)
     run = vfplan_cli("stability", dot, *options, "--part", "closed-loop", "--json")
     assert run.json["k_linear_bound_n_per_m"] == pytest.approx(20 * 500 * 2)
+    assert [blow["rests"] for blow in run.json["blows"]] == [True, True, True]
 
 
 def test_no_damping_bears_no_stiffness(vfplan_cli, dot):

@@ -10,7 +10,15 @@ from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
 from vfplan.stability import contacts, loop
-from vfplan.stability.closed_loop import engine_for, largest_stiffness, press, pressing_hand
+from vfplan.stability.closed_loop import (
+    FlatWall,
+    blow_case,
+    engine_for,
+    largest_stiffness,
+    press,
+    pressing_hand,
+    strike,
+)
 from vfplan.stability.contacts import contacts_along, first_touch, patch, spread_rows
 from vfplan.stability.loop import Plant, SimulatedHand, exact_bound, simulate
 
@@ -28,13 +36,16 @@ class Spring:
         return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
 
 
+@pytest.mark.parametrize("filter_hz", [None, 80.0])
 @pytest.mark.parametrize("delay", [0, 1, 4])
-def test_linear_loop_is_the_matrix_power(delay):
-    robot = replace(ROBOT, delay_ticks=delay)
+def test_linear_loop_is_the_matrix_power(delay, filter_hz):
+    robot = replace(ROBOT, delay_ticks=delay, filter_hz=filter_hz)
     motion = simulate(Spring(), robot, NONE, 3000.0, np.array([0, 1e-3, 0]), np.zeros(3), 200)
-    state = np.zeros(2 + delay)
-    state[0] = state[2:] = 1e-3  # the force was what it is at the first tick
     one = loop.loop_matrix(Plant.of(robot), 3000.0, delay)
+    state = np.zeros(len(one))
+    state[0] = state[2 : 2 + delay] = 1e-3  # the force was what it is at the first tick
+    if filter_hz is not None:
+        state[-1] = -3000.0 * 1e-3
     expected = [(np.linalg.matrix_power(one, k) @ state)[0] for k in range(200)]
     np.testing.assert_allclose(motion.x[:, 1], expected, rtol=0, atol=1e-13)
 
@@ -74,6 +85,37 @@ def test_quantum_limits_and_counts():
     quantum = simulate(Spring(), coarse, push, 1000.0, start, np.zeros(3), 300)
     steps = quantum.held_force[:, 1] / 0.1
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_a_jittered_delay_lies_between_its_ends():
+    start = np.array([0, 1e-3, 0])
+    robots = [
+        replace(ROBOT, delay_ticks=d, delay_jitter_ticks=j) for d, j in ((0, 0), (0, 2), (2, 0))
+    ]
+    energies = [simulate(Spring(), robot, NONE, 1000.0, start, np.zeros(3), 400).energy[-1]
+                for robot in robots]  # fmt: skip
+    assert energies[0] < energies[1] < energies[2]
+
+
+def test_hard_blows_find_what_light_ones_miss():
+    """The limit of a change of force makes the loop ring, though its linear bound is 20 kN/m."""
+    panda = Robot("p", 1.0, 30.0, 1000.0, 1, force_limit_n=20.0, force_step_limit_n=1.2)
+    [case] = blow_case(panda, 16_000.0, 1.25)
+    assert [blow["rests"] for blow in case.values["blows"]] == [True, False, False]
+    assert case.outcome == "fail"
+    found = case.measured / 1.25
+    [below] = blow_case(panda, 0.95 * found, 1.25)
+    assert (below.outcome, below.measured) == ("pass", None)
+    ringing = simulate(FlatWall(), panda, SimulatedHand(np.array([0, -10.0, 0])), 1.05 * found,
+                       np.zeros(3), np.array([0, -0.3, 0]), 8000)  # fmt: skip
+    assert np.ptp(ringing.x[-1000:, 1]) > 1e-3
+
+
+def test_a_blow_rests_when_the_linear_loop_does():
+    """Within its limits the robot is linear: the time to rest follows from the largest root."""
+    blow = strike(replace(ROBOT, delay_ticks=1), 1000.0, 0.0)
+    decay = -np.log(loop.spectral_radius(Plant.of(ROBOT), 1000.0, 1))
+    assert blow.rings_s == pytest.approx(np.log(20) / decay / 1000, rel=0.1)
 
 
 def test_settle_finds_the_balance():

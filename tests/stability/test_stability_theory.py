@@ -1,10 +1,13 @@
 """The exact discretisation and the bounds on K, against mpmath and closed forms."""
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pytest
 
 from vfplan.errors import SettingError
+from vfplan.robot import Robot
 from vfplan.stability import loop
 from vfplan.stability.loop import Plant, exact_bound, linear_bound
 
@@ -61,6 +64,31 @@ def test_exact_bound_in_higher_precision(delay):
     plant = Plant(1.0, 5.0, 1e-3)
     edge = exact_bound(plant, delay)
     assert radius(plant, edge * (1 - 1e-6), delay) < 1 < radius(plant, edge * (1 + 1e-6), delay)
+
+
+def test_the_exact_bound_is_where_a_root_of_the_loop_leaves_the_unit_circle():
+    """40 robots with delay and filter, against the roots of the loop's transfer function."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        m, b, rate = rng.uniform(0.3, 4), rng.uniform(2, 60), rng.uniform(500, 4000)
+        robot = Robot("r", m, b, rate, int(rng.integers(0, 4)), filter_hz=rng.uniform(30, 400))
+        edge = exact_bound(Plant.of(robot), robot.delay_ticks)
+
+        # m x'' + b x' = F with F held; y += share (F - y); d ticks of delay.
+        t, e = 1 / rate, np.exp(-b / rate / m)
+        share = t / (t + 1 / (2 * np.pi * robot.filter_hz))
+        h = [t / b - m / b**2 * (1 - e), m / b**2 * (1 - e) - t / b * e]
+        loop_poles = np.poly([1, e, 1 - share, *[0] * robot.delay_ticks])
+        zeros = np.append(h, 0) * share
+        for factor, is_inside in ((1 - 1e-5, True), (1 + 1e-5, False)):
+            roots = np.roots(np.polyadd(loop_poles, factor * edge * zeros))
+            assert (np.abs(roots).max() < 1) == is_inside
+
+
+def test_a_filter_of_100_hz_halves_the_bound_and_0_is_none():
+    robot = Robot("r", 1.0, 5.0, 1000.0, 1, filter_hz=100.0)
+    assert exact_bound(Plant.of(robot), 1) == pytest.approx(1629, abs=1)
+    assert Plant.of(replace(robot, filter_hz=0.0)) == Plant.of(replace(robot, filter_hz=None))
 
 
 def test_bound_grows_with_damping_and_falls_with_delay():

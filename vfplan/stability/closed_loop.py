@@ -4,17 +4,20 @@ The largest K is found by bisection on an energy criterion. A mass at rest again
 struck lightly. The energy above rest (kinetic, spring and hand together) dies down in a stable loop
 and grows in an unstable one. The loop counts as stable when the mean energy over the last eighth of
 the run is neither above the mean over the first eighth nor above twice the energy of the blow.
+
+So light a blow never meets the robot's limits of force. Harder blows on a flat wall do, and a K
+passes only where each of them comes to rest (`blow_case`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from vfplan.engine.parameters import Rule, Vector
-from vfplan.engine.proxy import ProxyEngine
+from vfplan.engine.proxy import ProxyEngine, Status, Step
 from vfplan.fixture import Fixture, Pieces
 from vfplan.robot import Robot
 from vfplan.stability import contacts
@@ -259,6 +262,7 @@ def closed_loop_case(
     if robot.damping_n_s_per_m == 0.0:
         detail = "without damping no sampled spring is stable, however soft"
         return [CaseResult(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
+    robot = replace(robot, delay_ticks=worst_delay(robot), delay_jitter_ticks=0)
     contacts_tried, make_engine = list(places), EngineMaker(rule, band)
     if not contacts_tried:
         detail = "no ball of the contact radius fits beside any point tried"
@@ -363,3 +367,107 @@ def press_length(robot: Robot, stiffness: float) -> int:
     oscillates = damping * damping < 4 * mass * stiffness
     time_constant = 2 * mass / damping if oscillates else damping / stiffness
     return int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_TICKS))
+
+
+# Speeds at which a hand runs into the wall [m/s]: a slow and a quick motion of a surgeon's hand.
+BLOW_SPEEDS = (0.0, 0.1, 0.3)
+
+# Force with which the hand pushes meanwhile [N], or half of the robot's largest where that is less.
+PUSH_N = 10.0
+
+# Time within which a mass may come to rest beyond twice what linear theory says [s].
+REST_TIME = 2.0
+
+
+class FlatWall:
+    """An engine of 1 N/m whose forbidden region is y < 0, and whose tool is a point."""
+
+    def reset(self, hip: Vector) -> None:
+        """A flat wall remembers nothing."""
+
+    def step(self, hip: Vector) -> Step:
+        """Answer to the tool's point at `hip` (3,) [m]."""
+        proxy = np.array([hip[0], max(hip[1], 0.0), hip[2]])
+        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
+
+
+def worst_delay(robot: Robot) -> int:
+    """The longest delay of the robot [ticks]."""
+    return robot.delay_ticks + robot.delay_jitter_ticks
+
+
+@dataclass(frozen=True)
+class Blow:
+    """How a mass that a hand pushes into a flat wall came to rest.
+
+    Parameters
+    ----------
+    speed_m_per_s
+        Speed with which it met the wall [m/s].
+    push_n
+        Constant force of the hand [N].
+    rests
+        Whether it came to rest in time.
+    rings_s
+        How long it moved [s]; `None` where it does not rest.
+    """
+
+    speed_m_per_s: float
+    push_n: float
+    rests: bool
+    rings_s: float | None
+
+
+def strike(robot: Robot, stiffness: float, speed: float) -> Blow:
+    """Push a mass into a flat wall of K [N/m] at a speed [m/s].
+
+    It is at rest once it stays within `REST_TOLERANCE` of the depth to which the blow and the push
+    drive it, or within two steps of a coarse position sensor.
+    """
+    push = min(PUSH_N, 0.5 * (robot.force_limit_n or math.inf))
+    radius = spectral_radius(Plant.of(robot), stiffness, worst_delay(robot))
+    linear = math.log(1 / REST_TOLERANCE) / -math.log(radius) if radius < 1 else 0.0
+    ticks = int(min(2 * linear + REST_TIME * robot.rate_hz, MAX_TICKS))
+    hand = SimulatedHand(np.array([0.0, -push, 0.0]))
+    motion = simulate(
+        FlatWall(), robot, hand, stiffness, np.zeros(3), np.array([0.0, -speed, 0.0]), ticks
+    )
+    depth = -motion.x[:, 1]
+    reach = push / stiffness + speed * math.sqrt(robot.mass_kg / stiffness)
+    tolerance = max(REST_TOLERANCE * reach, 2 * (robot.quantum_m or 0.0))
+    moving = np.flatnonzero(np.abs(depth - np.median(depth[-ticks // 8 :])) > tolerance)
+    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
+    rests = rest_tick < ticks - ticks // 8
+    return Blow(speed, push, rests, rest_tick / robot.rate_hz if rests else None)
+
+
+def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[CaseResult]:
+    """Whether each blow comes to rest at K [N/m], and if not, up to which K each does.
+
+    A K that theory alone refuses is lowered to the largest that theory lets pass. `measured` is the
+    largest K found times the safety factor, as those of the other cases are divided by it.
+    """
+    allowed = exact_bound(Plant.of(robot), worst_delay(robot)) / safety_factor
+    stiffness = min(stiffness, allowed)
+    blows = [strike(robot, stiffness, speed) for speed in BLOW_SPEEDS] if stiffness > 0 else []
+    values = {"blows": [asdict(blow) for blow in blows]}
+    if all(blow.rests for blow in blows):
+        longest = max((blow.rings_s for blow in blows), default=0.0)
+        detail = f"each blow at {stiffness:.0f} N/m comes to rest, the last after {longest:.1f} s"
+        return [CaseResult("closed-loop/blows", "pass", detail, stiffness, None, "N/m", values)]
+
+    def all_rest(tried: float) -> bool:
+        return all(strike(robot, tried, speed).rests for speed in BLOW_SPEEDS)
+
+    largest = stiffness / 2
+    while not all_rest(largest) and largest > RESOLUTION * stiffness:
+        largest /= 2
+    if largest > RESOLUTION * stiffness:
+        largest = stable_edge(largest, 2 * largest, all_rest, RESOLUTION)
+    speeds = ", ".join(f"{blow.speed_m_per_s:g} m/s" for blow in blows if not blow.rests)
+    detail = (
+        f"at {stiffness:.0f} N/m a push of {blows[0].push_n:g} N at {speeds} rings without end; "
+        f"each blow comes to rest up to {largest:.0f} N/m"
+    )
+    measured = safety_factor * largest
+    return [CaseResult("closed-loop/blows", "fail", detail, stiffness, measured, "N/m", values)]

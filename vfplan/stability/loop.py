@@ -1,8 +1,8 @@
 """A hand pushes a point mass against a fixture through the real engine, and what theory says of it.
 
-A tick has five steps. The robot measures its position, the engine answers, the force is delayed
-and limited, the robot holds it, and the mass moves by the exact solution of its motion. A robot
-without quantum, delay, limits or friction skips that step.
+A tick has five steps. The robot measures its position, the engine answers, the force is delayed,
+filtered and limited, the robot holds it, and the mass moves by the exact solution of its motion. A
+robot without quantum, delay, filter, limits or friction skips that step.
 
 The plant is a mass with viscous damping, and with the spring of a hand where a scene needs one:
 m ẍ + b ẋ + k_h x = F. The robot holds F over each tick (zero-order hold). The motion from tick to
@@ -13,7 +13,6 @@ docs/stability.md derives the bounds.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -55,6 +54,8 @@ class Plant:
         T [s] > 0, one tick.
     hand
         k_h [N/m] >= 0, stiffness of a hand that holds the mass.
+    filter_share
+        Share of a change of force that passes the robot's filter in one tick; 1 without a filter.
 
     Raises
     ------
@@ -66,6 +67,7 @@ class Plant:
     damping: float = 5.0
     period: float = 1e-3
     hand: float = 0.0
+    filter_share: float = 1.0
 
     def __post_init__(self) -> None:
         number("mass", self.mass, "kg", above=0.0)
@@ -75,8 +77,17 @@ class Plant:
 
     @classmethod
     def of(cls, robot: Robot, hand: float = 0.0) -> Plant:
-        """The moving mass of a robot, or of a verdict, without friction and limits."""
-        return cls(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand)
+        """The moving mass of a robot without friction and limits."""
+        period = 1 / robot.rate_hz
+        # libfranka's first-order filter. A cutoff of 0 means none.
+        age = 1 / (2 * math.pi * robot.filter_hz) if robot.filter_hz else 0.0
+        return cls(
+            robot.mass_kg,
+            robot.damping_n_s_per_m,
+            period,
+            hand,
+            filter_share=period / (period + age),
+        )
 
     def transition(self, t: float | None = None) -> NDArray[np.float64]:
         """(2, 2) the exact motion over `t` [s] from x = 0; over one tick where `t` is `None`.
@@ -99,27 +110,31 @@ class Plant:
 
 
 def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray[np.float64]:
-    """(2 + d, 2 + d) one tick of plant and sampled spring F_k = -K x_{k-d}.
+    """One tick of plant and sampled spring F_k = -K x_{k-d}, a square matrix.
 
-    The state is (x, v) and the d older positions, the youngest first. `stiffness` is K [N/m].
+    The state is (x, v), the d older positions, the youngest first, and the force of the tick before
+    where the robot filters it. `stiffness` is K [N/m].
     """
     (xv, xf), (vv, vf) = plant.transition()
-    d = delay_ticks
-    matrix = np.zeros((2 + d, 2 + d))
+    d, share = delay_ticks, plant.filter_share
+    has_filter = share < 1.0
+    matrix = np.zeros((2 + d + has_filter, 2 + d + has_filter))
     matrix[0, :2] = 1.0 - xf * plant.hand, xv
     matrix[1, :2] = -vf * plant.hand, vv
 
-    # The spring acts on the position of d ticks ago, which is the last one of the state.
-    sampled = 0
-    if d > 0:
-        sampled = 1 + d
-    matrix[0, sampled] -= xf * stiffness
-    matrix[1, sampled] -= vf * stiffness
+    # The held force acts on the position of d ticks ago, and keeps a part of the force before it.
+    held_force = np.zeros(len(matrix))
+    held_force[1 + d if d > 0 else 0] = -share * stiffness
+    if has_filter:
+        held_force[-1] = 1.0 - share
+        matrix[-1] = held_force
+    matrix[0] += xf * held_force
+    matrix[1] += vf * held_force
 
     # The positions move on by one place.
     if d > 0:
         matrix[2, 0] = 1.0
-        matrix[3:, 2:-1] = np.eye(d - 1)
+        matrix[3 : 2 + d, 2 : 1 + d] = np.eye(d - 1)
     return matrix
 
 
@@ -129,8 +144,11 @@ def spectral_radius(plant: Plant, stiffness: float, delay_ticks: int = 0) -> flo
 
 
 def linear_bound(plant: Plant, delay_ticks: int = 0) -> float:
-    """The bound K < b / (T/2 + d T) [N/m], which is of first order in T (Gil et al. 2004)."""
-    return plant.damping / (plant.period * (0.5 + delay_ticks))
+    """The bound K < b / (T/2 + d T + filter) [N/m], of first order in T (Gil et al. 2004).
+
+    A filter makes the force older by T (1 / share - 1).
+    """
+    return plant.damping / (plant.period * (delay_ticks - 0.5 + 1 / plant.filter_share))
 
 
 def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> float:
@@ -271,9 +289,11 @@ def simulate(
     """
     plant = Plant.of(robot, hand.stiffness)
     (xv, xf), (vv, vf) = plant.transition()
-    forces_in_transit: deque[Vector] = deque()
-    previous_force = None
+    filtered = previous_force = None
     limited_ticks = 0
+    # How many ticks old the position is that each tick's force answers.
+    jitter = np.random.default_rng(1).integers(0, robot.delay_jitter_ticks, ticks, endpoint=True)
+    ages = robot.delay_ticks + jitter
 
     positions, velocities, proxies, spring_forces, held_forces = np.empty((5, ticks, 3))
     for tick in range(ticks):
@@ -282,15 +302,15 @@ def simulate(
             measured = np.round(x / robot.quantum_m) * robot.quantum_m
 
         step = engine.step(measured)
-        spring_force = stiffness * step.force
+        spring_forces[tick] = stiffness * step.force
 
-        force = spring_force
-        if robot.delay_ticks > 0:
-            if not forces_in_transit:
-                # Before the first tick the force was what it is at the first.
-                forces_in_transit.extend([force] * robot.delay_ticks)
-            forces_in_transit.append(force)
-            force = forces_in_transit.popleft()
+        # Before the first tick the force was what it is at the first.
+        force = spring_forces[max(tick - ages[tick], 0)]
+        if plant.filter_share < 1.0:
+            filtered = (
+                force if filtered is None else filtered + plant.filter_share * (force - filtered)
+            )
+            force = filtered
         if robot.force_limit_n is not None:
             force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
             limited_ticks += is_limited
@@ -303,7 +323,7 @@ def simulate(
             previous_force = force
 
         positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
-        spring_forces[tick], held_forces[tick] = spring_force, force
+        held_forces[tick] = force
 
         net = force + hand.force_at(x)
         if robot.friction_n is None:

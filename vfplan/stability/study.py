@@ -23,9 +23,9 @@ from vfplan.io.sandbox import worker_processes
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.cases import CASES, passivity_cases, run_extreme_cases
-from vfplan.stability.closed_loop import closed_loop_case, scenes_for
+from vfplan.stability.closed_loop import blow_case, closed_loop_case, scenes_for, worst_delay
 from vfplan.stability.contacts import CaseResult
-from vfplan.stability.loop import Plant, exact_bound
+from vfplan.stability.loop import Plant, exact_bound, linear_bound
 
 # Factor by which K may grow and the loop stays stable, unless the user gives another.
 SAFETY_FACTOR = 1.25
@@ -46,6 +46,7 @@ def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -
     """
     stiffness = largest_rendered_stiffness(fixture)
     results = closed_loop_case(fixture, best_rule(fixture), robot, stiffness)
+    results += blow_case(robot, stiffness, safety_factor)
     verdict = judge(robot, stiffness, results, safety_factor)
     if not verdict.stable:
         raise CheckFailed(
@@ -96,9 +97,13 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
 def judge(
     robot: Robot, stiffness: float, results: list[CaseResult], safety_factor: float
 ) -> StabilityVerdict:
-    """The verdict on K [N/m] from closed-loop results: the least of them decides."""
+    """The verdict on K [N/m] from closed-loop results: the least of them decides.
+
+    A verdict names the longest delay of a robot whose delay varies.
+    """
     measured = [result.measured for result in results if result.measured is not None]
     figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
+    figures["delay_ticks"] = worst_delay(robot)
     k_max = min(measured, default=0.0)
     return StabilityVerdict(
         robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
@@ -140,6 +145,8 @@ class Study:
         The results of all cases, in the order of the tables.
     verdict
         The verdict on the K in question.
+    robot
+        The robot that was judged.
     skipped
         Why this bundle cannot meet a case, by the case's name.
     elapsed_s
@@ -148,6 +155,7 @@ class Study:
 
     rows: list[CaseResult]
     verdict: StabilityVerdict
+    robot: Robot
     skipped: dict[str, str]
     elapsed_s: float
 
@@ -156,15 +164,23 @@ class Study:
         """Results of cases that failed. Findings about rule "paper" are not among them."""
         return [row for row in self.rows if row.outcome == "fail"]
 
+    @property
+    def blows(self) -> CaseResult:
+        """How the mass came to rest after hard blows."""
+        return next(row for row in self.rows if "blows" in row.values)
+
     def as_dict(self) -> dict[str, Any]:
         """The study as `vfplan stability --json` reports it."""
         report = self.verdict.as_dict()
         robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
+        plant, delay = Plant.of(self.robot), self.verdict.delay_ticks
         return {
             **report,
             "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
-            "k_exact_bound_n_per_m": exact_bound(Plant.of(self.verdict), self.verdict.delay_ticks),
-            "robot": robot,
+            "k_linear_bound_n_per_m": linear_bound(plant, delay),
+            "k_exact_bound_n_per_m": exact_bound(plant, delay),
+            "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},
+            "blows": self.blows.values["blows"],
             "failed": [row.case for row in self.failed],
             "cases": [row.as_dict() for row in self.rows],
             "left_out": self.skipped,
@@ -194,7 +210,7 @@ class Study:
             summary += (
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
-        lines = [verdict_text(self.verdict), summary]
+        lines = [verdict_text(self.verdict), self.blows.detail, summary]
         listed = self.failed
         if every_case:
             listed = self.rows
@@ -257,6 +273,7 @@ def study(
     tasks: list[Task] = [
         partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs
     ]
+    tasks.append(partial(blow_case, robot, stiffness, safety_factor))
     skipped = skipped_scenes("closed-loop", fixture)
     if "passivity" in parts:
         tasks += [partial(passivity_cases, on, rule, stiffness) for rule, on in pairs]
@@ -268,14 +285,15 @@ def study(
     started = time.perf_counter()
     with progress("stability", len(tasks)) as done:
         rows = run_tasks(tasks, jobs, done)
-    judged = rows_on_stiffness(rows, ("robust", "exact"))
+    judged = rows_on_stiffness(rows, ("robust", "exact", None))
     verdict = judge(robot, stiffness, judged, safety_factor)
-    return Study(rows, verdict, skipped, time.perf_counter() - started)
+    return Study(rows, verdict, robot, skipped, time.perf_counter() - started)
 
 
 def check_robot(robot: Robot) -> None:
     """Raise `SettingError` for a figure of the robot that is not finite or out of range."""
     number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
+    number("filter_hz", robot.filter_hz or 0.0, "Hz", least=0.0)
     units = {"mass_kg": "kg", "rate_hz": "Hz", "friction_n": "N", "quantum_m": "m",
              "force_limit_n": "N", "force_step_limit_n": "N"}  # fmt: skip
     for name, unit in units.items():
@@ -338,8 +356,8 @@ def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
     return results
 
 
-def rows_on_stiffness(rows: list[CaseResult], rules: Iterable[Rule]) -> list[CaseResult]:
-    """The results that say what K these rules bear."""
+def rows_on_stiffness(rows: list[CaseResult], rules: Iterable[Rule | None]) -> list[CaseResult]:
+    """The results that say what K these rules bear; `None`: what K the robot bears."""
     return [row for row in rows if row.unit == "N/m" and row.values.get("rule") in rules]
 
 
