@@ -39,7 +39,7 @@ def loops(cases: list[dict]) -> list[str]:
         "|---|---|---|---|---|---|---|---|",
     ]
     for c in cases:
-        if c["case"].startswith("closed-loop/"):
+        if c["case"].startswith("closed-loop/") and "scene" in c:
             lines.append(
                 f"| {c['scene']} | {c['rule']} | {c['measured']:.0f} | {c['ratio']:.4f} |"
                 f" {c['overshoot']:.2f} | {number(c['rest_s'])} | {c['limit_cycle_m'] * 1e6:.2f} |"

@@ -121,7 +121,7 @@ def test_mass_and_condition_are_those_of_the_postures():
     assert np.linalg.cond(J) <= m["condition_max"]
     margins = np.minimum(found.motion.q - arm.low, arm.high - found.motion.q)
     assert m["joint_margin_min_rad"] == margins.min()
-    assert 3300 < m["k_max_n_per_m"] < 3400  # b / 1.5 T = 3333 N/m
+    assert 1600 < m["k_max_n_per_m"] < 1650  # b / (1.5 T + 1 / (2 pi 100 Hz)) = 1617 N/m
 
 
 def test_what_cannot_be_rehearsed_is_refused():

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -455,7 +455,7 @@ def posture_figures(
     lightest = int(np.argmin([posture.mass_kg for posture in postures]))
     robot = arm.robot
     mass_kg = postures[lightest].mass_kg
-    plant = Plant(mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz)
+    plant = Plant.of(replace(robot, mass_kg=mass_kg))
     condition = None
     if np.isfinite(postures[worst].condition):
         condition = postures[worst].condition
