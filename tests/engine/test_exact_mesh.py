@@ -65,6 +65,15 @@ def test_never_inside_never_grows_and_rests(seeds, mesh, ticks):
     assert tally["ticks"] > ticks, tally
 
 
+def test_the_distance_is_that_of_the_nearest_of_all_triangles():
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        points, triangles, _ = meshes.mesh(rng)
+        places = rng.choice(points, 200) + rng.normal(size=(200, 3)) * rng.choice([1e-3, 0.1])
+        found = vfplan.ProxyEngine.on(points, triangles, R).distance(places)
+        assert found == pytest.approx(meshes.distance(points[triangles], places), abs=1e-15)
+
+
 def test_a_box_is_rounded_in_closed_form():
     """Over faces, edges and corners: the HIP, carried from the box's nearest place to R from it."""
     size = np.array([0.03, 0.02, 0.025])

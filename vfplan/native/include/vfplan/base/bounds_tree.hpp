@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace vfplan {
@@ -55,7 +56,27 @@ class BoundsTree {
         return steps;
     }
 
+    /// Calls f(i) for every item under bounds that lie within `reach`, the nearer of two halves
+    /// first. `distance2(bounds)` gives the square of their distance; f may shrink `reach`.
+    template <class Distance2, class F>
+    void visit_nearest(const double& reach, Distance2&& distance2, F&& f) const noexcept {
+        if (!nodes_.empty()) descend(0, reach, distance2, f);
+    }
+
   private:
+    template <class Distance2, class F>
+    void descend(std::uint32_t k, const double& reach, Distance2&& distance2,
+                 F&& f) const noexcept {
+        const Node& node = nodes_[k];
+        for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
+        if (node.first < node.last) return;
+        std::uint32_t near = k + 1, far = nodes_[k + 1].skip;
+        double near2 = distance2(nodes_[near].bounds), far2 = distance2(nodes_[far].bounds);
+        if (far2 < near2) std::swap(near, far), std::swap(near2, far2);
+        if (near2 <= reach * reach) descend(near, reach, distance2, f);
+        if (far2 <= reach * reach) descend(far, reach, distance2, f);
+    }
+
     struct Node {
         Bounds bounds;
         std::uint32_t first, last;  // items of a leaf; none of a branch

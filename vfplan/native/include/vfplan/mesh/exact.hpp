@@ -265,12 +265,7 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     double work_time() const noexcept {
         return a_step * static_cast<double>(motion().query().steps());
     }
-    double distance(const Vec3& x) const noexcept {
-        double distance = never;
-        int steps = 0;  // of no tick
-        motion().mesh().nearest(x, distance, steps);
-        return distance;
-    }
+    double distance(const Vec3& x) const noexcept { return motion().mesh().distance(x); }
 };
 
 }  // namespace vfplan::mesh

@@ -318,6 +318,15 @@ class Mesh {
         return found;
     }
 
+    /// The distance of y from the nearest triangle [m].
+    double distance(const Vec3& y) const noexcept {
+        double least = never;
+        tree_.visit_nearest(
+            least, [&](const Disc& disc) noexcept { return disc.distance2(y); },
+            [&](std::uint32_t i) noexcept { least = std::min(least, triangles_[i].distance(y)); });
+        return least;
+    }
+
   private:
     struct Item {
         std::array<Vec3, 3> corner;
