@@ -516,9 +516,7 @@ class Fixture:
         rows = self.curve.stroke != self.guidance.stroke
         strokes = np.arange(len(self.curve.closed)) != self.guidance.stroke
         new_number = np.cumsum(strokes, dtype=np.int32) - 1
-        pieces = None
-        if self.pieces is not None:
-            pieces = self.pieces.of(strokes)
+        pieces = self.pieces.of(strokes) if self.pieces is not None else None
         curve = Curve(
             new_number[self.curve.stroke[rows]],
             self.curve.closed[strokes],

@@ -59,9 +59,7 @@ def rendering_fault(window: str | None) -> str:
 
     window: a window class of VTK, which needs no screen; `None`: a window on the screen
     """
-    chosen = {VARIABLE: window}
-    if window is None:
-        chosen = {}
+    chosen = {} if window is None else {VARIABLE: window}
     # Matplotlib, which PyVista loads, would read settings of the current folder.
     how = {"env": {**os.environ, **chosen}, "cwd": "/", "stdin": subprocess.DEVNULL}
     how |= {"capture_output": True, "text": True, "errors": "replace", "timeout": PROBE_LIMIT_S}
@@ -75,9 +73,7 @@ def rendering_fault(window: str | None) -> str:
     if done.returncode == 0 and "drawn True" in done.stdout:
         return ""
     lines = [line.strip()[:200] for line in done.stderr.splitlines() if line.strip()]
-    reason = "nothing was drawn"
-    if lines:
-        reason = lines[-1]
+    reason = lines[-1] if lines else "nothing was drawn"
     if done.returncode < 0:
         reason += f" (ended by signal {-done.returncode})"
     return reason
@@ -214,9 +210,7 @@ class Stage:
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
         add_scale(pyvista, self.plotter, fixture.points)
-        hip = None
-        if ticks is not None:
-            hip = ticks.hip
+        hip = ticks.hip if ticks is not None else None
         place_camera(self.plotter, fixture.points, hip)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.

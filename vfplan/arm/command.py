@@ -68,9 +68,7 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
         )  # fmt: skip
 
     # The files.
-    index_path = None
-    if report is not None:
-        index_path = report / "index.html"
+    index_path = report / "index.html" if report is not None else None
     with outputs(output, picture_out, index_path) as (result, picture, index):
         if result is not None:
             from vfplan.session.result import ResultWriter
@@ -143,9 +141,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
     """The short report of one rehearsal; with `-v` the statistics too."""
-    reached = "NOT every place"
-    if metrics["reachable"]:
-        reached = "every place"
+    reached = "every place" if metrics["reachable"] else "NOT every place"
     lines = [
         f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
         f"{reached} reached",
@@ -153,9 +149,7 @@ def rehearsed_text(metrics: dict[str, Any]) -> str:
         f"{metrics['force_step_max_n']:.3f} N; penetration max "
         f"{millimetres(metrics['penetration_max_m'])}",
     ]
-    statistics = []
-    if is_verbose():
-        statistics = statistics_lines(metrics)
+    statistics = statistics_lines(metrics) if is_verbose() else []
     return "\n".join([*lines, *statistics, *objections(metrics)])
 
 
@@ -198,9 +192,7 @@ def objections(metrics: dict[str, Any]) -> list[str]:
         for place in metrics.get("unreached", [])[:MAX_LISTED]
     ]
     for stop in metrics["reflexes"]:
-        joint = ""
-        if "joint" in stop:
-            joint = f" of joint {stop['joint']}"
+        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
         line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
         if "s_m" in stop:
             line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"

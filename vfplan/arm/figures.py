@@ -33,9 +33,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
     normals = ticks.normal[in_contact]
     force = row_norms(rehearsal.motion.force)[in_contact]
     depth_mm = MM * ticks.penetration[in_contact]
-    axis = 0
-    if len(normals):
-        axis = int(np.ptp(normals, axis=0).argmax())
+    axis = int(np.ptp(normals, axis=0).argmax()) if len(normals) else 0
     figure, axes = subplots(5.2, 3.6)
     for sign, word, colour in ((1, "+", CLOUD), (-1, "-", PROXY)):
         on_face = sign * normals[:, axis] > 0
@@ -120,9 +118,7 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
         (torque, np.abs(motion.torque), robot.torque_limit_nm, "torque"),
         (step, steps, robot.torque_step_limit_nm, "torque step"),
     ):
-        scale = limits
-        if limits is None:
-            scale = np.ones(arm.joints)
+        scale = np.ones(arm.joints) if limits is None else limits
         for j in range(arm.joints):
             axes.plot(time, values[:, j] / scale[j], lw=0.8, label=f"{j + 1}")
         axes.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
@@ -167,15 +163,9 @@ def stops_table(metrics: dict[str, Any]) -> str:
     """Each limit that was crossed and each place out of reach, a row each."""
     rows = []
     for stop in metrics["reflexes"]:
-        value = ""
-        if "value" in stop:
-            value = f"{stop['value']:.4g}"
-        limit = ""
-        if "limit" in stop:
-            limit = f"{stop['limit']:g}"
-        along = ""
-        if "s_m" in stop:
-            along = f"{1e3 * stop['s_m']:.1f}"
+        value = f"{stop['value']:.4g}" if "value" in stop else ""
+        limit = f"{stop['limit']:g}" if "limit" in stop else ""
+        along = f"{1e3 * stop['s_m']:.1f}" if "s_m" in stop else ""
         joint = str(stop.get("joint", ""))
         rows.append([str(stop["tick"]), escape(stop["kind"]), joint, value, limit, along])
     for place in metrics.get("unreached", []):

@@ -285,9 +285,7 @@ class Arm:
         tip, _, jacobian = self.read_tip()
         J = jacobian[:3].copy()
         values = np.linalg.svd(J, compute_uv=False)
-        condition = np.inf
-        if values[-1] > 0:
-            condition = float(values[0] / values[-1])
+        condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
         inverse = J @ np.linalg.solve(self.inertia(), J.T)
         mass = 1 / float(np.linalg.eigvalsh(inverse)[-1])
         margin = np.minimum(q - self.low, self.high - q)

@@ -140,9 +140,7 @@ def run_loop(
     start_quaternion, quaternion = np.zeros((2, 4))
     mj.mju_mat2Quat(start_quaternion, rotation.ravel())
     engine_step = engine.native.step
-    native_governor = None
-    if governor is not None:
-        native_governor = governor.native
+    native_governor = governor.native if governor is not None else None
     delayed = deque([np.zeros(joints)] * arm.robot.delay_ticks)
     engine.reset(tip)
 
@@ -313,9 +311,7 @@ def rehearse(
     # The robot's part: engine, governor, and the posture to begin with.
     stiffness = largest_rendered_stiffness(fixture)
     engine = ProxyEngine.of(fixture)
-    governor = None
-    if governed:
-        governor = Governor.of(arm.robot, stiffness, torques=True)
+    governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
     ruler = CurveRuler.of(fixture)
     start, unreached = reach_places(arm, session, ruler)
 

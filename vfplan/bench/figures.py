@@ -66,9 +66,7 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         lowest = panels[(len(scenes) - 1 - k) // columns, k]
         lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
         lowest.tick_params(labelbottom=True)
-    error_unit = "µm"
-    if results[0]["unit"] == "px":
-        error_unit = "px"
+    error_unit = "px" if results[0]["unit"] == "px" else "µm"
     for axes in panels[:, 0]:
         axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
     set_limits(panels[0, 0], results, document, stage)
@@ -92,9 +90,7 @@ def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
         method = result["method"]
         if result.get("chosen") or method in looks:
             continue
-        rule = method
-        if method not in RULES:
-            rule = method.split(",")[0].split(" in ")[0]
+        rule = method.split(",")[0].split(" in ")[0] if method not in RULES else method
         if rule not in colours:
             colours[rule] = RULES.get(rule) or next(spare_colours)
             variants[rule] = 0

@@ -172,9 +172,7 @@ def build_nanoflann(folder: Path) -> Peer:
             ) from None
     if done.returncode:
         errors = [line.strip() for line in done.stderr.splitlines() if "error" in line]
-        reason = "no message"
-        if errors:
-            reason = errors[0]
+        reason = errors[0] if errors else "no message"
         raise SettingError(
             f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
             code="peer-not-built",

@@ -430,9 +430,7 @@ STRIDE = 5
 
 def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:
     """The runs with the shipped and with exact markers."""
-    tolerances = {3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6}
-    if quick:
-        tolerances = {1e-4, 1e-5}
+    tolerances = {1e-4, 1e-5} if quick else {3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6}
     score = partial(score_plan, surface=true_surface())
     for scene, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
         runs = []

@@ -242,9 +242,7 @@ class NoisySheet(Sheet):
 
 def cases(quick: bool) -> Iterator[Case]:
     """All cases, the cheap ones first."""
-    ticks = None
-    if quick:
-        ticks = QUICK_TICKS
+    ticks = QUICK_TICKS if quick else None
     for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
@@ -435,9 +433,7 @@ def proxy_scenes(
     quick: bool, tolerance_m: float, peers: Sequence[Peer]
 ) -> Iterator[list[BenchRun]]:
     """The runs of each scene and route."""
-    spacings = (2e-3, 1e-3, 0.5e-3, 0.25e-3)
-    if quick:
-        spacings = (1e-3, 0.5e-3)
+    spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
     for case in cases(quick):
         runs = []
         for spacing in case.spacings or spacings:

@@ -145,9 +145,7 @@ def judge_chosen(records: list[Record], tolerance_m: float) -> None:
         chosen["meets_tolerance"] = keeps_surface(chosen, tolerance_m)
         if "followed_rms_m" in chosen:
             chosen["follows"] = bool(followed_m <= tolerance_m)
-        cheapest = None
-        if times:
-            cheapest = chosen["time_us_median"] / min(times)
+        cheapest = chosen["time_us_median"] / min(times) if times else None
         chosen["time_over_cheapest"] = cheapest
 
 
@@ -339,9 +337,7 @@ def table_lines(
         lines.append(f"{stage}: " + header.strip())
         for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
-            visible = scene_results
-            if not every_setting:
-                visible = best_of_each_method(scene_results)
+            visible = scene_results if every_setting else best_of_each_method(scene_results)
             lines += map(result_row, sorted(visible, key=lambda r: r["time_us_median"]))
     for refusal in document.get("refused", ()):
         if refusal["stage"] in stages:

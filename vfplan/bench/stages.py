@@ -100,9 +100,7 @@ def bench(
     choice = choose(tolerance_m, 5e-3)
     for peer in peers:
         peer.check()
-    repeats = REPEATS
-    if quick:
-        repeats = QUICK_REPEATS
+    repeats = QUICK_REPEATS if quick else REPEATS
     started = time.perf_counter()
     records: list[Record] = []
     refused: list[Record] = []

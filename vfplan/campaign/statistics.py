@@ -31,12 +31,8 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     from scipy.special import betaincinv
 
     tail = (1 - PROBABILITY) / 2
-    low = 0.0
-    if hits > 0:
-        low = float(betaincinv(hits, trials - hits + 1, tail))
-    high = 1.0
-    if hits < trials:
-        high = float(betaincinv(hits + 1, trials - hits, 1 - tail))
+    low = float(betaincinv(hits, trials - hits + 1, tail)) if hits > 0 else 0.0
+    high = float(betaincinv(hits + 1, trials - hits, 1 - tail)) if hits < trials else 1.0
     return low, high
 
 
@@ -52,12 +48,8 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
     index = min(count - 1, max(0, int(np.ceil(q * count)) - 1))
     low_index = int(binom.ppf(tail, count, q)) - 1
     high_index = int(binom.ppf(1 - tail, count, q))
-    low = None
-    if low_index >= 0:
-        low = float(sorted_values[low_index])
-    high = None
-    if high_index < count:
-        high = float(sorted_values[high_index])
+    low = float(sorted_values[low_index]) if low_index >= 0 else None
+    high = float(sorted_values[high_index]) if high_index < count else None
     return {"value": float(sorted_values[index]), "low": low, "high": high}
 
 

@@ -52,9 +52,7 @@ def campaign_question(
     record = fixture.registration
     assert rendering is not None
     assert record is not None
-    spacing = None
-    if fixture.image is not None:
-        spacing = fixture.image.pixel_spacing_mm
+    spacing = fixture.image.pixel_spacing_mm if fixture.image is not None else None
     numbers = (
         rendering.contact_radius, rendering.band, rendering.point_radius,
         rendering.max_iterations, record.model, spacing,

@@ -120,9 +120,7 @@ def draw_registration(
 
 def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedImage | None) -> View:
     """The slice on which the markers were given in pixels."""
-    size = image
-    if image is None:
-        size = curve.image
+    size = curve.image if image is None else image
     if size is not None:
         width, height = float(size.width_px), float(size.height_px)
     else:
@@ -169,9 +167,7 @@ def view_of_patient(registration: Registration, places: Array, image: PlannedIma
 
 def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
-    longest = 0.0
-    if lengths_px.size:
-        longest = float(np.linalg.norm(lengths_px, axis=-1).max())
+    longest = float(np.linalg.norm(lengths_px, axis=-1).max()) if lengths_px.size else 0.0
     if not longest > 0:
         return 1.0
     return nice_length(max(wanted_px / longest, 1.0))

@@ -49,9 +49,7 @@ def timeline(replayed: Replay) -> Figure:
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
     # The ticks of rule "robust" are the ones that are drawn.
-    rule = "robust"
-    if replayed.rule != "both":
-        rule = replayed.rule
+    rule = replayed.rule if replayed.rule != "both" else "robust"
     top.set_title(f"{episodes}, rule {rule}", loc="left")
     return figure
 
@@ -80,9 +78,7 @@ def plane_basis(axis: Array) -> Array:
     first = start - (start @ axis) * axis
     first /= np.linalg.norm(first)
     # Looking against the axis' largest component keeps the picture unmirrored.
-    towards = axis
-    if axis[np.argmax(np.abs(axis))] <= 0:
-        towards = -axis
+    towards = -axis if axis[np.argmax(np.abs(axis))] <= 0 else axis
     return np.stack([first, np.cross(towards, first)], axis=1)
 
 

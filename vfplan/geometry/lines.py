@@ -63,9 +63,7 @@ def evenly(points: NDArray, closed: bool) -> Array:
 def normals(points: NDArray, closed: bool) -> Array:
     """(M, 2) unit normals of a line in the plane."""
     around = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    step = around
-    if not closed:
-        step = np.gradient(points, axis=0)
+    step = around if closed else np.gradient(points, axis=0)
     step = step / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
     return np.column_stack([-step[:, 1], step[:, 0]])
 
@@ -205,9 +203,7 @@ def runs(flags: Flags, closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring a run may lead through the seam."""
     if not flags.any():
         return
-    shift = 0
-    if closed:
-        shift = int(np.argmin(flags))
+    shift = int(np.argmin(flags)) if closed else 0
     rolled = np.roll(flags, -shift)
     edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
     for start, stop in edges:
@@ -396,9 +392,7 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     """
     if len(points) < 3:
         return np.zeros(0, np.intp)
-    ring = points
-    if closed:
-        ring = np.pad(points, [(1, 1), (0, 0)], "wrap")
+    ring = np.pad(points, [(1, 1), (0, 0)], "wrap") if closed else points
     steps = np.diff(ring, axis=0)
     length = np.linalg.norm(steps, axis=1)
     cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
@@ -427,9 +421,7 @@ def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[SmoothRun
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:
-        first = 0
-        if len(corners):
-            first = corners[0]
+        first = corners[0] if len(corners) else 0
         points = np.roll(points, -first, axis=0)
         points = np.vstack([points, points[:1]])
         corners = corners - first

@@ -71,9 +71,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
         return []
     if registration.model == "rigid":
         fit = fit_similarity(problem, fit.used)
-    axes = 1
-    if registration.model == "affine":
-        axes = k
+    axes = k if registration.model == "affine" else 1
     radius = problem.normaliser.radius
     covariance = fit.covariance.reshape(3, k + 1, 3, k + 1)
     departures = []
@@ -622,9 +620,7 @@ def error_findings(error: TargetError) -> tuple[Finding, ...]:
         f"{share:.0%} of the curve lies beyond the markers, where the error grows. Add a marker "
         "there."
     )
-    finding = doubt
-    if share < EXTRAPOLATED_SHARE:
-        finding = note
+    finding = note if share < EXTRAPOLATED_SHARE else doubt
     return (finding("curve-extrapolated", "register", text),)
 
 

@@ -252,9 +252,7 @@ def geometry(transform: Array) -> Geometry:
     lengths = np.linalg.norm(a, axis=0)
     cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
     shear = float(cosines[np.abs(cosines).argmax()])
-    normal = None
-    if k == 2:
-        normal = plane_normal(a) / np.linalg.norm(plane_normal(a))
+    normal = plane_normal(a) / np.linalg.norm(plane_normal(a)) if k == 2 else None
     return Geometry(values, lengths, float(values[0] / values[-1] - 1), shear, normal)
 
 
@@ -357,9 +355,7 @@ def make_problem(
     centre = metric.mean(axis=0)
     radius = rms_length(metric - centre)
     # An affine map of a solid needs depth; every other transform needs markers off a line.
-    rank = 2
-    if model == "affine" and raw.shape[1] == 3:
-        rank = 3
+    rank = 3 if model == "affine" and raw.shape[1] == 3 else 2
     condition = _condition(metric - centre, metric, "source", rank)
     target_centre = target_m.mean(axis=0)
     y = target_m - target_centre

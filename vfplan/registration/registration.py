@@ -285,9 +285,7 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = 2
-    if problem.model.name == "affine":
-        rank = problem.model.dimension
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
     return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
@@ -522,9 +520,7 @@ class Registration:
         source_frame
             "image" or "patient_lps"; by default what the source's dimension says.
         """
-        frame = "patient_lps"
-        if self.source.shape[1] == 2:
-            frame = "image"
+        frame = "image" if self.source.shape[1] == 2 else "patient_lps"
         return RegistrationRecord(
             model=self.model,
             source_frame=source_frame or frame,
@@ -591,9 +587,7 @@ def fit_registration(
     if seen_from is not None:
         direction = direction_of(seen_from)
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    used = None
-    if robust:
-        used = consistent_markers(problem)
+    used = consistent_markers(problem) if robust else None
     fit = fit_model(problem, used)
 
     # A source in space shows by itself that it fits only a mirror image. A planar one fits its
@@ -618,9 +612,7 @@ def fit_registration(
 
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
-    known_spacing = None
-    if pixel_spacing is not None:
-        known_spacing = problem.normaliser.spacing
+    known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
     return Registration(model, names, source, target, fit, robust, known_spacing)
 
 
@@ -647,9 +639,7 @@ def registration_report(
     be known is `None`.
     """
     shape = registration.geometry
-    unit = ""
-    if registration.source.shape[1] == 2:
-        unit = "_m_per_px"
+    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
     markers = [
         {
             "label": label,

@@ -80,9 +80,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
-    first_episode = 0
-    if episodes:
-        first_episode = episodes[0]["index"]
+    first_episode = episodes[0]["index"] if episodes else 0
     # An envelope of each episode with what is around it, and one of the whole session.
     zooms = []
     for episode in episodes[:MAX_ZOOMS]:
@@ -280,9 +278,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         failed = sum(not check["pass"] for check in limits)
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
     if metrics["verdict"] == "pass":
-        words = "the limit holds"
-        if len(limits) > 1:
-            words = f"all {len(limits)} limits hold"
+        words = f"all {len(limits)} limits hold" if len(limits) > 1 else "the limit holds"
         words += gap_words(metrics) + change_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
     if has_touched(metrics):
@@ -320,9 +316,7 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
         if offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
-                planned_slice = None
-                if image is not None:
-                    planned_slice = read_image(image)
+                planned_slice = read_image(image) if image is not None else None
                 view3d.draw_view(
                     replayed.fixture,
                     path,

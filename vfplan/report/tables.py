@@ -28,9 +28,7 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
     text = _text(value)
-    kind = ""
-    if re.fullmatch("[0-9a-f]{64}", text):
-        kind = "digest"
+    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
@@ -53,9 +51,7 @@ def summary(metrics: dict[str, Any]) -> str:
         {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
         for rule in rules.values()
     ]
-    difference = []
-    if len(rules) == 2:
-        difference = [f"paper − {next(iter(rules))}"]
+    difference = [f"paper − {next(iter(rules))}"] if len(rules) == 2 else []
     head = ["number", *(f"rule {name}" for name in rules), *difference, "unit"]
     rows = []
     for number in NUMBERS:
@@ -80,9 +76,7 @@ def checks(metrics: dict[str, Any]) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
     for check in metrics.get("checks", []):
-        sense = "at_least"
-        if "at_most" in check:
-            sense = "at_most"
+        sense = "at_most" if "at_most" in check else "at_least"
         word = "pass" if check["pass"] else "fail"
         verdict = f'<b class="{word}">{word.upper()}</b>'
         allowed = f"{sense.replace('_', ' ')} {check[sense]:g}"
@@ -129,9 +123,7 @@ def episodes(metrics: dict[str, Any]) -> str:
         cells = [number.text(episode.get(number.key)) for number in numbers]
         if has_curve:
             cells.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
-        passive = '<b class="warning">no</b>'
-        if episode["passive"]:
-            passive = "yes"
+        passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
     more = episode_count(metrics) - len(listed)
@@ -159,9 +151,7 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
             if value is not None and not (isinstance(value, (dict, list)) and len(value) > 3)
         ]
         # A long group takes the whole width of the page.
-        kind = "group"
-        if len(rows) > MAX_LISTED:
-            kind = "long"
+        kind = "long" if len(rows) > MAX_LISTED else "group"
         heading = escape(group.replace("_", " "))
         text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
     return text

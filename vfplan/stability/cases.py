@@ -84,9 +84,7 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
         make_engine = partial(engine_for, rule="robust")
     else:
         rule = best_rule(fixture)
-        band = None
-        if rule == "robust":
-            band = fixture.band
+        band = fixture.band if rule == "robust" else None
         contact = next(contacts.contacts_along(as_rendered(fixture, rule), 3), None)
         make_engine = partial(engine_for, rule=rule, band=band)
         if contact is None:

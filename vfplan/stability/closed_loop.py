@@ -128,9 +128,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     engine
         An engine of stiffness 1 N/m on the contact's cloud.
     """
-    hand_share = 0.0
-    if contact.needs_spring:
-        hand_share = HAND_SHARE
+    hand_share = HAND_SHARE if contact.needs_spring else 0.0
     exact = exact_bound(Plant.of(robot), robot.delay_ticks, hand_share)
     if exact == 0.0:
         return LargestStiffness(0.0, 0.0)
@@ -188,9 +186,7 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
 def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
     """A hand that presses `PRESS_DEPTH` R deep into each wall at this K [N/m]."""
     press = PRESS_DEPTH * contact.radius * contact.inward
-    hand_stiffness = 0.0
-    if contact.needs_spring:
-        hand_stiffness = HAND_SHARE * stiffness
+    hand_stiffness = HAND_SHARE * stiffness if contact.needs_spring else 0.0
     return SimulatedHand(stiffness * press, hand_stiffness, contact.touch + press)
 
 
@@ -291,12 +287,8 @@ def closed_loop_case(
 
 def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
     """What the search and the press found, in words."""
-    or_more = ""
-    if largest.is_above_search:
-        or_more = " or more"
-    ending = "no rest"
-    if pressed.rest_s is not None:
-        ending = f"rest in {pressed.rest_s:.2f} s"
+    or_more = " or more" if largest.is_above_search else ""
+    ending = f"rest in {pressed.rest_s:.2f} s" if pressed.rest_s is not None else "no rest"
     return (
         f"largest stable K {largest.measured:.0f} N/m{or_more}, {largest.ratio:.3f} of the exact "
         f"bound; pressed: overshoot {pressed.overshoot:.2f}, {ending}, limit cycle "
@@ -344,15 +336,9 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
     quarter = len(depth) // 4
     final_depth = float(depth[-quarter:].mean())
     moving = np.flatnonzero(np.abs(depth - final_depth) > REST_TOLERANCE * abs(final_depth))
-    rest_tick = 0
-    if moving.size > 0:
-        rest_tick = int(moving[-1]) + 1
-    rest_s = None
-    if rest_tick < len(depth) - quarter:
-        rest_s = rest_tick / robot.rate_hz
-    overshoot = 0.0
-    if final_depth > 0:
-        overshoot = float(depth.max() / final_depth - 1.0)
+    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
+    rest_s = rest_tick / robot.rate_hz if rest_tick < len(depth) - quarter else None
+    overshoot = float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0
     work = float((motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum())
     limit_cycle = float(np.ptp(depth[-quarter:]))
     return Press(work, limit_cycle, rest_s, overshoot, motion.limited_ticks)

@@ -160,9 +160,7 @@ def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], f
     """
     if isinstance(on, str):
         return on, SCENES[on](), None
-    band = None
-    if rule == "robust":
-        band = on.band
+    band = on.band if rule == "robust" else None
     return "bundle", contacts_along(as_rendered(on, rule), 5), band
 
 

@@ -315,9 +315,7 @@ def simulate(
             force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
             limited_ticks += is_limited
         if robot.force_step_limit_n is not None:
-            base = previous_force
-            if previous_force is None:
-                base = force
+            base = force if previous_force is None else previous_force
             force, is_limited = limit_change(force, base, robot.force_step_limit_n)
             limited_ticks += is_limited
             previous_force = force

@@ -200,9 +200,7 @@ class Study:
     def as_text(self, every_case: bool = False) -> str:
         """The short report: the verdict, and each case that failed, or every case."""
         outcomes = Counter(row.outcome for row in self.rows)
-        summary = "NOT STABLE"
-        if self.verdict.stable:
-            summary = "stable"
+        summary = "stable" if self.verdict.stable else "NOT STABLE"
         summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
         if outcomes["fail"]:
             summary += f", {outcomes['fail']} fail"
@@ -211,9 +209,7 @@ class Study:
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
         lines = [verdict_text(self.verdict), self.blows.detail, summary]
-        listed = self.failed
-        if every_case:
-            listed = self.rows
+        listed = self.rows if every_case else self.failed
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
         if every_case:
             lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
@@ -307,9 +303,7 @@ def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
-    bundle = [fixture]
-    if fixture is None:
-        bundle = []
+    bundle = [] if fixture is None else [fixture]
     names = scenes_for(fixture)[0]
     pairs: list[tuple[Rule, Fixture | str]] = [
         (rule, on) for rule in RULES for on in (*bundle, *names)
