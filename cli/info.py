@@ -240,7 +240,10 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
 @command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
 def vfplan_validate(fixture) -> CommandResult:
-    """List everything that is wrong or unusual in FILE.h5 (exit 1 if anything is an error)."""
+    """List everything that is wrong or unusual in FILE.h5.
+
+    The exit code is 1 if anything is an error, and 4 if the review is that of another plan.
+    """
     from vfplan.bundle.validation import validate
 
     issues = validate(fixture)
@@ -254,7 +257,8 @@ def vfplan_validate(fixture) -> CommandResult:
     if valid:
         next_step = shlex.join(["vfplan", "info", str(fixture)])
         return CommandResult(data, "\n".join(lines), verdict="valid", next_step=next_step)
+    exit_code = 4 if any(issue.code == "unsafe.review" for issue in issues) else 1
     return CommandResult(
-        data, "\n".join(lines), failed=lines[-1], verdict="not valid",
+        data, "\n".join(lines), exit_code, failed=lines[-1], verdict="not valid",
         next_step="make the bundle anew; a robot refuses this one",
     )  # fmt: skip

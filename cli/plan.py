@@ -48,6 +48,9 @@ from vfplan.settings import settings_from_options
     option("--base", **options.ARM_BASE,
            help="Base of that arm in the fixture's frame [m].  [default: 0,0,0]"),
     option("--tool", **options.ARM_TOOL, help="Tip of that arm in its flange's frame [m]."),
+    option("--case", metavar="CASE",
+           help="Case that the plan is for, which must not name a patient. It is signed for no "
+           "other."),
     option("--no-sheet", is_flag=True,
            help="Write no review sheet beside the bundle."),
 )  # fmt: skip
@@ -85,7 +88,7 @@ def vfplan_plan(
             image, markers, markers2, extraction=extraction, settings=settings,
             curve=arguments["curve"],
         )  # fmt: skip
-    fixture = planned.fixture
+    fixture = replace(planned.fixture, case=arguments["case"])
     findings = list(planned.findings)
     data = dict(planned.report)
     lines = [extracted_text(planned.extracted.report), registered_text(planned.registered.report)]

@@ -170,10 +170,13 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
         write_fixture(accepted, path)
     answered = [finding.code for finding in accepted.findings if finding not in before.findings]
     data = {
-        "output": str(output), "digest": accepted.reviewed.digest, "by": by, "answered": answered
+        "output": str(output), "digest": digest.lower(), "by": by, "answered": answered,
+        "review_digest": accepted.reviewed.digest,
     }  # fmt: skip
     return CommandResult(
         data, f"wrote {output}", findings=accepted.findings,
         verdict=f"accepted by {by}",
-        next_step=sign_command(output, case=seal.case, robot_serial=seal.robot_serial),
+        next_step=sign_command(
+            output, case=seal.case or accepted.case or "", robot_serial=seal.robot_serial
+        ),
     )  # fmt: skip

@@ -55,8 +55,8 @@ def required_cell(row: Row) -> str:
 def rows_table() -> str:
     """The normative table: a line for everything a bundle may hold."""
     lines = [
-        "| path | type and shape | unit | frame | range | required | meaning |",
-        "|---|---|---|---|---|---|---|",
+        "| path | type and shape | unit | frame | range | required | mark | meaning |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in table():
         cells = [
@@ -66,6 +66,7 @@ def rows_table() -> str:
             row.frame or "",
             range_cell(row),
             required_cell(row),
+            row.mark or "",
             row.meaning,
         ]
         lines.append(f"| {' | '.join(cells)} |")
@@ -136,6 +137,7 @@ def cpp_row(row: Row) -> str:
         cpp_number(largest.get("m"), "infinity"),
         cpp_number(largest.get("px"), "infinity"),
         cpp_version(row.since),
+        f"Mark::{row.mark or 'none'}",
     ]
     return "    Row{" + ", ".join(cells) + "},"
 
@@ -170,6 +172,8 @@ namespace vfplan::bundle {{
 enum class Kind {{ group, dataset, attribute }};
 enum class Type {{ none, text, f8, i4, u1 }};
 enum class Required {{ always, group, rendering, optional }};
+/// What an engine renders, or what is reviewed beside it: a review's digest covers both.
+enum class Mark {{ none, rendered, reviewed }};
 
 inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -185,6 +189,7 @@ struct Row {{
     std::string_view allowed;  // separated by |
     double min, max, above, max_abs_m, max_abs_px;
     Version since;  // of the format that has it
+    Mark mark;
 }};
 
 /// The schema's name of a type.

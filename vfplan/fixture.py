@@ -149,7 +149,7 @@ class Review:
     utc
         When, as "2026-01-31T12:00:00Z".
     digest
-        SHA-256 of what was shown, lower-case hex.
+        `vfplan.bundle.review_digest` of what was approved, lower-case hex.
     """
 
     by: str
@@ -444,6 +444,8 @@ class Fixture:
         What a person should look at before the fixture is used, answered or not.
     reviewed
         Who approved it; `None` while nobody has, and again after any change.
+    case
+        The case that it is for; `None` where nobody said so. It must not name a patient.
     """
 
     frame: Frame
@@ -460,6 +462,7 @@ class Fixture:
     findings: tuple[Finding, ...] = ()
     reviewed: Review | None = None
     sample_radius: float | None = None
+    case: str | None = None
 
     @property
     def open_findings(self) -> tuple[Finding, ...]:

@@ -19,62 +19,63 @@ import struct
 import sys
 from itertools import pairwise
 
-# The table of section 2: path; type and shape; unit; frame; range; whether it must be there.
+# The table of section 2: path; type and shape; unit; frame; range; whether it must be there; mark.
 ROWS = """
 / ; group ;  ;  ;  ; always
 /@format ; text ;  ;  ; vfplan-fixture ; always
 /@version ; text ;  ;  ;  ; always
-/@frame ; text ;  ;  ; image | robot_base | patient_lps ; always
+/@frame ; text ;  ;  ; image | robot_base | patient_lps ; always ; rendered
 /@id ; text ;  ;  ;  ; always
+/@case ; text ;  ;  ;  ; optional ; reviewed
 /@must_understand ; text ;  ;  ;  ; optional
-/points ; f8 (N, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; always
+/points ; f8 (N, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; always ; rendered
 /sigma ; f8 (N,) ; @frame ;  ; ≥ 0 ; optional
 /curve ; group ;  ;  ;  ; optional
-/curve/stroke ; i4 (N,) ; 1 ;  ; ≥ 0 ; group
-/curve/closed ; u1 (S,) ; 1 ;  ; ≤ 1 ; group
+/curve/stroke ; i4 (N,) ; 1 ;  ; ≥ 0 ; group ; rendered
+/curve/closed ; u1 (S,) ; 1 ;  ; ≤ 1 ; group ; rendered
 /curve/bridged ; u1 (N,) ; 1 ;  ; ≤ 1 ; optional
 /curve/edited ; u1 (N,) ; 1 ;  ; ≤ 1 ; optional
 /pieces ; group ;  ;  ;  ; optional
-/pieces/vertices ; f8 (V, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group
-/pieces/bulges ; f8 (V,) ; 1 ;  ; ≥ -1, ≤ 1 ; group
-/pieces/stroke ; i4 (V,) ; 1 ;  ; ≥ 0 ; group
-/pieces@error_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group
+/pieces/vertices ; f8 (V, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group ; rendered
+/pieces/bulges ; f8 (V,) ; 1 ;  ; ≥ -1, ≤ 1 ; group ; rendered
+/pieces/stroke ; i4 (V,) ; 1 ;  ; ≥ 0 ; group ; rendered
+/pieces@error_m ; f8 ; m ;  ; ≥ 0, ≤ 0.0001 ; group ; reviewed
 /mesh ; group ;  ;  ;  ; optional
-/mesh/triangles ; i4 (K, 3) ; 1 ;  ; ≥ 0 ; group
-/mesh@sample_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; optional
+/mesh/triangles ; i4 (K, 3) ; 1 ;  ; ≥ 0 ; group ; rendered
+/mesh@sample_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; optional ; rendered
 /image ; group ;  ;  ;  ; optional
 /image@width_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
 /image@height_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
 /image/pixel_spacing ; f8 (2,) ; mm/px ; image ; > 0, ≤ 1000 ; optional
 /rendering ; group ;  ;  ;  ; optional
-/rendering/stiffness ; f8 (3,) ; N/m ; @frame ; ≥ 0, ≤ 1e+06 ; group
-/rendering/ignore_axis ; f8 (3,) ; 1 ; @frame ; ≥ -1, ≤ 1 ; optional
-/rendering@contact_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
-/rendering@band_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
-/rendering@point_radius_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group
-/rendering@max_iterations ; i4 ; 1 ;  ; ≥ 1, ≤ 10000 ; optional
-/rendering@robot ; text ;  ;  ;  ; optional
-/rendering/stability ; f8 (7,) ; kg, N s/m, Hz, 1, N/m, N/m, 1 ;  ; ≥ 0 ; optional
+/rendering/stiffness ; f8 (3,) ; N/m ; @frame ; ≥ 0, ≤ 1e+06 ; group ; rendered
+/rendering/ignore_axis ; f8 (3,) ; 1 ; @frame ; ≥ -1, ≤ 1 ; optional ; rendered
+/rendering@contact_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group ; rendered
+/rendering@band_m ; f8 ; m ;  ; > 0, ≤ 1 ; group ; rendered
+/rendering@point_radius_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group ; rendered
+/rendering@max_iterations ; i4 ; 1 ;  ; ≥ 1, ≤ 10000 ; optional ; rendered
+/rendering@robot ; text ;  ;  ;  ; optional ; reviewed
+/rendering/stability ; f8 (7,) ; kg, N s/m, Hz, 1, N/m, N/m, 1 ;  ; ≥ 0 ; optional ; reviewed
 /guidance ; group ;  ;  ;  ; optional
-/guidance@radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
-/guidance@stiffness_n_per_m ; f8 ; N/m ;  ; > 0, ≤ 1e+06 ; group
-/guidance@ends ; text ;  ;  ; stop | open ; group
-/guidance@lead_force_n ; f8 ; N ;  ; ≥ -1000, ≤ 1000 ; optional
-/guidance@lead_speed_m_s ; f8 ; m/s ;  ; > 0, ≤ 10 ; optional
-/guidance@stroke ; i4 ; 1 ;  ; ≥ 0, ≤ 99999 ; optional
+/guidance@radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group ; rendered
+/guidance@stiffness_n_per_m ; f8 ; N/m ;  ; > 0, ≤ 1e+06 ; group ; rendered
+/guidance@ends ; text ;  ;  ; stop | open ; group ; rendered
+/guidance@lead_force_n ; f8 ; N ;  ; ≥ -1000, ≤ 1000 ; optional ; rendered
+/guidance@lead_speed_m_s ; f8 ; m/s ;  ; > 0, ≤ 10 ; optional ; rendered
+/guidance@stroke ; i4 ; 1 ;  ; ≥ 0, ≤ 99999 ; optional ; rendered
 /registration ; group ;  ;  ;  ; optional
-/registration@model ; text ;  ;  ; affine | similarity | rigid ; group
-/registration@source_frame ; text ;  ;  ; image | patient_lps ; group
-/registration@fre_rms_m ; f8 ; m ;  ; ≥ 0 ; group
-/registration@loo_rms_m ; f8 ; m ;  ; ≥ 0 ; optional
-/registration@tre_rms_m ; f8 ; m ;  ; ≥ 0 ; optional
-/registration/T_robot_image ; f8 (Q, Q) ; m/@source_frame ; robot_base ;  ; group
-/registration/labels ; text (M,) ;  ;  ;  ; group
-/registration/source ; f8 (M, D) ; @source_frame ; @source_frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group
-/registration/target ; f8 (M, 3) ; m ; robot_base ; abs ≤ 100 m ; group
-/registration/residuals ; f8 (M,) ; m ;  ; ≥ 0 ; group
-/registration/covariance ; f8 (U, U) ; T_robot_image^2 ;  ;  ; optional
-/registration/tre ; f8 (N,) ; m ;  ; ≥ 0 ; optional
+/registration@model ; text ;  ;  ; affine | similarity | rigid ; group ; reviewed
+/registration@source_frame ; text ;  ;  ; image | patient_lps ; group ; reviewed
+/registration@fre_rms_m ; f8 ; m ;  ; ≥ 0 ; group ; reviewed
+/registration@loo_rms_m ; f8 ; m ;  ; ≥ 0 ; optional ; reviewed
+/registration@tre_rms_m ; f8 ; m ;  ; ≥ 0 ; optional ; reviewed
+/registration/T_robot_image ; f8 (Q, Q) ; m/@source_frame ; robot_base ;  ; group ; reviewed
+/registration/labels ; text (M,) ;  ;  ;  ; group ; reviewed
+/registration/source ; f8 (M, D) ; @source_frame ; @source_frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group ; reviewed
+/registration/target ; f8 (M, 3) ; m ; robot_base ; abs ≤ 100 m ; group ; reviewed
+/registration/residuals ; f8 (M,) ; m ;  ; ≥ 0 ; group ; reviewed
+/registration/covariance ; f8 (U, U) ; T_robot_image^2 ;  ;  ; optional ; reviewed
+/registration/tre ; f8 (N,) ; m ;  ; ≥ 0 ; optional ; reviewed
 /leak ; group ;  ;  ;  ; optional
 /leak@kind ; text ;  ;  ; curve | mesh | cloud ; group
 /leak@certified ; u1 ; 1 ;  ; ≤ 1 ; group
@@ -86,16 +87,16 @@ ROWS = """
 /leak/between_place ; f8 (3,) ; @frame ; @frame ; abs ≤ 100 m ; optional
 /leak@open_edges ; i4 ; 1 ;  ; ≥ 1 ; optional
 /findings ; group ;  ;  ;  ; optional
-/findings/code ; text (F,) ;  ;  ;  ; group
-/findings/severity ; text (F,) ;  ;  ; note | doubt ; group
-/findings/text ; text (F,) ;  ;  ;  ; group
-/findings/stage ; text (F,) ;  ;  ;  ; group
-/findings/has_place_px ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional
-/findings/place_px ; f8 (F, 2) ; px ; image ; abs ≤ 1e+06 px ; optional
-/findings/has_place_m ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional
-/findings/place_m ; f8 (F, 3) ; m ; @frame ; abs ≤ 100 m ; optional
-/findings/answered_by ; text (F,) ;  ;  ;  ; optional
-/findings/answered_utc ; text (F,) ;  ;  ;  ; optional
+/findings/code ; text (F,) ;  ;  ;  ; group ; reviewed
+/findings/severity ; text (F,) ;  ;  ; note | doubt ; group ; reviewed
+/findings/text ; text (F,) ;  ;  ;  ; group ; reviewed
+/findings/stage ; text (F,) ;  ;  ;  ; group ; reviewed
+/findings/has_place_px ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional ; reviewed
+/findings/place_px ; f8 (F, 2) ; px ; image ; abs ≤ 1e+06 px ; optional ; reviewed
+/findings/has_place_m ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional ; reviewed
+/findings/place_m ; f8 (F, 3) ; m ; @frame ; abs ≤ 100 m ; optional ; reviewed
+/findings/answered_by ; text (F,) ;  ;  ;  ; optional ; reviewed
+/findings/answered_utc ; text (F,) ;  ;  ;  ; optional ; reviewed
 /review ; group ;  ;  ;  ; optional
 /review@by ; text ;  ;  ;  ; group
 /review@utc ; text ;  ;  ;  ; group
@@ -123,6 +124,32 @@ MAX_TEXT = 4096  # bytes
 MAX_ATTRIBUTES = 16
 MAX_LINKS = 32
 UNDEFINED = 2**64 - 1
+# The hidden characters of V19, first and last of each range.
+HIDDEN = []
+for _words in [
+    "0-1F",
+    "7F-A0",
+    "AD-AD",
+    "34F-34F",
+    "61C-61C",
+    "115F-1160",
+    "1680-1680",
+    "17B4-17B5",
+    "180B-180F",
+    "2000-200F",
+    "2028-202F",
+    "205F-206F",
+    "3000-3000",
+    "3164-3164",
+    "E000-F8FF",
+    "FE00-FE0F",
+    "FEFF-FEFF",
+    "FFA0-FFA0",
+    "FFF0-FFFB",
+    "FFFE-FFFF",
+    "E0000-10FFFF",
+]:
+    HIDDEN.append([int(word, 16) for word in _words.split("-")])
 SEAL_LENGTHS = [512, 1024, 2048, 4096]  # bytes
 END_OF_9999 = 253_402_300_799  # seconds since 1970 UTC
 F8 = bytes.fromhex("11203f000800000000004000340b0034ff030000")
@@ -152,7 +179,8 @@ class Row:
 
     def __init__(self, line):
         cells = [cell.strip() for cell in line.split(" ; ")]
-        self.path, kind, self.unit, self.frame, self.range, self.required = cells
+        self.path, kind, self.unit, self.frame, self.range, self.required = cells[:6]
+        self.is_marked = len(cells) == 7
         self.is_group = kind == "group"
         self.type, _, shape = kind.partition(" ")
         self.shape = [part.strip() for part in shape.strip("()").split(",") if part.strip()]
@@ -175,7 +203,7 @@ for _line in ROWS.strip().splitlines():
 
 
 def read_seal(data):
-    """Check S1 to S6; returns the length of the payload and the seal's flags."""
+    """Check S1 to S6; returns the length of the payload, the seal's flags and its case."""
     length = len(data)
     require(data[:8] == b"\x89HDF\r\n\x1a\n", "S1", "the file does not begin as HDF5 does")
     require(length >= 560 and data[-8:] == b"VFPLTAIL", "S1", "its seal is missing")
@@ -202,7 +230,7 @@ def read_seal(data):
         require(blank, "S5", "an unsigned seal holds what only a signature covers")
     require(signed_at <= END_OF_9999, "S5", "signed after the year 9999")
     require(hashlib.sha256(data[:end]).digest() == digest, "S6", "the bytes are not those sealed")
-    return end, flags
+    return end, flags, decoded(data[end + 148 : end + 148 + case], "S3")
 
 
 def decoded(raw, rule="L6"):
@@ -679,8 +707,8 @@ def text_of(content, path):
 # --- Values that fit together (section 3) -----------------------------------------------------
 
 
-def check_agreement(content, raw_bytes, flags):
-    """V1 to V18, K1 to K4 and S8."""
+def check_agreement(content, raw_bytes, flags, signed_case):
+    """V1 to V20, K1 to K4, S8 and S10."""
     groups = {TABLE[path].parent for path in content if TABLE[path].parent != "/"}
 
     def number(path):
@@ -728,10 +756,14 @@ def check_agreement(content, raw_bytes, flags):
     if has("/findings"):
         check_findings(content)
     if has("/review"):
-        require(text_of(content, "/review@by") != "", "V15", "a review by nobody")
+        check_plain(text_of(content, "/review@by"), "V15")
         digest = text_of(content, "/review@digest")
         require(re.fullmatch("[0-9a-f]{64}", digest), "V15", "a digest of another form")
+        require(digest == review_digest(content, raw_bytes), "V20", "a review of another plan")
         check_time(text_of(content, "/review@utc"))
+    own_case = text_of(content, "/@case")
+    if own_case is not None:
+        check_plain(own_case, "V19")
     check_time(text_of(content, "/provenance@created_utc"))
     check_provenance(content)
     require(has("/leak") == has("/rendering"), "V18", "/leak and /rendering without each other")
@@ -742,6 +774,39 @@ def check_agreement(content, raw_bytes, flags):
     if flags & 1:
         is_open = not has("/review") or has_open_doubt(content)
         require(bool(flags & 2) == is_open, "S8", "the seal does not say what is open")
+        require(own_case in (None, signed_case), "S10", "signed for another case")
+
+
+def check_plain(text, rule):
+    """Text that can be read off a page as it is."""
+    is_plain = text != "" and text == text.strip(" ")
+    for character in text:
+        code = ord(character)
+        is_plain = is_plain and not any(first <= code <= last for first, last in HIDDEN)
+    require(is_plain, rule, f"{text!r} is empty or holds hidden characters")
+
+
+def review_digest(content, raw_bytes):
+    """The digest of V20: of every marked value that is there."""
+
+    def number(n):
+        return struct.pack("<Q", n)
+
+    def text(t):
+        return number(len(t.encode())) + t.encode()
+
+    digest = hashlib.sha256(text("vfplan review 1"))
+    for path in sorted(content):
+        if not TABLE[path].is_marked:
+            continue
+        value = content[path]
+        digest.update(text(path) + text(value.type))
+        digest.update(b"".join(map(number, [len(value.shape), *value.shape])))
+        if value.type == "text":
+            digest.update(b"".join(map(text, value.items)))
+        else:
+            digest.update(raw_bytes(value))
+    return digest.hexdigest()
 
 
 def check_id(content, frame, raw_bytes):
@@ -854,6 +919,7 @@ def check_findings(content):
             require((who == "") == (when == ""), "V14", "answered by somebody at no time")
             if when:
                 check_time(when)
+                check_plain(who, "V14")
     for name in ("code", "stage"):
         for text in content["/findings/" + name].items:
             require(NAME.fullmatch(text), "V14", f"a {name} of another form")
@@ -988,6 +1054,10 @@ def cross(a, b):
 
 def check_pieces(content, points, axis):
     """V7."""
+    radius = content["/rendering@contact_radius_m"].items[0]
+    radius += content["/rendering@point_radius_m"].items[0]
+    e = min(0.01 * radius, 1e-4)
+    require(content["/pieces@error_m"].items[0] <= e, "V7", "the pieces are coarse")
     t = content["/pieces@error_m"].items[0] + 1e-6
     w = 2 * (content["/leak@largest_m"].items[0] + t)
     smallest = min(range(3), key=lambda i: abs(axis[i]))
@@ -1020,33 +1090,71 @@ def check_pieces(content, points, axis):
                     starts.append((k, arc))
         else:
             starts = [(0, 0.0)]
-        leads = any(walks(pieces, closed, start, places, t, w) for start in starts)
+        leads = any(walks(pieces, closed, start, places, t, w, e) for start in starts)
         require(leads, "V7", "the pieces are not the curve of the points")
 
 
-def walks(pieces, closed, start, places, t, w):
+def walks(pieces, closed, start, places, t, w, e):
     """Whether the walk of V7 reaches the end of a stroke."""
     current, arc = start
     remaining = sum(piece.length for piece in pieces)
     entries = len(pieces)
-    for place in places:
+    # A closed stroke leads back to its first point.
+    targets = [*places, places[0]] if closed else places
+    for i, place in enumerate(targets):
+        before, longest, h = place, t + e, math.inf
+        if i > 0:
+            before, longest = targets[i - 1], w
+            bend = max(tangent_of_turn(places, closed, k) for k in (i - 1, i))
+            h = e + t + math.dist(before, place) / 2 * bend
+        # Parts of pieces that the step goes along: (piece, from, to).
+        parts = []
         distance, next_arc = pieces[current].foot(place)
         step = next_arc - arc
-        if distance > t or not -2 * t <= step <= w:
+        if distance > t or not -2 * t <= step <= longest:
             passed = pieces[current].length - arc
             while True:
-                if passed > w or entries == 0 or (current + 1 == len(pieces) and not closed):
+                is_last = current + 1 == len(pieces) and not closed
+                if passed > longest or entries == 0 or is_last:
                     return False
+                parts.append((pieces[current], arc, pieces[current].length))
                 current = (current + 1) % len(pieces)
                 entries -= 1
+                arc = 0.0
                 distance, next_arc = pieces[current].foot(place)
                 step = passed + next_arc
-                if distance <= t and step <= w:
+                if distance <= t and step <= longest:
                     break
                 passed += pieces[current].length
+        for piece, _, _ in parts:
+            if distance_from_line(piece.end, before, place) > h:
+                return False
+        for piece, first, last in [*parts, (pieces[current], arc, next_arc)]:
+            middle = piece.place_at((first + last) / 2)
+            if piece.radius > 0 and distance_from_line(middle, before, place) > h:
+                return False
         arc = next_arc
         remaining -= step
-    return remaining <= w
+    return remaining <= t + e
+
+
+def tangent_of_turn(places, closed, i):
+    """Tangent of the angle by which a stroke's points turn at one of them, at most 60 degrees."""
+    count = len(places)
+    if not closed and i in (0, count - 1):
+        return 0.0
+    before, here, after = (places[k % count] for k in (i - 1, i, i + 1))
+    dx, dy = here[0] - before[0], here[1] - before[1]
+    ex, ey = after[0] - here[0], after[1] - here[1]
+    along, aside = dx * ex + dy * ey, abs(dx * ey - dy * ex)
+    if aside < math.sqrt(3) * along:
+        return aside / along
+    return math.sqrt(3)
+
+
+def distance_from_line(place, start, end):
+    """The distance of a place from the straight line between two others."""
+    return Piece(start, end, 0.0).foot(place)[0]
 
 
 class Piece:
@@ -1065,6 +1173,19 @@ class Piece:
             dx, dy = end[0] - start[0], end[1] - start[1]
             middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
             self.centre = (middle[0] - dy * offset, middle[1] + dx * offset)
+
+    def place_at(self, way):
+        """The place so far along the piece."""
+        share = 0.0
+        if self.length > 0:
+            share = way / self.length
+        dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
+        if self.radius == 0:
+            return self.start[0] + share * dx, self.start[1] + share * dy
+        angle = share * self.sweep
+        dx, dy = self.start[0] - self.centre[0], self.start[1] - self.centre[1]
+        c, s = math.cos(angle), math.sin(angle)
+        return self.centre[0] + c * dx - s * dy, self.centre[1] + s * dx + c * dy
 
     def foot(self, point):
         """(distance, length along the piece) of the nearest place on it."""
@@ -1101,14 +1222,14 @@ class Piece:
 
 def read(data):
     """The values of a bundle's bytes, by path; raises `FormatError`."""
-    end, flags = read_seal(data)
+    end, flags, signed_case = read_seal(data)
     content = read_content(Payload(data, end))
 
     def raw_bytes(value):
         code = {"f8": "d", "i4": "i", "u1": "B"}[value.type]
         return struct.pack(f"<{len(value.items)}{code}", *value.items)
 
-    check_agreement(content, raw_bytes, flags)
+    check_agreement(content, raw_bytes, flags, signed_case)
     return {path: content[path].nested() for path in TABLE if path in content}
 
 

@@ -73,8 +73,8 @@ def test_arcs_of_a_fixture_in_space_are_refused(vfplan_cli, tmp_path):
 
 
 def test_arcs_that_a_margin_or_a_gate_does_not_count_are_refused(vfplan_cli, tmp_path):
-    command = *PLAN, "-o", tmp_path / "f.h5", "--arcs", 1, *SPACING
-    for words in (("--margin", "tre95"), ("--max-tre", 0.5)):
+    command = *PLAN, "-o", tmp_path / "f.h5", *SPACING, "--arcs", 0.05
+    for words in (("--margin", "tre95"), ("--max-tre", 0.5), ("--contact-radius", 3)):
         run = vfplan_cli(*command, *words)
         assert (run.code, run.stdout) == (2, "")
         assert "lines and arcs" in run.error_line

@@ -16,6 +16,7 @@ import h5py
 import hdf5_spans
 import numpy as np
 
+from vfplan.bundle import review_digest
 from vfplan.bundle.content import to_content
 from vfplan.bundle.write import completed, to_payload
 from vfplan.conformance import kit, vectors
@@ -158,7 +159,8 @@ def findings(f, *left_out, place=False, **change):
 
 def review(f, **change):
     made = f.create_group("review")
-    values = {"by": "A. Planner", "utc": "2026-01-02T03:04:05Z", "digest": "0f" * 32} | change
+    values = {"by": "A. Planner", "utc": "2026-01-02T03:04:05Z"}
+    values |= {"digest": review_digest(bundles.whole())} | change
     for name, value in values.items():
         if value is not None:
             text(made, name, value)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vfplan.bundle import review_digest
 from vfplan.conformance import fixtures
 from vfplan.findings import doubt, note
 from vfplan.fixture import (
@@ -165,8 +166,9 @@ def reviewed():
         replace(finding, answered_by="A. Planner", answered_utc="2026-01-02T03:05:06Z")
         for finding in FINDINGS
     ]
-    review = Review("A. Planner", "2026-01-02T03:06:00Z", "0f" * 32)
-    return replace(doubtful(), findings=tuple(answered), reviewed=review)
+    made = replace(doubtful(), findings=tuple(answered))
+    review = Review("A. Planner", "2026-01-02T03:06:00Z", review_digest(made))
+    return replace(made, reviewed=review)
 
 
 def same(a, b, path="fixture"):

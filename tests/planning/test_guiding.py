@@ -162,7 +162,7 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     assert np.abs(guide.run(on).lateral_m).max() < 5e-6
     assert "tick-too-long" in [finding.code for finding in made.findings]
     with refuses(SettingError, "arcs-coarse"):
-        plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
+        plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=5e-5))
     with refuses(SettingError, "guide-stroke"):
         add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0), Record())
 

@@ -6,9 +6,11 @@ paths, types, shapes or units is written down a second time in Python.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
+import struct
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -56,6 +58,8 @@ class Row:
         there) or "optional".
     since
         The first version that has it.
+    mark
+        "rendered" by an engine, or "reviewed" beside that: the review digest covers both.
     """
 
     path: str
@@ -72,6 +76,7 @@ class Row:
     max: float | None = None
     above: float | None = None
     max_abs: dict[str, float] | None = None
+    mark: Literal["rendered", "reviewed"] | None = None
 
     @property
     def parent(self) -> str:
@@ -127,6 +132,7 @@ def max_number(path: str) -> float:
 # Path in the bundle -> field of the fixture.
 FIELDS = {
     "/@frame": "frame",
+    "/@case": "case",
     "/points": "points",
     "/sigma": "sigma",
     "/curve/stroke": "curve.stroke",
@@ -266,6 +272,45 @@ def setting_text(value: Any) -> str:
     raise InputError(
         f"A setting has the value {value!r:.80}. Give text, a finite number or a boolean."
     )
+
+
+# --- What a review covers -----------------------------------------------------------------------
+
+
+def review_digest(fixture: Fixture) -> str:
+    """The digest that a review of this fixture holds (docs/format.md, section 3).
+
+    It covers all that is rendered, the registration, the findings with their answers, and the case.
+    """
+    content = to_content(fixture)
+    digest = hashlib.sha256(counted("vfplan review 1"))
+    for path in sorted(content):
+        row, value = rows_by_path()[path], content[path]
+        if row.mark is None:
+            continue
+        shape = np.shape(value)
+        digest.update(counted(path) + counted(row.type))
+        digest.update(struct.pack(f"<{1 + len(shape)}Q", len(shape), *shape))
+        if row.type == "text":
+            for text in (value,) if isinstance(value, str) else value:
+                digest.update(counted(text))
+        else:
+            digest.update(np.ascontiguousarray(value, f"<{row.type}").data)
+    return digest.hexdigest()
+
+
+def counted(text: str) -> bytes:
+    """A text in UTF-8, with its length in front of it."""
+    data = text.encode()
+    return struct.pack("<Q", len(data)) + data
+
+
+def rendered_values(fixture: Fixture) -> dict[str, Any]:
+    """Everything that an engine renders of a fixture, by its path, and its `kind`."""
+    content = to_content(fixture)
+    values = {row.path: content.get(row.path) for row in table() if row.mark == "rendered"}
+    kept = {path: value for path, value in values.items() if value is not None}
+    return {"kind": "wall" if fixture.guidance is None else "guide", **kept}
 
 
 # --- Content -> fixture -------------------------------------------------------------------------

@@ -519,7 +519,8 @@ def sign(
 ) -> Seal:
     """Sign a bundle: write it again, its content unchanged, with a signed seal.
 
-    `case`, `robot_serial` and the time of signing are covered by the signature. With
+    `case`, `robot_serial` and the time of signing are covered by the signature. A bundle that is
+    for a case is signed for that one. With
     `registered_utc` (ISO 8601, UTC), when the patient was registered, that time stands in place of
     the present one: the bundle's age counts from it. An earlier signature is replaced.
 
@@ -529,7 +530,8 @@ def sign(
     Raises
     ------
     CheckFailed
-        A doubt is not answered, or nobody reviewed the bundle, and `despite_findings` is false.
+        A doubt is not answered, or nobody reviewed the bundle, and `despite_findings` is false; or
+        the bundle is for another case.
     BundleError
         The bundle is not sound.
     InputError
@@ -550,6 +552,14 @@ def sign(
         sealed = unsealed(stream)
         fixture = from_content(sealed.read()[0])
         payload = sealed.payload
+    if fixture.case is not None and case not in ("", fixture.case):
+        raise CheckFailed(
+            f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
+            "it for its own case, or plan the other one.",
+            where=str(source),
+            code="case-other",
+        )
+    case = case or fixture.case or ""
     if not despite_findings:
         check_is_approved(fixture, str(source))
     payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))

@@ -26,7 +26,8 @@ h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
 GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
 
 # Codes of values that are sound each, and do not fit together.
-DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration")
+DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration",
+               "unsafe.review")  # fmt: skip
 
 UNITS_OF_FRAME = {"image": "px", "robot_base": "m", "patient_lps": "m"}
 
@@ -45,7 +46,8 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
         The fixture leaks between samples: its own proxy can pass through.
     SettingError
         Its parts do not agree: its lines and arcs are not the curve of its points, its stability
-        verdict is about another stiffness, its registration about other markers or points.
+        verdict is about another stiffness, its registration about other markers or points, its
+        review about another plan.
     InputError
         The fixture breaks another rule of the format.
     """

@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 
 from vfplan._core import lookup3
-from vfplan.bundle.content import Content, table
+from vfplan.bundle.content import Content, review_digest, table
 from vfplan.bundle.write import as_stored, unit_and_frame
 from vfplan.findings import doubt, note
 from vfplan.fixture import (
@@ -179,7 +179,17 @@ def findings() -> Fixture:
 
 def reviewed() -> Fixture:
     """The registered curve, approved by a person."""
-    return replace(registered(), reviewed=Review("A. Planner", TIME, "0f" * 32))
+    return approved(registered())
+
+
+def approved(fixture: Fixture) -> Fixture:
+    """The fixture with the review of a person who approved it as it is."""
+    return replace(fixture, reviewed=Review("A. Planner", TIME, review_digest(fixture)))
+
+
+def of_a_case() -> Fixture:
+    """The sheet for a case, approved."""
+    return approved(replace(mesh(), case="case 18"))
 
 
 # HDF5's address of nothing: all 64 bits are set.

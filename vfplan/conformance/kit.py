@@ -9,16 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from vfplan.bundle import seal
+from vfplan.bundle.content import from_content, review_digest, to_content
 from vfplan.bundle.read import read_bundle, read_fixture
-from vfplan.bundle.write import to_payload
-from vfplan.conformance import vectors
+from vfplan.bundle.write import completed, to_payload
+from vfplan.conformance import fixtures, vectors
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.io.files import to_json_types
 
 FIXTURES = (
     "minimal", "cloud", "curve", "registered", "navigated", "pixels", "patient", "mesh",
-    "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed",
+    "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed", "of_a_case",
+)  # fmt: skip
+# Those that are also there as a person approved them, each with its review digest.
+REVIEWED = (
+    "minimal", "cloud", "curve", "navigated", "pixels", "patient", "drawn_mesh", "pieces",
+    "guided", "findings",
 )  # fmt: skip
 # Fixture -> rules by which a path is rendered.
 RENDERED = {
@@ -45,7 +51,9 @@ def write_kit(folder: Path) -> int:
         (folder / f"{name}.h5").write_bytes(data)
         about = dict(stated or {})
         if "why" not in about:
-            about["values"] = to_json_types(read_bundle(data)[0])
+            content = read_bundle(data)[0]
+            about["review_digest"] = review_digest(from_content(content))
+            about["values"] = to_json_types(content)
         write_json(folder / f"{name}.json", about)
     (folder / "signed" / "keys.pub").write_bytes(trusted_key())
     rendered = [(name, rule) for name, rules in RENDERED.items() for rule in rules]
@@ -61,6 +69,9 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
         content = vectors.content_of(name)
         yield name, b"".join(seal.unsigned(to_payload(content)))
         yield f"{name}_plain", vectors.of_content(content)
+    for name in REVIEWED:
+        approved = fixtures.approved(getattr(fixtures, name)())
+        yield f"{name}_reviewed", vectors.of_content(completed(to_content(approved)))
     yield "newer_minor", vectors.of_items(vectors.items("later"))
     yield "quoted_setting", vectors.quoted_setting()
     yield "signed", vectors.signed("reviewed", False)

@@ -38,7 +38,7 @@ class Vector:
 # Rules that no file of the folder `invalid` breaks, each with the reason.
 NOT_BY_A_FILE = {
     "L11": "binds a writer: a reader cannot know what identifies a patient",
-    "C5": "binds a writer: whether a fixture was changed after its review is not in the file",
+    "C5": "binds a writer: V20 holds what a reader can see of it",
     "S9": "binds a reader: the order in which it works",
     "K5": "binds a reader that renders points: the paths render/drawn_mesh-*.json hold it",
     "M3": "binds a reader to read a file: the valid file newer_minor holds it",
@@ -205,6 +205,29 @@ def triangle_beyond_the_points() -> bytes:
     content = content_of("mesh")
     certificate = {path: value for path, value in content.items() if path.startswith("/leak")}
     return remade("mesh", {"/mesh/triangles": put((0, 0), 9)}, certificate)
+
+
+def pieces_with_a_corner(aside: float, bulge: float = 0.0) -> bytes:
+    """The pieces with one corner more, between the second and the third point.
+
+    The corner lies `aside` from the line [m]; the piece to it has this bulge.
+    """
+    content = content_of("pieces")
+    points, vertices = content["/points"], content["/pieces/vertices"]
+    corner = (points[1] + points[2]) / 2 + [0.0, aside, 0.0]
+    rows = np.insert(vertices, 1, [points[1], corner, points[2]], axis=0)
+    bulges = np.insert(content["/pieces/bulges"], 1, [bulge, 0.0, 0.0])
+    stroke = np.insert(content["/pieces/stroke"], 1, [0, 0, 0])
+    values = {"/pieces/vertices": rows, "/pieces/bulges": bulges, "/pieces/stroke": stroke}
+    return remade("pieces", values)
+
+
+def answered_after_the_review() -> bytes:
+    """The approved curve with findings, of which one more was answered afterwards."""
+    approved = fixtures.approved(fixtures.findings())
+    answers = {"/findings/answered_by": ("A. Planner", "", "A. Planner"),
+               "/findings/answered_utc": (fixtures.TIME, "", fixtures.TIME)}  # fmt: skip
+    return of_content(with_values(completed(to_content(approved)), answers))
 
 
 # --- Changes of items ---------------------------------------------------------------------------
@@ -450,6 +473,15 @@ TABLE: Rows = (
      remade, "pieces", {"/pieces/vertices": moved((..., 1), 0.05)}),
     ("V7", "pieces_that_go_on", "The pieces go on 30 mm beyond the last point.",
      remade, "pieces", {"/pieces/vertices": moved((0, 0), -0.03)}),
+    ("V7", "pieces_that_begin_early", "The pieces begin 0.2 mm before the first point.",
+     remade, "pieces", {"/pieces/vertices": moved((0, 0), -2e-4)}),
+    ("V7", "coarse_pieces", "The error of the pieces is more than 1 % of R.",
+     changed, "pieces", {"/pieces@error_m": 6e-5}),
+    ("V7", "pieces_beside_the_points",
+     "Between two points the pieces leave the line by 0.3 mm and come back.",
+     pieces_with_a_corner, 3e-4),
+    ("V7", "arc_between_two_points", "Between two points of a line the pieces are an arc.",
+     pieces_with_a_corner, 0.0, 0.2),
     ("V8", "triangle_beyond_the_points", "A triangle names a row that is not there.",
      triangle_beyond_the_points),
     ("V8", "point_of_no_triangle", "A point belongs to no triangle.",
@@ -493,6 +525,8 @@ TABLE: Rows = (
      changed, "reviewed", {"/review@by": ""}),
     ("V15", "digest_in_capitals", "The digest of what was shown has capital letters.",
      changed, "reviewed", {"/review@digest": "0F" * 32}),
+    ("V15", "review_by_a_hidden_name", "The reviewer's name is turned by U+202E.",
+     changed, "reviewed", {"/review@by": "A. \u202erennalP"}),
     ("V16", "time_without_a_zone", "A time has another form.",
      changed, "minimal", {"/provenance@created_utc": "2026-01-02 03:04:05"}),
     ("V16", "answered_on_a_day", "The time of an answer is a day alone.",
@@ -502,6 +536,18 @@ TABLE: Rows = (
     ("V17", "setting_that_is_an_object", "A setting's value is a JSON object.",
      changed, "curve", {"/provenance/setting_values": ("{}", "1e-05", "false")}),
     ("V18", "no_certificate", "A rendering has no certificate.", changed, "cloud", {"/leak": None}),
+    ("V19", "case_with_a_hidden_character", "The case holds a blank of no width.",
+     changed, "minimal", {"/@case": "case\u200b18"}),
+    ("V19", "case_that_ends_in_a_blank", "The case ends in a blank.",
+     changed, "minimal", {"/@case": "case 18 "}),
+    ("V20", "digest_of_another_plan", "The digest is that of no plan.",
+     changed, "reviewed", {"/review@digest": "0f" * 32}),
+    ("V20", "stiffer_after_the_review", "The stiffness was doubled after the review.",
+     changed, "reviewed", {"/rendering/stiffness": lambda stiffness: 2 * stiffness}),
+    ("V20", "another_case_after_the_review", "The case was changed after the review.",
+     changed, "of_a_case", {"/@case": "case 19"}),
+    ("V20", "answered_after_the_review", "A doubt was answered after the review.",
+     answered_after_the_review),
     # The seal.
     ("S1", "no_seal", "The seal is missing.", lambda: sound_file()[:-SEAL]),
     ("S1", "bytes_behind_the_seal", "Something follows the seal.", lambda: sound_file() + bytes(8)),
@@ -522,6 +568,8 @@ TABLE: Rows = (
      "It was signed without a review, and the seal does not say so.", signed, "minimal", False),
     ("S8", "signed_in_spite_of_nothing", "The seal says that something is open, and nothing is.",
      signed, "reviewed", True),
+    ("S10", "signed_for_another_case", "It is for case 18, and signed for case 17.",
+     signed, "of_a_case", False),
     # The certificate.
     ("K1", "curve_called_a_cloud", "A curve is certified as a cloud.",
      changed, "curve", {"/leak@kind": "cloud"}),

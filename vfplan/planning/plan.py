@@ -325,7 +325,7 @@ def make_fixture(
         frame=matched.correspondences.target_frame, points=carried.points, sigma=carried.sigma,
         provenance=replace(provenance, settings=chosen, history=curve.provenance.history),
         curve=carried.curve, image=image, rendering=rendering, registration=transform,
-        mesh=curve.mesh, sample_radius=curve.sample_radius,
+        mesh=curve.mesh, sample_radius=curve.sample_radius, case=curve.case,
     )  # fmt: skip
 
 

@@ -217,7 +217,7 @@ class FixtureSettings:
     arcs_m: float | None = setting(
         None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
         "[default: 0.001, if it can be reached]", form="MM|none",
-        unit="mm", least=MIN_ARCS_M, most=1e-3,
+        unit="mm", least=MIN_ARCS_M, most=max_number("/pieces@error_m"),
         to_option=lambda metres: None if metres is None else (1e3 * metres,),
         from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
     )  # fmt: skip

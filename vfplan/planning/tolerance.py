@@ -341,6 +341,9 @@ ROUNDING_M = 10.0**-DECIMALS
 # Share of a margin, gate or tube that lines and arcs may depart from the curve beside it.
 ARCS_SHARE_OF_MARGIN = 0.05
 
+# Share of R that they may depart by in a bundle (docs/format.md, V7).
+ARCS_SHARE_OF_RADIUS = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class CarriedPoints:
@@ -465,7 +468,8 @@ def lines_and_arcs_of(
             code="arcs-impossible",
         )
     frame = plane(axis)
-    tolerance_m = (settings.arcs_m or DEFAULT_ARCS_M) - ROUNDING_M
+    usual_m = min(DEFAULT_ARCS_M, ARCS_SHARE_OF_RADIUS * settings.contact_radius)
+    tolerance_m = (settings.arcs_m or usual_m) - ROUNDING_M
     measured = registration.apply(curve.points)
     flat, height = measured @ frame.T, float((measured @ axis).mean())
     vertices, bulges, counts, error_m = [], [], [], 0.0
@@ -495,23 +499,27 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     ------
     SettingError
         They depart by more than `ARCS_SHARE_OF_MARGIN` of the margin, of `max_tre_m` or of the
-        guide's radius.
+        guide's radius, or by more than `ARCS_SHARE_OF_RADIUS` of R.
     """
     # A gate that nobody named is no reason to refuse coarse lines and arcs.
     max_tre_m = None
     if not isinstance(settings.max_tre_m, str):
         max_tre_m = settings.max_tre_m
-    lengths = ("margin", margin_m), ("--max-tre", max_tre_m), ("guide", settings.guide_m)
-    for name, length_m in lengths:
-        if not length_m or pieces.error <= ARCS_SHARE_OF_MARGIN * length_m:
+    radius_m = settings.contact_radius + settings.point_radius + margin_m
+    for name, length_m, share in (
+        ("margin", margin_m, ARCS_SHARE_OF_MARGIN), ("--max-tre", max_tre_m, ARCS_SHARE_OF_MARGIN),
+        ("guide", settings.guide_m, ARCS_SHARE_OF_MARGIN),
+        ("contact radius", radius_m, ARCS_SHARE_OF_RADIUS),
+    ):  # fmt: skip
+        if not length_m or pieces.error <= share * length_m:
             continue
-        allowed_mm = Context(2, ROUND_DOWN).create_decimal(ARCS_SHARE_OF_MARGIN * length_m * 1e3)
+        allowed_mm = Context(2, ROUND_DOWN).create_decimal(share * length_m * 1e3)
         advice = "none"
         if allowed_mm >= 1e3 * MIN_ARCS_M:
             advice = f"{float(allowed_mm):g}, or less"
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
-            f"the {name} of {1e3 * length_m:.4g} mm allows {ARCS_SHARE_OF_MARGIN:g} of "
+            f"the {name} of {1e3 * length_m:.4g} mm allows {share:g} of "
             f"itself. Give --arcs {advice}",
             code="arcs-coarse",
             numbers={"error_m": pieces.error, "length_m": length_m},

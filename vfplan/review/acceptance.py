@@ -3,7 +3,8 @@
 The digest is 64 hexadecimal digits over what a review sheet shows: every value of the bundle, so
 the SHA-256 of the slice too, and the findings. It does not cover when and by which program the
 bundle was made, nor who answered a finding. So the same plan has the same digest tomorrow and after
-its acceptance, and no other plan has it.
+its acceptance, and no other plan has it. What the bundle holds of the review is another digest,
+`vfplan.bundle.review_digest`, which every reader computes again.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Review
@@ -117,16 +119,15 @@ def accept(
             code="digest-other",
             numbers={"given": typed, "expected": with_slice},
         )
-    if digest != with_slice:
-        if not any(finding.code == "slice-not-shown" for finding in fixture.findings):
-            text = (
-                "The sheet did not show the slice, so neither the line's ends nor other ink could "
-                "be seen. Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE "
-                "--sheet-out PNG."
-            )
-            asked = doubt("slice-not-shown", "review", text)
-            fixture = replace(fixture, findings=(*fixture.findings, asked))
-        digest = digest_of(fixture, slice_shown=False)
+    is_asked = any(finding.code == "slice-not-shown" for finding in fixture.findings)
+    if digest != with_slice and not is_asked:
+        text = (
+            "The sheet did not show the slice, so neither the line's ends nor other ink could be "
+            "seen. Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE "
+            "--sheet-out PNG."
+        )
+        asked = doubt("slice-not-shown", "review", text)
+        fixture = replace(fixture, findings=(*fixture.findings, asked))
     open_codes = {finding.code for finding in fixture.open_findings}
     unknown = sorted(set(answers) - open_codes)
     if unknown:
@@ -150,4 +151,5 @@ def accept(
             "all with --answer-all."
         )
         raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
-    return replace(fixture, findings=findings, reviewed=Review(by, now, digest))
+    accepted = replace(fixture, findings=findings, reviewed=None)
+    return replace(accepted, reviewed=Review(by, now, review_digest(accepted)))

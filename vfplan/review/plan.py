@@ -460,7 +460,7 @@ def _of_bundle(
     return Source(
         path, slice_path, image, extraction, planning,
         Geometry(strokes, ink, of_extraction), fit, exclude, dict(fixture.provenance.inputs),
-        fixture=fixture, case=seal.case, robot_serial=seal.robot_serial,
+        fixture=fixture, case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
 
 

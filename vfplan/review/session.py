@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
 from vfplan.review import steps as steps_of_a_plan
-from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 
@@ -181,9 +181,6 @@ class Session:
     def approve(self, by: str) -> Fixture:
         """The fixture (or, without markers, the curve), approved by a person.
 
-        The digest is that of the review sheet of the same bundle, so a sheet that is printed later
-        shows whether it is the plan that was approved.
-
         Parameters
         ----------
         by
@@ -211,9 +208,12 @@ class Session:
         fixture = self.current.outcome.fixture
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
-        fixture = replace(fixture, provenance=provenance, findings=tuple(findings), reviewed=None)
-        digest = digest_of(fixture, slice_shown=self.source.slice_path is not None)
-        return replace(fixture, reviewed=Review(by, now_utc(), digest))
+        opened = self.source.fixture
+        fixture = replace(
+            fixture, provenance=provenance, findings=tuple(findings), reviewed=None,
+            case=None if opened is None else opened.case,
+        )  # fmt: skip
+        return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
 
     @property
     def steps_sha256(self) -> str:

@@ -57,8 +57,8 @@ def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -
 
 
 def with_verdict(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -> Fixture:
-    """The fixture with the gate's verdict in it; raises as `gate` does."""
-    return replace(fixture, stability=gate(fixture, robot, safety_factor))
+    """The fixture with the gate's verdict in it, which nobody has reviewed; raises as `gate`."""
+    return replace(fixture, stability=gate(fixture, robot, safety_factor), reviewed=None)
 
 
 def largest_rendered_stiffness(fixture: Fixture) -> float:

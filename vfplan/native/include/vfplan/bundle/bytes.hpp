@@ -59,6 +59,34 @@ inline bool has_control(std::string_view text) {
     return false;
 }
 
+/// Whether valid UTF-8 is not empty and can be read off a page as it is: no character is hidden or
+/// turns the order of others, and the only blank is U+0020, inside.
+inline bool is_plain(std::string_view text) {
+    struct Range {
+        std::uint32_t first, last;
+    };
+    constexpr std::array<Range, 21> hidden{
+        {{0x00, 0x1F},     {0x7F, 0xA0},     {0xAD, 0xAD},     {0x34F, 0x34F},   {0x61C, 0x61C},
+         {0x115F, 0x1160}, {0x1680, 0x1680}, {0x17B4, 0x17B5}, {0x180B, 0x180F}, {0x2000, 0x200F},
+         {0x2028, 0x202F}, {0x205F, 0x206F}, {0x3000, 0x3000}, {0x3164, 0x3164}, {0xE000, 0xF8FF},
+         {0xFE00, 0xFE0F}, {0xFEFF, 0xFEFF}, {0xFFA0, 0xFFA0}, {0xFFF0, 0xFFFB}, {0xFFFE, 0xFFFF},
+         {0xE0000, 0x10FFFF}}};
+    for (std::size_t i = 0; i < text.size();) {
+        const auto lead = static_cast<unsigned char>(text[i]);
+        const auto bytes = std::max<std::size_t>(1, std::size_t(std::countl_one(lead)));
+        std::uint32_t code = bytes == 1 ? lead : lead & (0x7Fu >> bytes);
+        for (std::size_t k = 1; k < bytes; ++k) {
+            code = code << 6 | (static_cast<unsigned char>(text[i + k]) & 0x3F);
+        }
+        if (std::any_of(hidden.begin(), hidden.end(),
+                        [&](Range r) { return r.first <= code && code <= r.last; })) {
+            return false;
+        }
+        i += bytes;
+    }
+    return !text.empty() && text.front() != ' ' && text.back() != ' ';
+}
+
 inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 /// "YYYY-MM-DDThh:mm:ssZ"
@@ -252,7 +280,7 @@ namespace detail {
 struct Advice {
     std::string_view code, text;
 };
-inline constexpr std::array<Advice, 34> advice{{
+inline constexpr std::array<Advice, 35> advice{{
     {"corrupt.format", "Give a bundle that `vfplan register` or `vfplan import` wrote"},
     {"corrupt.frame", "Write the attribute that the format has for it"},
     {"corrupt.group", "Leave the group out, or write what it needs"},
@@ -285,6 +313,7 @@ inline constexpr std::array<Advice, 34> advice{{
     {"unsafe.message", "Write it without that message"},
     {"unsafe.overlap", "Write the file anew: each byte may belong to one thing"},
     {"unsafe.registration", "Change both together, or leave the older one out"},
+    {"unsafe.review", "Have it reviewed as it is now: vfplan review"},
     {"unsafe.stability", "Change both together, or leave the older one out"},
     {"unsafe.unknown", "Leave it out, or read the file with a newer vfplan"},
 }};

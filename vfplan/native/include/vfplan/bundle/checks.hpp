@@ -32,6 +32,10 @@ namespace vfplan::bundle::detail {
 /// What two values that were computed in two ways may differ by [m].
 inline constexpr double same_place_m = 1e-6;
 
+/// How far points and pieces may be apart, as a share of R and in metres: what is certified,
+/// approved and rendered is one curve.
+inline constexpr double max_error_of_radius = 0.01, max_error_m = 1e-4;
+
 /// Point `i` of a table of coordinates in the plane across the ignored axis, which is seen with the
 /// axis pointing to the viewer [m].
 inline Vec2 flat_point(const Slice& plane, const std::vector<double>& points, std::size_t i) {
@@ -57,13 +61,23 @@ class FlatPiece {
     }
 
     [[nodiscard]] double length() const { return length_; }
+    [[nodiscard]] bool is_straight() const { return turn_ == 0; }
+    [[nodiscard]] Vec2 end() const { return to_; }
+
+    /// The place that lies so far along the piece from its first vertex.
+    [[nodiscard]] Vec2 place_at(double way) const {
+        if (is_straight()) return from_ + (length_ > 0 ? way / length_ : 0) * (to_ - from_);
+        const double angle = turn_ * way / radius_, c = std::cos(angle), s = std::sin(angle);
+        const Vec2 a = from_ - centre_;
+        return centre_ + Vec2{{c * a[0] - s * a[1], s * a[0] + c * a[1]}};
+    }
 
     /// Where on the piece a point is nearest, as the way from its first vertex, and how far away.
     struct Foot {
         double way, distance;
     };
     [[nodiscard]] Foot foot_of(Vec2 p) const {
-        return turn_ == 0 ? foot_on_line(p) : foot_on_arc(p);
+        return is_straight() ? foot_on_line(p) : foot_on_arc(p);
     }
 
   private:
@@ -88,24 +102,32 @@ class FlatPiece {
     int turn_ = 0;  // 1 to the left, -1 to the right, 0 a line
 };
 
+/// How far points and pieces may be apart, and the way from a point to the next be long [m].
+struct Apart {
+    double tolerance;    // of a point from the pieces
+    double slack;        // of the pieces from the line between two points, where these do not turn
+    double longest_way;  // from a point to the next along the pieces
+};
+
 /// Follows a stroke's points along its pieces, in the order in which both were drawn.
 ///
-/// Every point lies within `tolerance` of the pieces, and from each point to the next, and to the
-/// ends, the way along the pieces is at most `longest_way`. So no part of the pieces is farther
-/// from the points than the spacing that the leak certificate is about, and none is left out.
+/// Every point lies within the tolerance of the pieces. From each point to the next the pieces keep
+/// to the line between the two, but for the slack and what the points' own turns allow. The pieces
+/// begin at the first point and end at the last, in a closed stroke at the first again.
 class Walk {
   public:
-    Walk(const std::vector<FlatPiece>& pieces, bool closed, double tolerance, double longest_way)
-        : pieces_(pieces), closed_(closed), tolerance_(tolerance), longest_way_(longest_way) {}
+    Walk(const std::vector<FlatPiece>& pieces, const std::vector<Vec2>& points, bool closed,
+         const Apart& apart)
+        : pieces_(pieces), points_(points), closed_(closed), apart_(apart) {}
 
     /// How many of the points are followed, one after the other; all of them where the pieces lead
     /// there, and one more where they also end there.
-    [[nodiscard]] std::size_t follow(const std::vector<Vec2>& points) {
-        if (!closed_) return follow_from({0, 0}, points);
+    [[nodiscard]] std::size_t follow() {
+        if (!closed_) return follow_from({0, 0});
         std::size_t followed = 0;
-        for (const Place& start : starts(points.front())) {
-            followed = std::max(followed, follow_from(start, points));
-            if (followed > points.size()) break;
+        for (const Place& start : starts(points_.front())) {
+            followed = std::max(followed, follow_from(start));
+            if (followed > points_.size()) break;
         }
         return followed;
     }
@@ -125,41 +147,86 @@ class Walk {
         std::vector<Place> places;
         for (std::size_t k = 0; k < pieces_.size() && places.size() < max_places; ++k) {
             const FlatPiece::Foot foot = pieces_[k].foot_of(first);
-            if (foot.distance <= tolerance_) places.push_back({k, foot.way});
+            if (foot.distance <= apart_.tolerance) places.push_back({k, foot.way});
         }
         return places;
     }
 
-    [[nodiscard]] std::size_t follow_from(Place start, const std::vector<Vec2>& points) {
+    [[nodiscard]] std::size_t follow_from(Place start) {
         at_ = start;
         pieces_left_ = pieces_.size();
         to_go_ = 0;
         for (const FlatPiece& piece : pieces_) to_go_ += piece.length();
+        // A closed stroke leads back to its first point.
+        const std::size_t steps = points_.size() + (closed_ ? 1 : 0);
         std::size_t followed = 0;
-        while (followed < points.size() && advance(points[followed])) ++followed;
-        return followed == points.size() && to_go_ <= longest_way_ ? followed + 1 : followed;
+        while (followed < steps && advance(followed)) ++followed;
+        if (followed < steps) return std::min(followed, points_.size() - 1);
+        return to_go_ <= end_slack() ? points_.size() + 1 : points_.size();
     }
 
-    /// Goes on to the next point; false if the pieces do not lead there.
-    [[nodiscard]] bool advance(Vec2 p) {
-        const FlatPiece::Foot here = pieces_[at_.piece].foot_of(p);
+    /// How far the pieces may begin before the first point, and end behind the last [m].
+    [[nodiscard]] double end_slack() const { return apart_.slack + apart_.tolerance; }
+
+    /// Goes on to point `i`; false if the pieces do not lead there, or not along the points.
+    [[nodiscard]] bool advance(std::size_t i) {
+        const double longest_way = i > 0 ? apart_.longest_way : end_slack();
+        const double tolerance = apart_.tolerance;
+        from_ = points_[i > 0 ? i - 1 : 0];
+        to_ = points_[i % points_.size()];
+        leeway_ = end_slack();
+        if (i > 0) leeway_ += 0.5 * norm(to_ - from_) * std::max(turn_at(i - 1), turn_at(i));
+        const FlatPiece::Foot here = pieces_[at_.piece].foot_of(to_);
         const double ahead = here.way - at_.way;
-        if (here.distance <= tolerance_ && ahead >= -2 * tolerance_ && ahead <= longest_way_) {
-            return move_to({at_.piece, here.way}, ahead);
+        if (here.distance <= tolerance && ahead >= -2 * tolerance && ahead <= longest_way) {
+            return keeps_to_line(at_.piece, at_.way, here.way) &&
+                   move_to({at_.piece, here.way}, ahead);
         }
         double walked = pieces_[at_.piece].length() - at_.way;
         std::size_t k = at_.piece;
-        while (walked <= longest_way_ && pieces_left_ > 0) {
-            if (k + 1 == pieces_.size() && !closed_) return false;
+        double from_way = at_.way;
+        while (walked <= longest_way && pieces_left_ > 0) {
+            if (!keeps_to_line(k, from_way, pieces_[k].length()) || !is_near(pieces_[k].end()) ||
+                (k + 1 == pieces_.size() && !closed_)) {
+                return false;
+            }
             k = (k + 1) % pieces_.size();
+            from_way = 0;
             --pieces_left_;
-            const FlatPiece::Foot foot = pieces_[k].foot_of(p);
-            if (foot.distance <= tolerance_ && walked + foot.way <= longest_way_) {
-                return move_to({k, foot.way}, walked + foot.way);
+            const FlatPiece::Foot foot = pieces_[k].foot_of(to_);
+            if (foot.distance <= tolerance && walked + foot.way <= longest_way) {
+                return keeps_to_line(k, 0, foot.way) && move_to({k, foot.way}, walked + foot.way);
             }
             walked += pieces_[k].length();
         }
         return false;
+    }
+
+    /// Tangent of the angle by which the points turn at one of them, which is taken as 60 degrees
+    /// at most. The ends of an open stroke do not turn.
+    [[nodiscard]] double turn_at(std::size_t i) const {
+        const std::size_t count = points_.size();
+        if (!closed_ && (i == 0 || i + 1 == count)) return 0;
+        const Vec2 here = points_[i % count];
+        const Vec2 in = here - points_[(i + count - 1) % count];
+        const Vec2 out = points_[(i + 1) % count] - here;
+        const double along = dot(in, out), aside = std::abs(in[0] * out[1] - in[1] * out[0]);
+        const double most = std::sqrt(3.0);
+        return aside < most * along ? aside / along : most;
+    }
+
+    /// Whether a place is near enough to the line from the last point to the next.
+    [[nodiscard]] bool is_near(Vec2 place) const {
+        const Vec2 line = to_ - from_;
+        const double square = dot(line, line);
+        double share = 0;
+        if (square > 0) share = std::clamp(dot(place - from_, line) / square, 0.0, 1.0);
+        return norm(place - (from_ + share * line)) <= leeway_;
+    }
+
+    /// Whether a part of a piece, whose ends are near that line, is near it in its middle as well.
+    [[nodiscard]] bool keeps_to_line(std::size_t piece, double from, double to) const {
+        return pieces_[piece].is_straight() || is_near(pieces_[piece].place_at(0.5 * (from + to)));
     }
 
     bool move_to(Place place, double walked) {
@@ -169,8 +236,11 @@ class Walk {
     }
 
     const std::vector<FlatPiece>& pieces_;
+    const std::vector<Vec2>& points_;
     bool closed_;
-    double tolerance_, longest_way_;
+    Apart apart_;
+    Vec2 from_, to_;     // the last point and the next
+    double leeway_ = 0;  // of the pieces from the line between the two [m]
     Place at_{0, 0};
     std::size_t pieces_left_ = 0;  // that may still be entered, each once
     double to_go_ = 0;             // along the pieces to their end [m]
@@ -207,8 +277,18 @@ inline void check_one_curve(const Content& content, Findings& findings) {
     const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
     const std::vector<std::int32_t>& stroke_of_vertex = content.at("/pieces/stroke").i4;
     const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
-    const double tolerance = content.number("/pieces@error_m") + same_place_m;
-    const double longest_way = 2 * (content.number("/leak@largest_m") + tolerance);
+    const double error = content.number("/pieces@error_m");
+    const double radius =
+        content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
+    const double max_error = std::min(max_error_of_radius * radius, max_error_m);
+    if (error > max_error) {
+        return findings.error("unsafe.pieces", "/pieces@error_m",
+                              {"is ", error, " m; at most ", max_error, " m allowed where R is ",
+                               radius, " m"},
+                              "Fit the pieces more closely, or leave them out");
+    }
+    const double tolerance = error + same_place_m;
+    const Apart apart{tolerance, max_error, 2 * (content.number("/leak@largest_m") + tolerance)};
     std::size_t point = 0, vertex = 0;
     for (std::size_t s = 0; s < closed.size(); ++s) {
         const auto number = static_cast<std::int32_t>(s);
@@ -221,12 +301,12 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         }
         const auto pieces =
             flat_pieces(vertices, bulges, first_vertex, vertex - first_vertex, is_closed, plane);
-        const std::size_t followed = Walk(pieces, is_closed, tolerance, longest_way).follow(places);
+        const std::size_t followed = Walk(pieces, places, is_closed, apart).follow();
         if (followed > places.size()) continue;
         std::string where = "go on behind the points of stroke " + std::to_string(s);
         if (followed < places.size()) {
             where = "do not lead to point " + std::to_string(first_point + followed) +
-                    " within error_m";
+                    " along the points, within error_m";
         }
         return findings.error("unsafe.pieces", "/pieces",
                               {where, ": what is rendered is not what is certified"},
@@ -602,6 +682,10 @@ inline void check_findings(const Content& content, Findings& findings) {
         findings.require(
             answered ? is_utc_time(time) : time.empty(), "corrupt.value", "/findings/answered_utc",
             {"is ", Quoted{time}, "; ", answered ? "YYYY-MM-DDThh:mm:ssZ" : "nothing", " wanted"});
+        findings.require(!answered || is_plain(by->text[i]), "corrupt.value",
+                         "/findings/answered_by",
+                         {"is ", Quoted{by->text[i]}, "; text wanted that can be read off a page"},
+                         "Write who answered it, without hidden characters");
     }
 }
 
@@ -610,12 +694,59 @@ inline void check_review(const Content& content, Findings& findings) {
     const std::string &by = content.at("/review@by").string(),
                       &time = content.at("/review@utc").string(),
                       &digest = content.at("/review@digest").string();
-    findings.require(!by.empty(), "corrupt.value", "/review@by", {"is empty"},
-                     "Write who reviewed it");
+    findings.require(is_plain(by), "corrupt.value", "/review@by",
+                     {"is ", Quoted{by}, "; text wanted that can be read off a page"},
+                     "Write who reviewed it, without hidden characters");
     findings.require(is_utc_time(time), "corrupt.value", "/review@utc",
                      {"is ", Quoted{time}, "; YYYY-MM-DDThh:mm:ssZ wanted"});
     findings.require(is_sha256(digest), "corrupt.value", "/review@digest",
                      {"is ", Quoted{digest}, "; 64 hexadecimal digits wanted"});
+}
+
+/// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
+inline std::string review_digest(const Content& content) {
+    Sha256 sum;
+    const auto put = [&](const auto* first, std::size_t count) {
+        sum.update({reinterpret_cast<const unsigned char*>(first), count * sizeof(*first)});
+    };
+    const auto put_size = [&](std::uint64_t size) { put(&size, 1); };
+    const auto put_text = [&](std::string_view text) {
+        put_size(text.size());
+        put(text.data(), text.size());
+    };
+    put_text("vfplan review 1");
+    for (const auto& [path, value] : content) {
+        if (row_at(path).mark == Mark::none) continue;
+        put_text(path);
+        put_text(name_of(value.type));
+        put_size(value.shape.size());
+        for (const std::size_t side : value.shape) put_size(side);
+        value.visit([&]<class T>(const std::vector<T>& all) {
+            if constexpr (std::is_arithmetic_v<T>) {
+                put(all.data(), all.size());
+            } else {
+                for (const std::string& text : all) put_text(text);
+            }
+        });
+    }
+    return to_hex(view(sum.digest()));
+}
+
+/// The review is that of this plan, and not of what it was before somebody changed it.
+inline void check_reviewed(const Content& content, Findings& findings) {
+    if (!content.has_group("/review")) return;
+    const std::string& found = content.at("/review@digest").string();
+    const std::string wanted = review_digest(content);
+    findings.require(found == wanted, "unsafe.review", "/review@digest",
+                     {"is that of another plan: it is ", Quoted{found}, ", and this plan has ",
+                      Quoted{wanted}, ". Somebody changed the plan after the review"});
+}
+
+inline void check_case(const Content& content, Findings& findings) {
+    const std::string& text = content.at("/@case").string();
+    findings.require(is_plain(text), "corrupt.value", "/@case",
+                     {"is ", Quoted{text}, "; text wanted that can be read off a page"},
+                     "Write it without hidden characters, and without a blank at its ends");
 }
 
 inline void check_pairs(const Content& content, Findings& findings) {
@@ -679,7 +810,7 @@ inline void check(const Content& content, Findings& findings) {
     };
     for (const CheckOf rule :
          {detail::check_understood, detail::check_groups, detail::check_frames,
-          detail::check_identity, detail::check_curve, detail::check_pieces, detail::check_mesh,
+          detail::check_identity, detail::check_case, detail::check_curve, detail::check_pieces, detail::check_mesh,
           detail::check_rendering, detail::check_guidance, detail::check_registration,
           detail::check_findings, detail::check_review, detail::check_provenance}) {
         apply(rule);
@@ -688,7 +819,8 @@ inline void check(const Content& content, Findings& findings) {
     const bool certified = findings.sound();
     if (certified) {
         for (const CheckOf rule : {detail::check_one_curve, detail::check_corners,
-                                   detail::check_stability, detail::check_registered}) {
+                                   detail::check_stability, detail::check_registered,
+                                   detail::check_reviewed}) {
             apply(rule);
         }
     } else {

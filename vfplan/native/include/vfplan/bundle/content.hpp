@@ -45,6 +45,10 @@ struct Value {
                : type == Type::u1 ? f(u1)
                                   : f(text);
     }
+    template <class F>
+    auto visit(const F& f) const {
+        return const_cast<Value*>(this)->visit([&](const auto& all) { return f(all); });
+    }
     [[nodiscard]] const std::string& string() const { return text.front(); }
     [[nodiscard]] double number() const { return f8.front(); }
 };
@@ -100,6 +104,8 @@ class Content {
 
     [[nodiscard]] auto begin() { return values_.begin(); }
     [[nodiscard]] auto end() { return values_.end(); }
+    [[nodiscard]] auto begin() const { return values_.begin(); }
+    [[nodiscard]] auto end() const { return values_.end(); }
 
   private:
     std::map<std::string, Value, std::less<>> values_;

@@ -59,6 +59,7 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
+    std::string case_id;  // the case that it is for; empty where nobody said so
     std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
     std::vector<std::int32_t> mesh;      // three points a triangle, or empty
     // How far a place of the mesh may be from a sample where points are rendered [m]; without it
@@ -138,10 +139,18 @@ inline Content read_payload(View payload, std::uint64_t file_length, Findings& f
 
 namespace detail {
 
-/// A signature says of itself whether it was given in spite of what was found.
-inline void check_despite_findings(const Seal& seal, const Content& content, Findings& findings) {
+/// A signature says of itself whether it was given in spite of what was found, and is for the case
+/// that the bundle is for.
+inline void check_what_is_signed(const Seal& seal, const Content& content, Findings& findings) {
     if (!seal.is_signed) return;
     const std::size_t open = count_unanswered(content);
+    const Value* own_case = content.find("/@case");
+    if (own_case != nullptr && own_case->string() != seal.case_token) {
+        findings.error("unsafe.case", "/@case",
+                       {"is ", Quoted{own_case->string()}, ", and the bundle is signed for ",
+                        Quoted{seal.case_token}},
+                       "Sign it again for its own case: vfplan sign");
+    }
     const bool despite = open > 0 || !content.has_group("/review");
     if (despite && !seal.despite_findings) {
         findings.error("unsafe.findings", "/findings",
@@ -161,7 +170,7 @@ inline void check_despite_findings(const Seal& seal, const Content& content, Fin
 inline Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
                            Findings& findings) {
     Content content = read_payload(payload, file_length, findings);
-    if (findings.sound()) detail::check_despite_findings(seal, content, findings);
+    if (findings.sound()) detail::check_what_is_signed(seal, content, findings);
     return content;
 }
 
@@ -253,6 +262,7 @@ inline Fixture to_fixture(Bundle bundle) {
     fixture.frame = content.at("/@frame").string();
     fixture.id = content.at("/@id").string();
     fixture.created_utc = content.at("/provenance@created_utc").string();
+    if (const Value* own_case = content.find("/@case")) fixture.case_id = own_case->string();
     fixture.points = content.take("/points").f8;
     if (content.has("/sigma")) fixture.sigma = content.take("/sigma").f8;
     if (content.has("/rendering/stiffness")) {
