@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
+from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
@@ -39,6 +41,10 @@ if TYPE_CHECKING:
 
 # Seconds that the page has to show its last message before the server goes.
 FAREWELL_S = 0.5
+
+# The file that leads the browser to the page. The address is the key to the review, and every user
+# sees the arguments of a program, but only its own user can read this file.
+DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
 
 
 @command("review", settings_file=True)
@@ -86,12 +92,19 @@ def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
 
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
+    from vfplan.bundle.seal import check_texts, read_private
+    from vfplan.review.acceptance import visible_name
     from vfplan.review.plan import settings_of
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
 
     if arguments["case"] and arguments["key"] is None:
         raise click.UsageError("--case belongs to a signature. Give --key KEY too")
+    by = arguments["by"] and visible_name(arguments["by"])
+    # Before anybody looks at a plan that could not be signed afterwards.
+    check_texts(arguments["case"])
+    if arguments["key"] is not None:
+        read_private(arguments["key"])
     settings = settings_of(
         settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
     )
@@ -99,12 +112,6 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     files["slice"] = arguments["slice_path"]
     draft = Draft(draft_path(output), files, settings)
     source = files.pop("source")
-    with announce_if_slow(f"opening {source.name}"):
-        session = draft.take_up(Session.open(source, **files, **settings))
-    server = ReviewServer(
-        session, draft, port=arguments["port"], by=arguments["by"],
-        signs=arguments["key"] is not None,
-    )  # fmt: skip
 
     def write(fixture: Fixture) -> str:
         write_approved(fixture, output, arguments)
@@ -112,19 +119,28 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
 
     # With --json, standard output holds one document and nothing else.
     as_json = click.get_current_context().params["as_json"]
-    try:
+    with ExitStack() as stack:
+        stack.enter_context(draft.held())
+        with announce_if_slow(f"opening {source.name}"):
+            session = draft.take_up(Session.open(source, **files, **settings))
+        signs = arguments["key"] is not None
+        server = ReviewServer(session, draft, port=arguments["port"], by=by, signs=signs)
+        stack.callback(server.close)
         # Whoever reads the address may stop the review at once, so signals are noted before it.
         with noted_signals() as is_stopped:
             click.echo(server.address, err=as_json)
-            for stream in (sys.stdout, sys.stderr):
+            for stream in filter(None, (sys.stdout, sys.stderr)):
                 stream.flush()
             if not arguments["no_browser"]:
+                door = output.resolve().with_name(f"{output.name}.page.html")
+                stack.callback(remove_quietly, door)
+                text = DOOR.format(address=server.address)
+                write_whole(door, [text.encode()], overwrite=True, mode=0o600)
                 # A program that opens pages may run as long as its browser does.
-                threading.Thread(target=open_page, args=(server.address,), daemon=True).start()
+                opening = (door, server.address)
+                threading.Thread(target=open_page, args=opening, daemon=True).start()
             approver = server.run(write, is_stopped)
             time.sleep(FAREWELL_S)
-    finally:
-        server.close()
     session = server.session
     findings = session.current.findings
     data = {"approved_by": approver, "steps": len(session.steps), "draft": None}
@@ -149,16 +165,16 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     )  # fmt: skip
 
 
-def open_page(address: str) -> None:
-    """Open the page in the browser, and say where it is if there is none."""
+def open_page(door: Path, address: str) -> None:
+    """Open the page in the browser by its door, and say where it is if there is none."""
     if sys.platform in ("darwin", "win32"):
-        code = click.launch(address)
+        code = click.launch(str(door))
     else:
         # xdg-open lists every browser that it looked for, so its own words are not shown. In a
         # session of its own the browser outlives a Ctrl-C that ends the review.
         streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
         try:
-            code = subprocess.call(["xdg-open", address], **streams, start_new_session=True)
+            code = subprocess.call(["xdg-open", door], **streams, start_new_session=True)
         except OSError:
             code = 1
     if code:

@@ -58,11 +58,20 @@ class Review:
     def approve(self):
         """Look at the line, answer all and approve; what the page then shows."""
         self.step(do="viewed")
-        for number, finding in enumerate(self.heard("state")["state"]["findings"]):
+        state = self.state()
+        for number, finding in enumerate(state["findings"]):
             if finding["severity"] == "doubt" and finding["answered_by"] is None:
                 self.step(do="answer", finding=number, by="A. Planner")
-        self.page.send(json.dumps({"approve": "A. Planner"}))
+                state = self.state()
+        shown = {"version": self.version, "digest": state["digest"]}
+        self.page.send(json.dumps({"approve": {"by": "A. Planner", **shown}}))
         return self.heard("approved")["approved"]["text"]
+
+    def state(self):
+        """The whole state of the version that was heard last."""
+        while (message := self.heard("state"))["version"] != self.version:
+            pass
+        return message["state"]
 
     def end(self):
         self._connection.__exit__(None, None, None)

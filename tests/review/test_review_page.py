@@ -550,6 +550,9 @@ def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
     browser.open(again.address)
     browser.until(f"{READY} && review.state.steps.length === 1")
     assert hand.state("review.state.curve_px") == moved
+    assert "1 step" in browser.run("document.getElementById('draft-text').textContent")
+    hand.press("Resume")
+    browser.until("!document.getElementById('draft').open")
     hand.press("leave")
     browser.until("document.getElementById('done').open")
     code, _, err = again.end()

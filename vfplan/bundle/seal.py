@@ -542,11 +542,7 @@ def sign(
         The target exists and `overwrite` is false.
     """
     signed_at = seconds_since_1970(now_utc() if registered_utc is None else registered_utc)
-    for what, text in (("case token", case), ("robot serial", robot_serial)):
-        if not text.isprintable():
-            raise SettingError(
-                f"The {what} {text!r} holds control characters. Type it without them."
-            )
+    check_texts(case, robot_serial)
     key = read_private(key_path)
     with opened_source(source) as stream:
         sealed = unsealed(stream)
@@ -576,6 +572,16 @@ def sign(
     seal = replace(seal, signature=key.sign(signed_message(seal)))
     write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
     return seal
+
+
+def check_texts(case: str, robot_serial: str = "") -> None:
+    """Refuse texts that no seal can hold; raises `SettingError`."""
+    for what, text in (("case token", case), ("robot serial", robot_serial)):
+        if not text.isprintable():
+            raise SettingError(
+                f"The {what} {text!r} holds control characters. Type it without them."
+            )
+    seal_length(case, robot_serial)
 
 
 def check_is_approved(fixture: Fixture, where: str) -> None:

@@ -26,6 +26,27 @@ from vfplan.io.files import now_utc
 LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc", "reviewed"}
 
 
+# Characters that Unicode counts as letters, marks or symbols and that show nothing.
+INVISIBLE = {*"\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0", *map(chr, range(0xFE00, 0xFE10))}
+INVISIBLE |= {*"\u180b\u180c\u180d\u180f", *map(chr, range(0xE0100, 0xE01F0))}
+
+# Characters of a name at most, as a bundle holds them.
+MAX_NAME = 64
+
+
+def visible_name(name: str) -> str:
+    """A person's name without the blanks around it; refuses one that cannot be read as it is."""
+    name = name.strip()
+    is_visible = name.isprintable() and not INVISIBLE & set(name) and any(map(str.isalnum, name))
+    if not is_visible or len(name) > MAX_NAME:
+        raise SettingError(
+            f"The name {name[:MAX_NAME]!a} is empty, longer than {MAX_NAME} characters, or holds "
+            "signs that cannot be seen. Say who looks at the plan, in letters that show.",
+            code="name-missing",
+        )
+    return name
+
+
 def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
     """The digest of a fixture with its findings.
 
@@ -104,12 +125,7 @@ def accept(
     SettingError
         There is no name, or a code that no open finding has.
     """
-    if not by.strip() or not by.isprintable():
-        raise SettingError(
-            f"The name {by!r} is empty or holds signs that cannot be printed. Say who looked at "
-            "the sheet.",
-            code="name-missing",
-        )
+    by = visible_name(by)
     typed, digest, with_slice = digest, digest.lower(), digest_of(fixture)
     if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
         raise CheckFailed(

@@ -334,12 +334,6 @@ class Geometry:
             )
         return self.candidates[number - 1]
 
-    def with_viewed(self, number: int, start: float, stop: float) -> Geometry:
-        """The geometry with a part of a stroke viewed; nothing else changes."""
-        strokes = list(self.strokes)
-        strokes[number] = self.stroke(number).look_at(start, stop)
-        return self._with_same_ink(strokes=tuple(strokes))
-
     def with_excluded(self, place: tuple[float, float]) -> Geometry:
         """The geometry with the ink at a place left out of the curve."""
         return self._with_same_ink(excluded_ink=self.excluded_ink | {place})

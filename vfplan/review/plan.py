@@ -161,19 +161,12 @@ class Plan:
 
     @property
     def why_not(self) -> list[str]:
-        """What stands against an approval, one sentence each; empty where nothing does."""
+        """What stands against an approval besides looks, one sentence each."""
         reasons = []
         if not self.geometry.strokes:
             reasons.append("There is no curve yet. Choose a candidate, or draw the curve.")
         elif self.outcome.why_not:
             reasons.append(self.outcome.why_not)
-        for number, stroke in enumerate(self.geometry.strokes, 1):
-            if not stroke.viewed.all():
-                share = max(1.0 - stroke.viewed.mean(), 0.01)
-                reasons.append(
-                    f"{share:.0%} of stroke {number} was not in view yet at full size. Look along "
-                    "it."
-                )
         unanswered = sum(finding.is_open for finding in self.findings)
         if unanswered == 1:
             reasons.append("One finding wants an answer.")

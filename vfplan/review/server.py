@@ -6,35 +6,42 @@ objects: `state` with all there is, `quick` with what is known at once after a s
 marker that is being dragged, `error`, `answered` with the number of a change, `approved`.
 
 The steps also stand in a draft, a file beside the output, written after every step. Whatever ends
-the program, the next call with the same files takes the review up where it was.
+the program, the next call with the same files takes the review up where it was. What somebody
+looked at is in no draft: it belongs to the name that stands on the page, and ends with the program.
 """
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import hmac
+import itertools
 import json
+import os
 import queue
 import re
 import secrets
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
 
-from vfplan.errors import InputError, SettingError, VfplanError
+from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_TEXT_BYTES, read_whole, to_json_types
+from vfplan.io.files import MAX_TEXT_BYTES, now_utc, opened_file, to_json_types
 from vfplan.io.sandbox import Loopback, reply
-from vfplan.io.writing import write_whole
+from vfplan.io.writing import not_written, remove_quietly, write_whole
 from vfplan.palette import DARK, LIGHT
+from vfplan.review.acceptance import visible_name
 from vfplan.review.plan import sha256_of
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
@@ -54,14 +61,52 @@ class Draft:
         Role ("source", "markers", "markers2", "slice", "curve") -> the file of the review.
     settings
         The settings of the review, by name.
+
+    `found` says of the draft that was taken up who wrote it, when, and how many steps it has.
     """
 
     def __init__(self, path: Path, files: dict[str, Path | None], settings: dict[str, Any]) -> None:
         self.path = path
         sha256 = {role: sha256_of(file) for role, file in files.items() if file is not None}
         texts = {name: repr(value) for name, value in sorted(settings.items())}
-        self._header = {"format": "vfplan-draft", "version": "1.0", "sha256": sha256,
+        self._header = {"format": "vfplan-draft", "version": "2.0", "sha256": sha256,
                         "settings": texts}  # fmt: skip
+        self.found: dict[str, Any] | None = None
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep the draft to this process while the block runs.
+
+        Raises
+        ------
+        InputError
+            Another process holds it.
+        OutputError
+            The folder takes no file.
+        """
+        name = hashlib.sha256(os.fsencode(self.path.name)).hexdigest()[:16]
+        path = self.path.with_name(f".vfplan-{name}.lock")
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        except OSError as error:
+            raise not_written(path, error) from error
+        with open(descriptor, "r+") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # Whoever held it before may have removed the file meanwhile.
+                is_held = os.path.samestat(os.fstat(descriptor), os.stat(path))
+            except OSError:
+                is_held = False
+            if not is_held:
+                text = f"Process {lock.read(20)} reviews into this draft. End that review first."
+                raise InputError(text, where=str(self.path), code="draft-in-use")
+            lock.truncate()
+            lock.write(str(os.getpid()))
+            lock.flush()
+            try:
+                yield
+            finally:
+                remove_quietly(path)
 
     def take_up(self, session: Session) -> Session:
         """The session with the draft's steps applied; as it is if there is no draft.
@@ -69,17 +114,22 @@ class Draft:
         Raises
         ------
         InputError
-            The file is no draft, belongs to other files or settings, or holds a step that does not
-            fit.
+            The file is no draft, belongs to another user, to other files or settings, or holds a
+            step that does not fit.
         """
         if not self.path.exists():
             return session
         where = str(self.path)
         advice = f"Move {self.path.name} away to begin anew."
-        text = read_whole(self.path, MAX_BYTES, InputError)
+        with opened_file(self.path) as file:
+            owner, text = os.fstat(file.fileno()).st_uid, file.read(MAX_BYTES)
+        if owner != os.geteuid():
+            message = f"This draft is another user's (id {owner}). {advice}"
+            raise InputError(message, where=where, code="draft-of-another-user")
         try:
             draft = json.loads(text)
             steps, undone = draft["steps"], draft["undone"]
+            found = {"by": draft["by"], "utc": draft["utc"], "steps": len(steps)}
             header = {name: draft[name] for name in self._header}
             if not isinstance(steps, list) or not isinstance(undone, list):
                 raise TypeError
@@ -101,17 +151,18 @@ class Draft:
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None
-        return replace(session, undone=tuple(undone))
+        self.found = found
+        return replace(session, undone=tuple(undone), seen={})
 
-    def keep(self, session: Session) -> None:
-        """Write the session's steps; raises `OutputError` if that fails."""
+    def keep(self, session: Session, by: str = "") -> None:
+        """Write the session's steps and who took the last; raises `OutputError` if that fails."""
         steps = {"steps": list(session.steps), "undone": list(session.undone)}
-        text = json.dumps(self._header | steps, indent=0)
+        text = json.dumps(self._header | {"by": by, "utc": now_utc()} | steps, indent=0)
         write_whole(self.path, [text.encode()], overwrite=True, mode=0o600)
 
     def discard(self) -> None:
-        """Take the file away: the review is approved."""
-        self.path.unlink(missing_ok=True)
+        """Take the file away: the review is approved, or begins anew."""
+        remove_quietly(self.path)
 
 
 def draft_path(output: Path) -> Path:
@@ -173,8 +224,11 @@ class ReviewServer:
         self.token = secrets.token_urlsafe(32)
         self._session = session
         self._draft = draft
-        self._about = {"by": by, "signs": signs}
+        self._about = {"by": by, "signs": signs, "draft": draft.found}
         self._version = 0
+        # Each tab -> the name that stands on it; a number until one does.
+        self._names: WeakKeyDictionary[Any, str | int] = WeakKeyDictionary()
+        self._numbers = itertools.count()
         self._lock = threading.RLock()
         self._wanted: queue.Queue = queue.Queue()
         self._stale = threading.Event()
@@ -224,14 +278,26 @@ class ReviewServer:
                 return None
             try:
                 with self._lock:
-                    words = write(self._session.approve(wish))
+                    words = write(self._approved(wish))
+                    # No step follows, which would write the draft again.
+                    self._closing = True
             except VfplanError as error:
-                self._send(connection, _described(error))
+                self._refuse(connection, error)
                 continue
+            self._send_all({"approved": {"by": wish["by"], "text": words}})
             self._draft.discard()
-            self._send_all({"approved": {"by": wish, "text": words}})
-            return wish
+            return wish["by"]
         return None
+
+    def _approved(self, wish: dict[str, Any]) -> Fixture:
+        """The fixture that a person approves, if it is the one that the page shows."""
+        if (wish.get("version"), wish.get("digest")) != (self._version, self._session.digest):
+            text = "The plan has changed since. Look at it as it is now, and approve it again."
+            raise SettingError(text, code="stale-approval", numbers={"version": self._version})
+        if self._about["draft"] is not None:
+            text = "The plan begins with a draft. Resume it or start anew, then approve it."
+            raise CheckFailed(text, code="draft-not-chosen")
+        return self._session.approve(wish["by"])
 
     def close(self) -> None:
         """Let every page go."""
@@ -283,9 +349,10 @@ class ReviewServer:
         if len(self._server.connections) > MAX_TABS:
             connection.close(1013, f"{MAX_TABS} pages are served, and no more")
             return
+        self._names[connection] = next(self._numbers)
         with suppress(ConnectionClosed):
             self._send(connection, {"about": self._about})
-            self._send(connection, self._quick())
+            self._show([connection])
             self._stale.set()
             allowance, before = BURST, time.monotonic()
             for text in connection:
@@ -309,25 +376,65 @@ class ReviewServer:
         try:
             if "preview" in message:
                 self._send(connection, self._preview(message["preview"]))
+            elif "name" in message:
+                self._name(connection, message["name"])
+            elif "draft" in message:
+                self._choose_draft(is_anew=message["draft"] == "anew")
             elif "approve" in message:
-                self._wanted.put((connection, str(message["approve"])[:200]))
+                wish = message["approve"]
+                if not isinstance(wish, dict):
+                    text = 'An approval is {"by": NAME, "version": NUMBER, "digest": DIGEST}.'
+                    raise SettingError(text, code="step-malformed")
+                name = self._name(connection, wish.get("by"))
+                self._wanted.put((connection, {**wish, "by": name}))
             elif "leave" in message:
                 self._wanted.put((connection, None))
             else:
-                self._change(message)
+                self._change(message, self._names[connection])
         except VfplanError as error:
-            self._send(connection, _described(error))
-            if "preview" not in message:
-                # What the page moved already goes back to its place.
-                self._send(connection, self._quick())
-                self._stale.set()
+            if "preview" in message:
+                self._send(connection, _described(error))
+            else:
+                self._refuse(connection, error)
         if "number" in message:
             # The page sends its next change once it has this answer.
             self._send(connection, {"answered": message["number"]})
 
-    def _change(self, message: dict[str, Any]) -> None:
+    def _refuse(self, connection: Any, error: VfplanError) -> None:
+        """Say what is wrong, and show the state: what the page moved goes back to its place."""
+        self._send(connection, _described(error))
+        self._show([connection])
+        self._stale.set()
+
+    def _name(self, connection: Any, name: Any) -> str:
+        """Give a tab to a person, with what was looked at on it while it had no name."""
+        name = visible_name(name if isinstance(name, str) else "")
+        with self._lock:
+            places = self._session.seen.get(self._names[connection])
+            if isinstance(self._names[connection], int) and places is not None:
+                self._session = self._session.with_seen(name, places)
+            self._names[connection] = name
+        self._show([connection])
+        self._stale.set()
+        return name
+
+    def _choose_draft(self, *, is_anew: bool) -> None:
+        """Go on with the draft that was found, or begin without it."""
+        with self._lock:
+            if is_anew and self._about["draft"] is not None:
+                self._draft.discard()
+                self._session = self._session.anew()
+                self._version += 1
+            self._about["draft"] = None
+        self._send_all({"about": self._about})
+        self._show(self._server.connections)
+        self._stale.set()
+
+    def _change(self, message: dict[str, Any], who: str | int) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
         with self._lock:
+            if self._closing:
+                return
             step = message.get("step")
             # A look changes nothing that a step could refer to.
             is_look = isinstance(step, dict) and step.get("do") == "viewed"
@@ -336,17 +443,19 @@ class ReviewServer:
                     return  # What was in view belongs to a line that has changed since.
                 text = "The page showed an earlier state. Look again, and repeat the step."
                 raise SettingError(text, code="stale-step", numbers={"version": self._version})
-            if "undo" in message:
-                session = self._session.undo()
-            elif "redo" in message:
-                session = self._session.redo()
+            if is_look:
+                self._session = self._session.looked_at(step, who)
             else:
-                session = self._session.apply(step)
-            self._draft.keep(session)
-            self._session = session
-            if not is_look:
+                if "undo" in message:
+                    session = self._session.undo()
+                elif "redo" in message:
+                    session = self._session.redo()
+                else:
+                    session = self._session.apply(step)
+                self._draft.keep(session, who if isinstance(who, str) else self._about["by"])
+                self._session = session
                 self._version += 1
-        self._send_all(self._quick())
+        self._show(self._server.connections)
         self._stale.set()
 
     def _preview(self, wish: Any) -> dict[str, Any]:
@@ -357,10 +466,19 @@ class ReviewServer:
         plan = move_marker(self._session.current, {**wish, "do": "move_marker"})
         return {"preview": to_json_types(marker_state(plan))}
 
-    def _quick(self) -> dict[str, Any]:
+    def _show(self, connections: Iterable[Any], *, is_whole: bool = False) -> None:
+        """Send the state to tabs, to each as it is for the person there."""
         with self._lock:
             session, version = self._session, self._version
-        return {"quick": to_json_types(session.quick_state()), "version": version}
+        kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
+        texts: dict[Any, str] = {}
+        for connection in connections:
+            who = self._names.get(connection)
+            if who not in texts:
+                shown = to_json_types(state_of(who))
+                texts[who] = json.dumps({kind: shown, "version": version})
+            if version == self._version or not is_whole:
+                _send_text(connection, texts[who])
 
     def _plan(self) -> None:
         """Make the whole plan of the latest state, again and again, and show it."""
@@ -369,11 +487,7 @@ class ReviewServer:
             self._stale.clear()
             if self._closing:
                 return
-            with self._lock:
-                session, version = self._session, self._version
-            state = to_json_types(session.state())
-            if version == self._version:
-                self._send_all({"state": state, "version": version})
+            self._show(self._server.connections, is_whole=True)
 
     def _send_all(self, message: dict[str, Any]) -> None:
         text = json.dumps(message)

@@ -4,13 +4,16 @@ A session is immutable. `apply` returns a new one, and the old one stays what it
 is the old session. All that a person does is a step: a small dict, such as
 `{"do": "move_knot", "stroke": 0, "knot": 7, "to": [312.0, 205.5]}`. The list of steps is the draft:
 applied to the same slice and markers, it gives the same session again, to the bit.
+
+A look at the line, `{"do": "viewed"}`, is no step: it belongs to who looked and to this session.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +21,21 @@ import numpy as np
 
 from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, SettingError
+from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
 from vfplan.review import steps as steps_of_a_plan
+from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 
 # Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
 
+
+# No places.
+NOTHING = np.zeros(0, complex)
 
 SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box", "outline")
 
@@ -40,6 +48,9 @@ class Session:
     steps: tuple[dict[str, Any], ...] = ()
     undone: tuple[dict[str, Any], ...] = ()
     _plans: tuple[Plan, ...] = ()  # the source's own, then one a step
+    # Who looked -> the points of the line that were in view at full size, as u + iv [px]. What was
+    # looked at without a name ("") counts for everybody.
+    seen: dict[Any, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def open(
@@ -81,13 +92,15 @@ class Session:
     # Steps, and the way back.
 
     def apply(self, step: dict[str, Any]) -> Session:
-        """The session after a step.
+        """The session after a step, or after a look, which the field `by` gives to a person.
 
         Raises
         ------
         SettingError
             The step is not understood or does not fit the present state. Nothing has changed.
         """
+        if isinstance(step, dict) and step.get("do") == "viewed":
+            return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
         if len(self.steps) >= MAX_STEPS:
             text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
             raise SettingError(text, code="too-many-steps", numbers={"steps": MAX_STEPS})
@@ -97,36 +110,36 @@ class Session:
             # The time belongs to the step, so that a draft gives the same answer again. The newest
             # answer is the last of the dictionary.
             kept.setdefault("utc", next(reversed(plan.answers.values()))[1])
-        # A look takes nothing back, so what was undone can still be done again.
-        undone = ()
-        if kept["do"] == "viewed":
-            undone = self.undone
-        return replace(self, steps=(*self.steps, kept), undone=undone, _plans=(*self._plans, plan))
+        return replace(self, steps=(*self.steps, kept), undone=(), _plans=(*self._plans, plan))
+
+    def looked_at(self, step: dict[str, Any], who: Any) -> Session:
+        """The session after somebody had a part of a stroke in view at full size."""
+        places = _complex(steps_of_a_plan.points_in_view(self.current, step))
+        return self.with_seen(who, places)
+
+    def with_seen(self, who: Any, places: np.ndarray) -> Session:
+        """The session with further places seen by somebody."""
+        seen = np.union1d(self.seen.get(who, NOTHING), places)
+        return replace(self, seen={**self.seen, who: seen})
 
     def undo(self) -> Session:
-        """The session before the last step; what was merely looked at since is undone with it."""
+        """The session before the last step."""
         if not self.steps:
             text = "There is no step to undo. Take a step first."
             raise SettingError(text, code="nothing-to-undo")
-        # Go back to the last step that is more than a look.
-        count = len(self.steps) - 1
-        while count > 0 and self.steps[count]["do"] == "viewed":
-            count -= 1
-        steps, undone = self.steps[:count], (*self.steps[count:], *self.undone)
-        return replace(self, steps=steps, undone=undone, _plans=self._plans[: count + 1])
+        undone = (self.steps[-1], *self.undone)
+        return replace(self, steps=self.steps[:-1], undone=undone, _plans=self._plans[:-1])
 
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
             text = "There is no step to do again. Undo one first."
             raise SettingError(text, code="nothing-to-redo")
-        count = 1
-        while count < len(self.undone) and self.undone[count]["do"] == "viewed":
-            count += 1
-        session = self
-        for step in self.undone[:count]:
-            session = session.apply(step)
-        return replace(session, undone=self.undone[count:])
+        return replace(self.apply(self.undone[0]), undone=self.undone[1:])
+
+    def anew(self) -> Session:
+        """The session without its steps."""
+        return replace(self, steps=(), undone=(), _plans=self._plans[:1])
 
     @property
     def current(self) -> Plan:
@@ -135,25 +148,26 @@ class Session:
 
     # What the page shows.
 
-    def state(self) -> dict[str, Any]:
-        """All that the page shows, as JSON holds it."""
-        plan, state = self.current, self.quick_state()
+    def state(self, by: Any = "") -> dict[str, Any]:
+        """All that the page shows to a person, as JSON holds it."""
+        plan, state = self.current, self.quick_state(by)
         state["refusal"] = plan.geometry.refusal
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        findings, why_not = plan.findings, plan.why_not
+        findings, why_not = plan.findings, self.why_not(by)
         return state | {
             "findings": [finding.as_dict() for finding in findings],
             "warnings": [finding.text for finding in findings],
             "why_not": why_not,
             "approvable": not why_not,
+            "digest": self.digest,
         }
 
-    def quick_state(self) -> dict[str, Any]:
+    def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [_title(step) for step in self.steps if step["do"] != "viewed"]
+        titles = [_title(step) for step in self.steps]
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {"is_ink": entry.what == "ink", "left_out": entry.middle in geometry.excluded_ink}
@@ -167,7 +181,7 @@ class Session:
             "sigma_px": [float(np.max(stroke.sigma)) for stroke in strokes],
             "edited": [_first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
-            "unseen": [_first_and_last(~stroke.viewed) for stroke in strokes],
+            "unseen": [_first_and_last(flags) for flags in self.unseen(by)],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
@@ -189,15 +203,12 @@ class Session:
         Raises
         ------
         CheckFailed
-            The plan is not approvable; the message is the first of `why_not`.
+            The plan is not approvable; the message says what `why_not` says.
         SettingError
-            The name is empty.
+            The name is empty, or cannot be read as it is.
         """
-        by = str(by).strip()
-        if not by:
-            text = "No name was given. An approval names the person who gives it."
-            raise SettingError(text, code="no-name")
-        reasons = self.current.why_not
+        by = visible_name(str(by))
+        reasons = self.why_not(by)
         if reasons:
             text = f"The plan cannot be approved. {' '.join(reasons)}"
             raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
@@ -205,15 +216,44 @@ class Session:
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings
         ]
+        fixture = self.fixture_with(findings)
+        return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
+
+    def fixture_with(self, findings: Iterable[Finding]) -> Fixture | None:
+        """The fixture as it would be approved; `None` if there is none."""
         fixture = self.current.outcome.fixture
+        if fixture is None:
+            return None
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.fixture
-        fixture = replace(
+        return replace(
             fixture, provenance=provenance, findings=tuple(findings), reviewed=None,
             case=None if opened is None else opened.case,
         )  # fmt: skip
-        return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
+
+    @property
+    def digest(self) -> str | None:
+        """The digest of the plan as it stands, which an approval names; `None` without a plan."""
+        fixture = self.fixture_with(self.current.findings)
+        if fixture is None:
+            return None
+        return digest_of(fixture, slice_shown=self.source.slice_path is not None)
+
+    def unseen(self, by: Any = "") -> list[np.ndarray]:
+        """For each stroke whether its points, (M,) bool, were never in view for a person."""
+        seen = np.r_[self.seen.get(by, NOTHING), self.seen.get("", NOTHING)]
+        strokes = self.current.geometry.strokes
+        return [~np.isin(_complex(stroke.points), seen) for stroke in strokes]
+
+    def why_not(self, by: Any = "") -> list[str]:
+        """What stands against an approval by a person, one sentence each."""
+        return self.current.why_not + [
+            f"{max(flags.mean(), 0.01):.0%} of stroke {number} was not in view yet at full size. "
+            "Look along it."
+            for number, flags in enumerate(self.unseen(by), 1)
+            if flags.any()
+        ]
 
     @property
     def steps_sha256(self) -> str:
@@ -238,6 +278,11 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
         "markers_why_not": fit.why_not if fit.markers else "",
     }
+
+
+def _complex(points: np.ndarray) -> np.ndarray:
+    """(M,) u + iv of points (M, 2)."""
+    return points[:, 0] + 1j * points[:, 1]
 
 
 def _first_and_last(flags: np.ndarray) -> list[list[int]]:

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError, SettingError, VfplanError
+from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
 from vfplan.planning.plan import register
+from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table
@@ -45,8 +47,8 @@ def named(step: Any) -> str:
         text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
         raise SettingError(text, code="step-malformed")
     name = step["do"]
-    if name not in STEPS:
-        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}."
+    if name not in STEPS and name != "viewed":
+        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}, viewed."
         raise SettingError(text, code="no-such-step")
     return name
 
@@ -461,9 +463,7 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding", numbers={"findings": len(findings)})
-    by = None
-    if step.get("by") is not None:
-        by = _label(step, "by")
+    by = None if step.get("by") is None else visible_name(_label(step, "by"))
     utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise _malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
@@ -475,11 +475,13 @@ def answer(plan: Plan, step: Step) -> Plan:
     return replace(plan, answers=answers)
 
 
-def viewed(plan: Plan, step: Step) -> Plan:
-    """A part of a stroke was in view, from one share of its length to another."""
-    number = _whole(step, "stroke", 0)
-    start, stop = _share(step, "from", 0.0), _share(step, "to", 1.0)
-    return replace(plan, geometry=plan.geometry.with_viewed(number, start, stop))
+def points_in_view(plan: Plan, step: Step) -> np.ndarray:
+    """(M, 2) the points of a stroke from one share of its length to another, which were in view."""
+    _, stroke = _stroke_of(plan, step)
+    arc = arc_lengths(stroke.points, False)
+    first, last = _share(step, "from", 0.0), _share(step, "to", 1.0)
+    is_in = (arc >= (first - 1e-9) * arc[-1]) & (arc <= (last + 1e-9) * arc[-1])
+    return stroke.points[is_in]
 
 
 STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
@@ -487,7 +489,7 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, answer, viewed,
+        leave_out_marker, set_markers, find_markers, answer,
     )
 }  # fmt: skip
 

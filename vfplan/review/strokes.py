@@ -55,7 +55,7 @@ MIN_KNOT_SPACING_PX = 10.0
 JOIN_PX = 12.0
 
 # The fields of a stroke that have a value a point.
-PER_POINT = ("points", "sigma", "bridged", "edited", "viewed")
+PER_POINT = ("points", "sigma", "bridged", "edited")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,18 +64,15 @@ class MendedStroke(Stroke):
 
     Parameters
     ----------
-    viewed
-        (M,) bool, points that the person had in view at full size.
     knots
         (K,) indices of the points that can be moved, rising.
     """
 
-    viewed: NDArray[np.bool_]
     knots: NDArray[np.int64]
 
     @classmethod
     def of(cls, stroke: Stroke) -> MendedStroke:
-        """A stroke that nobody has looked at yet, with its knots at equal steps of arc.
+        """A stroke with its knots at equal steps of arc.
 
         One that was drawn as vectors has a deviation of 0.
         """
@@ -87,7 +84,6 @@ class MendedStroke(Stroke):
             bridged=stroke.bridged,
             edited=stroke.edited,
             width=stroke.width,
-            viewed=np.zeros(len(stroke.points), bool),
             knots=spread_knots(stroke.points, stroke.closed),
         )
 
@@ -95,13 +91,6 @@ class MendedStroke(Stroke):
     def knots_px(self) -> NDArray[np.float64]:
         """(K, 2) where the knots lie."""
         return self.points[self.knots]
-
-    def look_at(self, start: float, stop: float) -> MendedStroke:
-        """The stroke with the part between two shares of its length viewed."""
-        arc = arc_lengths(self.points, False)
-        share = arc / arc[-1]
-        inside = (share >= start - 1e-9) & (share <= stop + 1e-9)
-        return replace(self, viewed=self.viewed | inside)
 
     def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
@@ -248,9 +237,8 @@ class MendedStroke(Stroke):
         stop, _ = nearest_point(spline, second.points[0])
         gap = spline[start + 1 : stop]
         count = len(gap)
-        none = np.zeros(count, bool)
         between = MendedStroke(points=gap, closed=False, sigma=np.full(count, HAND_SIGMA_PX),
-                               edited=~none, viewed=none, knots=none[:0])  # fmt: skip
+                               edited=np.ones(count, bool), knots=first.knots[:0])  # fmt: skip
         knots = np.r_[first.knots, len(first.points) + count + second.knots]
         whole = _concatenated([first, between, second], False, knots)
         if count < 2:
@@ -335,7 +323,7 @@ class MendedStroke(Stroke):
             inner = inner[(inner > 0) & (inner < len(points) - 1)]
         stretch = MendedStroke(
             points=points, closed=False, sigma=line.sigma, edited=line.edited, width=self.width,
-            viewed=np.zeros(len(points), bool), knots=inner,
+            knots=inner,
         )  # fmt: skip
         if not keeps_start and not keeps_end:
             return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))

@@ -14,16 +14,40 @@ export class Approval {
     view.settled.push(() => this.report());
     document.addEventListener("visibilitychange", () => this.report());
     byId("look").addEventListener("click", () => this.lookAlong());
-    byId("approve").addEventListener("click", () => this.app.send({ approve: this.name() }));
+    byId("approve").addEventListener("click", () => this.approve());
     byId("leave").addEventListener("click", () => app.send({ leave: true }));
     byId("name").addEventListener("input", () => {
       app.hideToast();
       this.showReasons();
     });
+    byId("name").addEventListener("change", () => this.sendName());
+    byId("resume").addEventListener("click", () => app.send({ draft: "resume" }));
+    byId("anew").addEventListener("click", () => app.send({ draft: "anew" }));
+    byId("draft").addEventListener("cancel", (event) => event.preventDefault());
   }
 
   name() {
     return byId("name").value.trim();
+  }
+
+  // What is looked at from now on belongs to this name.
+  sendName() {
+    if (this.name()) this.app.send({ name: this.name() });
+  }
+
+  // An approval names the state that is on the screen, so that no other is approved by it.
+  approve() {
+    const { version, state } = this.app;
+    this.app.send({ approve: { by: this.name(), version, digest: state.digest } });
+  }
+
+  // Whether the review goes on with a draft of earlier is asked before anything else.
+  showDraft(draft) {
+    if (!draft) return byId("draft").close();
+    const steps = draft.steps === 1 ? "1 step" : `${draft.steps} steps`;
+    const by = draft.by ? ` by ${draft.by}` : "";
+    byId("draft-text").textContent = `This plan was begun${by}: ${steps}, the last at ${draft.utc}. What was looked at then does not count.`;
+    if (!byId("draft").open) byId("draft").showModal();
   }
 
   render(state) {
@@ -73,7 +97,7 @@ export class Approval {
   // the answer brings the next.
   report() {
     const state = this.app.state;
-    if (!state || document.hidden || !this.view.isChosen) return;
+    if (!state || document.hidden || !this.view.isChosen || byId("draft").open) return;
     if (this.view.zoom * devicePixelRatio < 0.999) return;
     for (let stroke = 0; stroke < state.unseen.length; stroke += 1) {
       const points = state.curve_px[stroke];

@@ -113,6 +113,8 @@ function showMessage(message) {
   if (message.about) {
     app.about = message.about;
     if (!byId("name").value) byId("name").value = message.about.by;
+    approval.sendName();
+    approval.showDraft(message.about.draft);
   } else if (message.quick || message.state) {
     if (message.version < app.version) return; // overtaken by a later state
     app.version = message.version;
