@@ -21,7 +21,6 @@ from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.findings import Finding, doubt
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
@@ -89,7 +88,6 @@ def vfplan_plan(
             curve=arguments["curve"],
         )  # fmt: skip
     fixture = replace(planned.fixture, case=arguments["case"])
-    findings = list(planned.findings)
     data = dict(planned.report)
     lines = [extracted_text(planned.extracted.report), registered_text(planned.registered.report)]
     options.check_campaign_matches(arguments, fixture)
@@ -99,7 +97,6 @@ def vfplan_plan(
         from vfplan.stability.study import with_verdict
 
         fixture = with_verdict(fixture, robot)
-        findings += strong_pull(fixture, robot)
         stability = fixture.stability.as_dict()
         data["stability"] = stability
         largest = f"{stability['k_max_n_per_m']:.0f} N/m"
@@ -111,7 +108,7 @@ def vfplan_plan(
         lines += map(rehearsed_text, data["rehearsal"])
 
     # The bundle and its sheet.
-    planned = replace(planned, fixture=replace(fixture, findings=tuple(findings)))
+    planned = replace(planned, fixture=fixture)
     paths = (output, mask_out, overlay_out, picture_out, sheet_path)
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
         write_fixture(planned.fixture, path)
@@ -135,24 +132,9 @@ def vfplan_plan(
         wrote += f" and {sheet_path}, its review sheet"
         next_step = f"look at {sheet_path}, then {next_step}"
     return CommandResult(
-        data, "\n".join([*lines, wrote]), findings=findings,
+        data, "\n".join([*lines, wrote]), findings=fixture.findings,
         verdict=findings_verdict("planned", planned.fixture), next_step=next_step,
     )  # fmt: skip
-
-
-def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
-    """A doubt where the robot cannot pull along the guide as strongly as the guide wants."""
-    limit = robot.force_limit_n
-    pull = None
-    if fixture.guidance is not None:
-        pull = fixture.guidance.lead_force
-    if limit is None or not pull or abs(pull) <= limit:
-        return []
-    text = (
-        f"The guide pulls with {abs(pull):g} N, but robot {robot.name!r} is limited to "
-        f"{limit:g} N. Its governor holds the rest back, also of the tube's force."
-    )
-    return [doubt("guide-pull-strong", "plan", text)]
 
 
 def rehearse_approaches(

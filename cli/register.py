@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,14 +50,15 @@ def vfplan_register(
     from vfplan.bundle.read import read_fixture
     from vfplan.bundle.write import write_fixture
     from vfplan.images.read import read_image
-    from vfplan.planning.plan import register
+    from vfplan.planning.plan import planning_of, register
+    from vfplan.stability.study import with_verdict_by
 
-    settings = options.fixture_settings(arguments)
+    drawn = read_fixture(curve)
+    settings = planning_of(drawn, options.given_of_plan(arguments))
     if settings.find_markers and image is None:
         raise click.UsageError("--find-markers measures marks on a slice. Give --image IMAGE too")
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
-    drawn = read_fixture(curve)
     slice_image = None
     if image is not None:
         slice_image = read_image(image)
@@ -65,6 +67,8 @@ def vfplan_register(
         tip_radius=tip_radius or 0.0,
     )  # fmt: skip
     options.check_campaign_matches(arguments, planned.fixture)
+    fixture = with_verdict_by(drawn.provenance.settings, planned.fixture)
+    planned = replace(planned, fixture=fixture)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_image, picture)

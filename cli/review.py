@@ -94,7 +94,6 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.bundle.seal import check_texts, read_private
     from vfplan.review.acceptance import visible_name
-    from vfplan.review.plan import settings_of
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
 
@@ -105,13 +104,12 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     check_texts(arguments["case"])
     if arguments["key"] is not None:
         read_private(arguments["key"])
-    settings = settings_of(
-        settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
-    )
-    files = {role: arguments[role] for role in ("source", "markers", "markers2", "curve")}
-    files["slice"] = arguments["slice_path"]
-    draft = Draft(draft_path(output), files, settings)
-    source = files.pop("source")
+    given = options.given_settings(ExtractSettings, arguments) | options.given_of_plan(arguments)
+    files = {role: arguments[role] for role in ("markers", "markers2", "curve")}
+    source = arguments["source"]
+    with announce_if_slow(f"opening {source.name}"):
+        session = Session.open(source, **files, slice=arguments["slice_path"], **given)
+    draft = Draft(draft_path(output), session.source.sha256, given)
 
     def write(fixture: Fixture) -> str:
         write_approved(fixture, output, arguments)
@@ -121,8 +119,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     as_json = click.get_current_context().params["as_json"]
     with ExitStack() as stack:
         stack.enter_context(draft.held())
-        with announce_if_slow(f"opening {source.name}"):
-            session = draft.take_up(Session.open(source, **files, **settings))
+        session = draft.take_up(session)
         signs = arguments["key"] is not None
         server = ReviewServer(session, draft, port=arguments["port"], by=by, signs=signs)
         stack.callback(server.close)
@@ -255,14 +252,15 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
     from vfplan.images.read import read_image
-    from vfplan.planning.plan import register
+    from vfplan.planning.plan import planning_of, register
     from vfplan.review import sheet_input
     from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
+    from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]
     fixture = read_fixture(source)
     extraction = settings_from_options(ExtractSettings, arguments)
-    refuse_extraction_of_extracted(fixture, extraction)
+    refuse_extraction_of_extracted(fixture, options.given_settings(ExtractSettings, arguments))
     image = None
     if arguments["slice_path"] is not None:
         image = read_image(
@@ -271,15 +269,17 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
             imager_spacing=bool(extraction.imager_spacing),
         )  # fmt: skip
         sheet_input.check_slice(fixture, image)
-    settings = options.fixture_settings(arguments)
+    given = options.given_of_plan(arguments)
     if markers is None:
-        refuse_planning_of_planned(fixture, settings)
+        refuse_planning_of_planned(fixture, given)
         return sheet_input.of_fixture(fixture, source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
         )
+    settings = planning_of(fixture, given)
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
     return sheet_input.of_fixture(
-        planned.fixture, source.name, image=image, registration=planned.registration
-    )
+        with_verdict_by(fixture.provenance.settings, planned.fixture), source.name, image=image,
+        registration=planned.registration,
+    )  # fmt: skip

@@ -93,6 +93,7 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
             value = (value,)
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             merged[name] = value
+            context.set_parameter_source(name, ParameterSource.DEFAULT_MAP)
     return merged
 
 

@@ -18,6 +18,7 @@ from vfplan.errors import SceneError
 from vfplan.findings import Finding
 from vfplan.geometry.lines import length_of, values_at
 from vfplan.io.files import now_utc
+from vfplan.settings import recorded
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 
@@ -398,25 +399,14 @@ class Provenance:
     def now(cls, inputs: dict[str, str], settings: Any) -> Provenance:
         """Of what is made now, or at the time that SOURCE_DATE_EPOCH says, by this program.
 
-        settings: a dataclass or a dict; what is `None` is left out
+        settings: a dataclass, all of which is recorded, or a dict
         Raises `InputError` where SOURCE_DATE_EPOCH is no time.
         """
         from vfplan import __version__
 
         if not isinstance(settings, dict):
-            settings = asdict(settings)
-        flat = {name: _flat(value) for name, value in settings.items() if value is not None}
-        return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
-
-
-def _flat(value: Any) -> str | float | int | bool:
-    """Lists as text, with commas between numbers and semicolons between lists."""
-    if not isinstance(value, (tuple, list)):
-        return value
-    separator = ","
-    if any(isinstance(part, (tuple, list)) for part in value):
-        separator = ";"
-    return separator.join(str(_flat(part)) for part in value)
+            settings = recorded(settings)
+        return cls(now_utc(), f"vfplan {__version__}", inputs, settings)
 
 
 @dataclass(frozen=True, eq=False)

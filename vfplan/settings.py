@@ -1,17 +1,20 @@
 """A setting is declared once, as a field: its option, its help, its range and its unit follow.
 
 `vfplan.cli.options` makes the option of a field, and `vfplan.cli.settings_file` reads it from a
-file of settings. This module knows neither of them.
+file of settings. This module knows neither of them. A bundle records all settings of a class, so
+that its plan can be made again, also by a program with other defaults.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from dataclasses import Field, field, fields
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from vfplan.errors import SettingError
+from vfplan.errors import InputError, SettingError
 
 # Unit that a person types a setting in -> what it is in SI units. Any other unit is SI.
 SCALES = {"mm": 1e-3, "1/mm": 1e3}
@@ -57,15 +60,20 @@ def scale_of(setting: Field) -> float:
     return SCALES.get(setting.metadata.get("unit", ""), 1.0)
 
 
-def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
-    """A dataclass of settings from the arguments of a command; `None` is an option not typed."""
+def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
+    """The settings of a class among a command's arguments; `None` is an option not typed."""
     chosen = {}
     for setting in fields(kind):
         value = arguments.get(argument_of(setting))
         if value is not None:
             convert = setting.metadata.get("from_option")
             chosen[setting.name] = value if convert is None else convert(value)
-    return kind(**chosen)
+    return chosen
+
+
+def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
+    """A dataclass of settings from the arguments of a command."""
+    return kind(**chosen_options(kind, arguments))
 
 
 def check_ranges(settings: Any) -> None:
@@ -91,3 +99,74 @@ def check_ranges(settings: Any) -> None:
 def is_length(value: Any) -> bool:
     """Whether a value is a finite number above 0."""
     return isinstance(value, (int, float)) and 0 < value < math.inf
+
+
+def flat(value: Any) -> str | float | int | bool:
+    """Lists as text, with commas between numbers and semicolons between lists."""
+    if not isinstance(value, (tuple, list)):
+        return value
+    is_nested = any(isinstance(part, (tuple, list)) for part in value)
+    return (";" if is_nested else ",").join(str(flat(part)) for part in value)
+
+
+def recorded(settings: Any, prefix: str = "") -> dict[str, str | float | int | bool]:
+    """All settings of a dataclass as a bundle holds them, with a text that names those unset."""
+    values = {prefix + one.name: getattr(settings, one.name) for one in fields(settings)}
+    unset = ",".join(name for name, value in values.items() if value is None)
+    known = {name: flat(value) for name, value in values.items() if value is not None}
+    return known | {f"{type(settings).__name__}.unset": unset}
+
+
+def recalled(kind: type, values: dict[str, Any], prefix: str = "") -> Any:
+    """The settings that `recorded` gave, to the bit; `None` where none of this kind are recorded.
+
+    Raises `InputError` for a setting that is missing or is not what its declaration says.
+    """
+    if f"{kind.__name__}.unset" not in values:
+        return None
+    values = values | dict.fromkeys(str(values[f"{kind.__name__}.unset"]).split(","))
+    chosen = {}
+    for name, declared in get_type_hints(kind).items():
+        value = values.get(prefix + name, MISFIT)
+        chosen[name] = value_as(declared, value)
+        if chosen[name] is MISFIT:
+            held = "missing" if value is MISFIT else "unset" if value is None else repr(value)
+            raise incomplete_recipe(f"{prefix}{name} is {held}")
+    return kind(**chosen)
+
+
+def incomplete_recipe(what: str) -> InputError:
+    """The refusal of a bundle that does not say how it was planned."""
+    text = f"The bundle's recipe is incomplete: {what}. Plan anew: vfplan plan IMAGE MARKERS"
+    return InputError(text, code="recipe-incomplete")
+
+
+# What stands for a value that a declaration does not allow.
+MISFIT = object()
+
+
+def value_as(declared: Any, value: Any) -> Any:
+    """A recorded value as its declaration has it; `MISFIT` if it is no such value."""
+    origin, kinds = get_origin(declared), get_args(declared)
+    if origin in (Union, UnionType):
+        return next((v for kind in kinds if (v := value_as(kind, value)) is not MISFIT), MISFIT)
+    if origin is Literal:
+        return value if value in kinds else MISFIT
+    if origin is not tuple:
+        allowed = (int, float) if declared is float else (declared,)
+        return value if type(value) in allowed else MISFIT
+    if not isinstance(value, str):
+        return MISFIT
+    is_nested = get_origin(kinds[0]) is tuple
+    parts = value.split(";" if is_nested else ",") if value else ()
+    row = tuple(value_as(kinds[0], part if is_nested else number_in(part)) for part in parts)
+    is_whole = MISFIT not in row and (kinds[-1] is ... or len(row) == len(kinds))
+    return row if is_whole else MISFIT
+
+
+def number_in(text: str) -> Any:
+    """The number that a text is; any other text as it is."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

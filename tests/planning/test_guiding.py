@@ -142,7 +142,7 @@ def test_a_guide_wider_than_any_patient_is_refused():
 
 
 def test_a_pull_that_the_robot_cannot_give_is_warned_of():
-    from vfplan.cli.plan import strong_pull
+    from vfplan.stability.study import strong_pull
 
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(-25.0,))
     fixture = add_guidance(two_lines(0.02), settings, Record())

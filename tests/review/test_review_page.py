@@ -609,7 +609,7 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
     state = Session.state
     monkeypatch.setattr(Session, "state", lambda self: {**state(self), "findings": findings})
     session = Session.open(path, tmp_path / "m.csv")
-    server = ReviewServer(session, Draft(tmp_path / "d.json", {"source": path}, {}))
+    server = ReviewServer(session, Draft(tmp_path / "d.json", session.source.sha256, {}))
     try:
         hand = Hand(browser, server.address)
         browser.until("document.getElementById('slice').complete")

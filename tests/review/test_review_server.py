@@ -26,7 +26,7 @@ def begun():
 
 @pytest.fixture
 def draft(tmp_path):
-    return Draft(tmp_path / "o.h5.draft.json", {"source": SLICE}, {})
+    return Draft(tmp_path / "o.h5.draft.json", {"source": "0" * 64}, {})
 
 
 @pytest.fixture

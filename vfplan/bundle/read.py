@@ -30,7 +30,7 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     return read_sealed(path, trust=trust)[0]
 
 
-def read_sealed(path: str | Path, *, trust: Trust | None = None) -> tuple[Fixture, Seal]:
+def read_sealed(path: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Fixture, Seal]:
     """The fixture, and the bundle's seal; raises as `read_fixture` does."""
     content, seal = read_bundle(path, trust=trust)
     return from_content(content), seal

@@ -219,12 +219,18 @@ def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
     if isinstance(source, bytes):
         yield io.BytesIO(source)
         return
-    with opened_file(Path(source)) as stream:
-        try:
-            yield stream
-        except BundleError as error:
-            error.where = f"{Path(source)}:{error.where}" if error.where else str(Path(source))
-            raise
+    with opened_file(Path(source)) as stream, naming_bundle(Path(source)):
+        yield stream
+
+
+@contextmanager
+def naming_bundle(path: Path) -> Iterator[None]:
+    """Name the file in front of the place in it, in errors that are raised inside."""
+    try:
+        yield
+    except BundleError as error:
+        error.where = f"{path}:{error.where}" if error.where else str(path)
+        raise
 
 
 def unsealed(stream: BinaryIO) -> Sealed:

@@ -58,14 +58,15 @@ class ExtractResult:
 
 
 def extract(
-    path: str | Path, settings: ExtractSettings | None = None, *, curve: str | Path | None = None
-) -> ExtractResult:
+    source: str | Path | PlannedImage, settings: ExtractSettings | None = None, *,
+    curve: str | Path | None = None,
+) -> ExtractResult:  # fmt: skip
     """Read a planned slice and extract its curve.
 
     Parameters
     ----------
-    path
-        The slice; or, alone, a vector curve.
+    source
+        The slice, also one that is read already; or, alone, a vector curve.
     settings
         How the curve is read.
     curve
@@ -81,7 +82,8 @@ def extract(
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
     settings = settings or ExtractSettings()
-    is_vector_alone = Path(path).suffix.lower() in SUFFIXES
+    is_read = not isinstance(source, (str, Path))
+    is_vector_alone = not is_read and Path(source).suffix.lower() in SUFFIXES
     if curve is not None or is_vector_alone:
         _refuse_settings(settings, PEN_SETTINGS)
     elif settings.curve_origin is not None:
@@ -91,9 +93,9 @@ def extract(
         )
     if is_vector_alone:
         _refuse_settings(settings, IMAGE_SETTINGS)
-        return vector_alone(path, settings)
+        return vector_alone(source, settings)
 
-    image = read_slice(path, settings)
+    image = source if is_read else read_slice(source, settings)
 
     # The curve, as it was drawn.
     if curve is None:

@@ -72,7 +72,7 @@ class MatchResult:
 
 def match(
     curve: Fixture,
-    markers: str | Path,
+    markers: str | Path | Correspondences,
     markers2: str | Path | None,
     settings: FixtureSettings,
     image: PlannedImage | None,
@@ -109,7 +109,10 @@ def match(
         slice_image = None
 
     # The markers, and the curve in the frame that they carry it from.
-    correspondences = read_markers(markers, markers2, common=settings.common)
+    correspondences, where = markers, None
+    if isinstance(markers, (str, Path)):
+        correspondences = read_markers(markers, markers2, common=settings.common)
+        where = str(markers) if markers2 is None else f"{markers}, {markers2}"
     slice_axes = None
     if (correspondences.source_frame, curve.frame) == ("patient_lps", "image"):
         curve, slice_axes = in_patient(curve, slice_image)
@@ -120,7 +123,6 @@ def match(
             code="frame-differs",
         )
     is_in_image = correspondences.source_frame == "image"
-    where = str(markers) if markers2 is None else f"{markers}, {markers2}"
     labels, source = correspondences.labels, correspondences.source
     drawn_markers, marks = None, None
     with naming(where):
@@ -193,7 +195,7 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
 
 
 @contextmanager
-def naming(where: str) -> Iterator[None]:
+def naming(where: str | None) -> Iterator[None]:
     """Refusals raised inside name the marker files, where they name no place."""
     with naming_place(where):
         try:

@@ -30,7 +30,7 @@ from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.planning.tolerance import (
     BAND_SHARE,
     CarriedPoints,
@@ -40,10 +40,12 @@ from vfplan.planning.tolerance import (
     choose,
     lines_and_arcs_of,
 )
+from vfplan.settings import flat, incomplete_recipe, recalled
 
 if TYPE_CHECKING:
     from vfplan.engine.guide import Guide
     from vfplan.images.read import PlannedImage
+    from vfplan.markers.correspondences import Correspondences
     from vfplan.registration.registration import Registration
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
@@ -166,7 +168,7 @@ def holds_markers(path: str | Path) -> bool:
 
 def register(
     unregistered: Fixture,
-    markers: str | Path,
+    markers: str | Path | Correspondences,
     markers2: str | Path | None = None,
     settings: FixtureSettings | None = None,
     *,
@@ -185,9 +187,11 @@ def register(
         What is to be carried: a curve in frame "image" or "patient_lps", or a surface in
         "patient_lps". The points and triangles of a surface are carried as they are.
     markers, markers2
-        One file with both positions of each marker, or two joined by label.
+        One file with both positions of each marker, or two joined by label; or, read already,
+        markers joined by label.
     settings
-        How the markers are registered, the curve is sampled and the fixture is rendered.
+        How the markers are registered, the curve is sampled and the fixture is rendered; `None`:
+        by the recipe that the bundle records, or as usual where it records none.
     image
         The slice that the curve was drawn on. With it, the positions of the markers are compared
         with the marks that are drawn on the slice. It is needed where the markers are given in the
@@ -212,7 +216,8 @@ def register(
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
-    settings = settings or FixtureSettings()
+    recipe = recalled(FixtureSettings, unregistered.provenance.settings)
+    settings = asked = settings or recipe or FixtureSettings()
     if unregistered.mesh is not None and settings.density_per_m is not None:
         raise SettingError(
             "a surface is sampled already; a density has no effect on it. Leave --density out",
@@ -223,6 +228,7 @@ def register(
     # Markers -> registration, or a refusal that names the marker. Touched points give a second
     # registration, which begins at that of the markers.
     record = Record()
+    record.findings += overridden(recipe or asked, asked)
     matched = match(unregistered, markers, markers2, settings, image, record)
     curve, registration = matched.curve, matched.registration
     if touched is not None:
@@ -253,7 +259,7 @@ def register(
 
     # The curve in front of the robot, sampled as finely as the tolerance asks.
     carried, rendering = render(curve, registration, settings, matched.slice_axes, margin_m, record)
-    fixture = make_fixture(matched, registration, carried, rendering, settings, record)
+    fixture = make_fixture(matched, registration, carried, rendering, asked, record)
     if settings.guide_m is not None:
         fixture = add_guidance(fixture, settings, record)
     unusual_size = size_doubt(fixture.points)
@@ -278,6 +284,20 @@ def register(
         report["tre"]["worst_target_m"] = registration.apply(curve.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
     return RegisterResult(fixture, registration, report, tuple(record.findings))
+
+
+def planning_of(bundle: Fixture, given: dict[str, Any]) -> FixtureSettings:
+    """The settings by which a bundle is planned again: its recipe, with those given in their place.
+
+    Raises `InputError` for a registered fixture without a recipe, and for an incomplete recipe.
+    """
+    recipe = recalled(FixtureSettings, bundle.provenance.settings)
+    if recipe is None and bundle.registration is not None:
+        raise incomplete_recipe("it has no settings of planning")
+    # A tolerance takes the place of a density.
+    if given.get("tolerance_m") is not None:
+        given = {"density_per_m": None} | given
+    return replace(recipe or FixtureSettings(), **given)
 
 
 def margin_of(curve: Fixture, registration: Registration, margin: str | float) -> float:
@@ -311,11 +331,19 @@ def make_fixture(
     if not by_markers.used.all():
         labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
         record.settings["markers_left_out"] = ",".join(labels)
-    if curve.mesh is not None:
-        # The samples of a surface keep the tolerance that they were made with.
-        settings = replace(settings, tolerance_m=None)
+    if matched.correspondences.sigma is not None:
+        record.settings["markers_sigma_m"] = flat(matched.correspondences.sigma.tolist())
     provenance = Provenance.now(curve.provenance.inputs | record.inputs, settings)
-    chosen = curve.provenance.settings | provenance.settings | record.settings
+    # What an earlier registration set, and this one did not, is no setting of this fixture.
+    earlier = {
+        name: value
+        for name, value in curve.provenance.settings.items()
+        if name not in FixtureSettings.__dataclass_fields__
+    }
+    chosen = earlier | provenance.settings | record.settings
+    if curve.mesh is not None and "tolerance_m" in curve.provenance.settings:
+        # The samples of a surface keep the tolerance that they were made with.
+        chosen["tolerance_m"] = curve.provenance.settings["tolerance_m"]
     # Only a bundle in the robot's frame holds its slice and its registration (docs/format.md).
     image, transform = None, None
     if matched.correspondences.target_frame == "robot_base":

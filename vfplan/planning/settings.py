@@ -8,6 +8,7 @@ from typing import Literal
 from vfplan.bundle.content import max_number
 from vfplan.engine.parameters import PAPER_BAND
 from vfplan.errors import SettingError
+from vfplan.findings import Finding, note
 from vfplan.settings import check_ranges, is_length, setting
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
@@ -360,3 +361,17 @@ class FixtureSettings:
         if self.max_tre_m == "contact radius":
             return self.contact_radius
         return self.max_tre_m
+
+
+def overridden(recipe: FixtureSettings, settings: FixtureSettings) -> tuple[Finding, ...]:
+    """A note for each setting in which a plan departs from the recipe of its bundle."""
+    return tuple(
+        note(
+            "recipe-overridden", "plan",
+            f"Planned with {name} {value!r}, as given; the bundle was planned with {before!r}.",
+        )
+        for (name, before), value in zip(
+            vars(recipe).items(), vars(settings).values(), strict=True
+        )
+        if value != before
+    )  # fmt: skip

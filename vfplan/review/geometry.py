@@ -12,7 +12,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -27,10 +26,12 @@ from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import runs
+from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
+from vfplan.settings import recalled
 
 Array = NDArray[np.float64]
 
@@ -130,26 +131,8 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
 
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
-    """The settings with which a bundle's curve was extracted, as far as it records them."""
-    known = fixture.provenance.settings
-    names = ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm")
-    recorded = {name: known[name] for name in names if name in known}
-    for name in ("start", "end"):
-        if name in known:
-            recorded[name] = tuple(float(number) for number in str(known[name]).split(","))
-    roi = boxes_of(known.get("roi"))[-1:]
-    exclude = boxes_of(known.get("exclude"))
-    return replace(settings, **recorded, roi=roi[0] if roi else None, exclude=exclude or None)
-
-
-def boxes_of(text: Any) -> tuple[Box, ...]:
-    """The boxes of a bundle's setting, such as "1,2,30,40;5,6,7,8"."""
-    areas = []
-    for part in str(text or "").split(";"):
-        numbers = part.split(",")
-        if len(numbers) == 4 and all(number.strip().isdigit() for number in numbers):
-            areas.append(tuple(int(number) for number in numbers))
-    return tuple(areas)
+    """The settings with which a bundle's curve was extracted; these where it records none."""
+    return recalled(ExtractSettings, fixture.provenance.settings) or settings
 
 
 # Routes that are offered at most: one digit chooses among them.
@@ -367,25 +350,20 @@ class Geometry:
         return replace(self, strokes=strokes, findings=findings, refusal=None)
 
 
-def geometry_of_slice(
-    path: Path, settings: ExtractSettings, ink: SliceInk | None, curve: Path | None = None
-) -> Geometry:
-    """What `vfplan extract` makes of a slice; a refusal becomes a part of the answer.
-
-    `curve` is a file of a curve that was drawn on the slice as vectors.
-    """
+def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: SliceInk) -> Geometry:
+    """What `vfplan extract` makes of a slice; a refusal becomes a part of the answer."""
     try:
-        extracted = extract(path, settings, curve=curve)
+        extracted = extract(image, settings)
     except CurveError as error:
-        if curve is not None:
-            raise
         candidates = _candidates(error, ink, settings)
         return Geometry(ink=ink, refusal=_refusal_of(error), candidates=candidates)
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
     return Geometry(strokes, ink, extracted.findings)
 
 
-def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, number: int) -> Geometry:
+def with_chosen(
+    image: PlannedImage, settings: ExtractSettings, geometry: Geometry, number: int
+) -> Geometry:
     """The geometry with one of its candidates as the curve.
 
     `vfplan extract` measures the candidate if it can. If it refuses the line, because it forks or
@@ -394,7 +372,7 @@ def with_chosen(path: Path, settings: ExtractSettings, geometry: Geometry, numbe
     route = geometry.candidate(number)
     settled = replace(geometry, refusal=None)
     try:
-        extracted = extract(path, replace(settings, stroke=number))
+        extracted = extract(image, replace(settings, stroke=number))
     except CurveError as error:
         branches = _branches(geometry, route)
         if branches:

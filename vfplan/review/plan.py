@@ -5,29 +5,34 @@ It begins with a slice, a curve bundle or a fixture bundle, and its markers.
 
 from __future__ import annotations
 
-import hashlib
 import json
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.content import to_content
 from vfplan.curve.coverage import Box
+from vfplan.display import millimetres
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
-from vfplan.io.files import read_whole
+from vfplan.images.read import MAX_BYTES, PlannedImage
+from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences, read_markers
-from vfplan.planning.extraction import PEN_SETTINGS
-from vfplan.planning.plan import refuse_wrong_order, register
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.planning.extraction import PEN_SETTINGS, extract, read_slice
+from vfplan.planning.plan import planning_of, refuse_wrong_order, register
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
 from vfplan.review.sheet_input import labels_left_out, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
+from vfplan.robot import Robot
+from vfplan.settings import MISFIT, incomplete_recipe, recalled, recorded, value_as
+from vfplan.stability.study import with_verdict_by
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -54,11 +59,20 @@ class Source:
     exclude
         Boxes that the settings exclude, (u, v, width, height) [px].
     inputs
-        Role -> SHA-256 of the files.
-    marker_files
-        The marker files as they were given; empty if the markers come from a bundle.
-    fixture
+        Role -> SHA-256 of the files that the curve comes from.
+    sha256
+        Role ("source", "markers", "markers2", "slice", "curve") -> SHA-256 of a file as it was read
+        when the review was opened. No file is read again.
+    recipe
+        The settings in force and the robot, as a bundle records them.
+    pairs
+        The markers of the files that were given; `None` if the markers come from a bundle.
+    opened
         The bundle's content, if one was given.
+    fixture
+        The same, but `None` where other markers were given.
+    told
+        What was given in place of the bundle's recipe.
     case, robot_serial
         What that bundle was signed for; empty where it was not.
     """
@@ -72,8 +86,12 @@ class Source:
     fit: Fit
     exclude: tuple[Box, ...]
     inputs: dict[str, str]
-    marker_files: tuple[Path, Path | None] | tuple[()] = ()
+    sha256: dict[str, str]
+    recipe: dict[str, Any]
+    pairs: Correspondences | None = None
+    opened: Fixture | None = None
     fixture: Fixture | None = None
+    told: tuple[Finding, ...] = ()
     case: str = ""
     robot_serial: str = ""
 
@@ -100,7 +118,7 @@ class Source:
     def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
         """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
         settings = self.extraction_with(ink, exclude)
-        return geometry_of_slice(self.slice_path, settings, ink.without(exclude))
+        return geometry_of_slice(self.image, settings, ink.without(exclude))
 
     def extraction_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> ExtractSettings:
         """The extraction's settings for the pen of this ink, with these boxes excluded."""
@@ -187,6 +205,11 @@ class Plan:
                     "Open the bundle with its slice: --slice IMAGE."
                 )
                 findings.append(doubt("slice-not-shown", "extract", text))
+            opened, fixture = self.source.opened, outcome.fixture
+            if fixture is not None and fixture is not opened:
+                findings += self.source.told
+                if opened is not None and opened.rendering is not None:
+                    findings += differences(opened, fixture)
             self._made["outcome"] = replace(outcome, findings=tuple(findings))
         return self._made["outcome"]
 
@@ -205,34 +228,42 @@ class Plan:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
+        margin, is_restated = self.fit.settings.margin, False
+        if source.opened is not None and (self.fit is not source.fit or source.pairs is not None):
+            is_restated = margin == source.opened.provenance.settings.get("margin")
+        if is_restated and isinstance(margin, (int, float)):
+            text = (
+                f"The margin of {millimetres(margin)} was made for other markers. Run vfplan "
+                "campaign on a plan with these, and give its --margin and --campaign."
+            )
+            return Outcome(None, of_curve, text, "margin-of-other-markers")
         with self.fit.as_files() as files:
-            # The files themselves, as long as nobody changed a marker.
-            if self.fit is source.fit and source.marker_files:
-                files = source.marker_files
+            # The markers as they were read, as long as nobody changed one.
+            if self.fit is source.fit and source.pairs is not None:
+                files = (source.pairs, None)
             image = None
             if source.slice_path is not None:
                 image = source.image
             try:
-                planned = register(curve, *files, self.fit.settings, image=image)
+                planned = register(curve, *files, self.fit.settings, image=image).fixture
+                planned = with_verdict_by(source.recipe, planned)
             except VfplanError as error:
                 # The page has no options; what is wrong with the markers is mended on it.
                 message = error.message.replace(", or give --markers-as-given", "")
                 return Outcome(None, of_curve, _sentence(message), error.code)
-        return Outcome(planned.fixture, (*of_curve, *planned.findings))
+        # Markers that were found already are not looked for again; the recipe keeps how they were.
+        settings = planned.provenance.settings | recorded(source.planning)
+        provenance = replace(planned.provenance, settings=settings)
+        return Outcome(replace(planned, provenance=provenance), (*of_curve, *planned.findings))
 
     def curve(self) -> Fixture:
         """The curve in the image's pixels, as `vfplan extract` would write it."""
         strokes, ink, image = self.geometry.strokes, self.geometry.ink, self.source.image
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
-        # A bundle has its own settings.
-        fixture = self.source.fixture
-        settings = dict(vars(self.source.extraction) if fixture is None
-                        else fixture.provenance.settings)  # fmt: skip
-        if self.exclude:
-            settings["exclude"] = self.exclude
-        if ink is not None and ink.colour != self.source.extraction.colour:
-            settings["colour"] = ink.colour
+        settings = self.source.recipe
+        if ink is not None:
+            settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
         return Fixture(
             frame="image",
             points=np.c_[points, np.zeros(len(points))],
@@ -255,50 +286,98 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:].removesuffix(".") + "."
 
 
+def rendered_values(fixture: Fixture) -> dict[str, Any]:
+    """What an engine renders of a fixture, by its path in the bundle."""
+    return {
+        path: value
+        for path, value in to_content(fixture).items()
+        if re.match(r"/(@frame|points|curve|pieces|mesh|rendering|guidance)", path)
+        and path not in ("/rendering@robot", "/rendering/stability")
+    }
+
+
+def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
+    """A doubt for each rendered value that is not that of the opened bundle; one for the line."""
+    before, after = rendered_values(opened), rendered_values(fixture)
+    names = [
+        name for name in before | after if not np.array_equal(before.get(name), after.get(name))
+    ]
+    of_line = [name for name in names if re.match("/(points|curve|pieces|mesh)", name)]
+    texts = [
+        f"{name} is {in_words(after.get(name))}; in the opened bundle it is "
+        f"{in_words(before.get(name))}."
+        for name in names if name not in of_line
+    ]  # fmt: skip
+    if of_line:
+        from scipy.spatial import cKDTree
+
+        words = []
+        for one, other in ((fixture, opened), (opened, fixture)):
+            length_m = sum(stroke.length for stroke in one.strokes)
+            apart_m = float(cKDTree(other.points).query(one.points)[0].max())
+            words.append(
+                f"{millimetres(length_m)} long in {len(one.points)} points, up to "
+                f"{millimetres(apart_m)} from those of the other"
+            )
+        texts.append(
+            f"The line is {words[0]}; the opened bundle's was {words[1]} ({', '.join(of_line)})."
+        )
+    return [doubt("differs-from-opened", "plan", text) for text in texts]
+
+
+def in_words(value: Any) -> str:
+    """A rendered value in a sentence; `None` is one that is not there."""
+    if value is None:
+        return "not set"
+    if isinstance(value, np.ndarray):
+        return ", ".join(f"{number:.9g}" for number in value.ravel().tolist())
+    return str(value)
+
+
 def open_source(
     path: str | Path, markers: str | Path | None, markers2: str | Path | None,
-    slice_path: str | Path | None, curve_path: str | Path | None, settings: dict[str, Any],
+    slice_path: str | Path | None, curve_path: str | Path | None, given: dict[str, Any],
 ) -> Source:  # fmt: skip
     """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
     slice_path = Path(slice_path) if slice_path is not None else None
     curve_path = Path(curve_path) if curve_path is not None else None
-    extraction, planning = split_settings(settings)
+    of_extraction, of_planning = split_settings(given)
     if is_bundle(path):
         if curve_path is not None:
             text = "A bundle has its curve. Leave --curve out."
             raise SettingError(text, code="curve-given-twice")
-        source = _of_bundle(path, slice_path, extraction, planning)
+        source = _of_bundle(path, slice_path, of_extraction, of_planning)
     else:
         if slice_path is not None:
             text = f"{path} is a slice itself. Leave --slice out; it belongs to a bundle."
             raise SettingError(text, code="slice-given-twice")
         refuse_wrong_order(path, markers, markers2)
+        extraction, planning = ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
         source = _of_slice(path, curve_path, extraction, planning)
     if markers is None:
         if source.fixture is not None:
-            refuse_planning_of_planned(source.fixture, planning)
+            refuse_planning_of_planned(source.fixture, of_planning)
         return source
-    pairs = read_markers(markers, markers2, common=planning.common)
-    files = (Path(markers), Path(markers2) if markers2 is not None else None)
-    fit = fit_of(pairs, source.image, planning)
-    return replace(source, fit=fit, marker_files=files, fixture=None)
+    pairs = read_markers(markers, markers2, common=source.planning.common)
+    fit = fit_of(pairs, source.image, source.planning)
+    sha256 = source.sha256 | pairs.inputs
+    return replace(source, fit=fit, pairs=pairs, sha256=sha256, fixture=None)
 
 
-def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[str, Any]:
-    """Both settings by name, as `Session.open` takes them."""
-    return {**vars(extraction), **vars(planning)}
-
-
-def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> None:
+def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
     """Refuse settings that would plan a fixture otherwise; a curve is not planned yet.
 
     An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
     """
-    if fixture.frame == "image" or fixture.rendering is None:
+    if fixture.frame == "image" or fixture.rendering is None or not given:
         return
-    usual = vars(FixtureSettings())
-    without_effect = [name for name, value in vars(planning).items() if value != usual[name]]
+    recipe = recalled(FixtureSettings, fixture.provenance.settings)
+    planning = planning_of(fixture, given)
+    without_effect = [
+        name for name in given
+        if recipe is None or getattr(planning, name) != getattr(recipe, name)
+    ]  # fmt: skip
     if without_effect:
         text = (
             "The fixture is planned already, and these settings would not change it: "
@@ -308,18 +387,16 @@ def refuse_planning_of_planned(fixture: Fixture, planning: FixtureSettings) -> N
         raise SettingError(text, code="planned-already", numbers={"settings": without_effect})
 
 
-def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) -> None:
+def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> None:
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
-    recorded = extraction_of(fixture, ExtractSettings())
-    usual = ExtractSettings()
-    names = [*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"]
-    if "colour" not in fixture.provenance.settings:
-        names.remove("colour")  # The page needs to know the pen.
+    recipe = recalled(ExtractSettings, fixture.provenance.settings)
+    # Where the bundle does not record the pen, the page needs to know it.
+    names = {*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"} & set(given)
     without_effect = [
-        name
-        for name in names
-        if getattr(settings, name) not in (getattr(usual, name), getattr(recorded, name))
-    ]
+        name for name in given
+        if name in names - ({"colour"} if recipe is None else set())
+        and (recipe is None or given[name] != getattr(recipe, name))
+    ]  # fmt: skip
     if without_effect:
         text = (
             "The curve is extracted already, and these settings would not change it: "
@@ -329,7 +406,7 @@ def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) 
         raise SettingError(text, code="extracted-already", numbers={"settings": without_effect})
 
 
-def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
+def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Settings by name, sorted into those of extraction and those of planning."""
     of_extraction, of_planning = {}, {}
     for name, value in settings.items():
@@ -345,12 +422,7 @@ def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSe
                 "are allowed.",
                 code="no-such-setting",
             )
-    return ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes, lower-case hex; raises `InputError`."""
-    return hashlib.sha256(read_whole(path, MAX_BYTES, InputError)).hexdigest()
+    return of_extraction, of_planning
 
 
 def is_bundle(path: Path) -> bool:
@@ -365,35 +437,39 @@ def is_bundle(path: Path) -> bool:
 def _of_slice(
     path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
-    image = _read_slice(path, extraction)
+    image = read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
-    inputs, ink = {"image": image.sha256}, None
+    inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
     if curve_path is None:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-    geometry = geometry_of_slice(path, extraction, ink, curve_path)
-    if curve_path is not None:
-        inputs["curve"] = sha256_of(curve_path)
-    fit = Fit((), planning, image.pixel_spacing_mm)
-    return Source(path, path, image, extraction, planning, geometry, fit, exclude, inputs)
-
-
-def _read_slice(path: Path, settings: ExtractSettings) -> PlannedImage:
-    return read_image(
-        path,
-        frame=settings.frame,
-        pixel_spacing_mm=settings.pixel_spacing_mm,
-        imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
-    )
+        geometry = geometry_of_slice(image, extraction, ink)
+    else:
+        drawn = extract(image, extraction, curve=curve_path)
+        strokes = tuple(MendedStroke.of(stroke) for stroke in drawn.extraction.strokes)
+        geometry = Geometry(strokes, None, drawn.findings)
+        inputs = drawn.fixture.provenance.inputs
+        sha256["curve"] = inputs["curve"]
+    return Source(
+        path, path, image, extraction, planning, geometry,
+        Fit((), planning, image.pixel_spacing_mm), exclude, inputs, sha256,
+        recorded(extraction) | recorded(planning),
+    )  # fmt: skip
 
 
 def _of_bundle(
-    path: Path, slice_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
+    path: Path, slice_path: Path | None, of_extraction: dict[str, Any], of_planning: dict[str, Any]
 ) -> Source:
     from vfplan.bundle.read import read_sealed
+    from vfplan.bundle.seal import naming_bundle
 
-    fixture, seal = read_sealed(path)
-    refuse_extraction_of_extracted(fixture, extraction)
+    data, of_file = read_bytes(path, MAX_BYTES)
+    with naming_bundle(path):
+        fixture, seal = read_sealed(data)
+    known, sha256 = fixture.provenance.settings, {"source": of_file}
+    with naming_place(path):
+        refuse_extraction_of_extracted(fixture, of_extraction)
+        extraction = replace(extraction_of(fixture, ExtractSettings()), **of_extraction)
+        planning = planning_of(fixture, of_planning)
     if fixture.curve is None or fixture.mesh is not None:
         text = (
             "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "
@@ -403,6 +479,7 @@ def _of_bundle(
     slice_image = None
     if slice_path is not None:
         slice_image = _slice_of(fixture, slice_path, path, extraction)
+        sha256["slice"] = slice_image.sha256
     record = fixture.registration
     is_planar = record is not None and record.source_frame == "image"
     is_placed = slice_image is not None and slice_image.T_patient_image is not None
@@ -427,41 +504,51 @@ def _of_bundle(
 
     # The curve on the slice, and the pen's ink if it was drawn by a pen.
     ink = None
-    extraction = extraction_of(fixture, extraction)
     exclude = extraction.exclude or ()
     if slice_image is not None and "curve" not in fixture.provenance.inputs:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
     strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
-    of_extraction = tuple(f for f in fixture.findings if f.stage == "extract")
+    of_curve = tuple(f for f in fixture.findings if f.stage == "extract")
 
-    # The markers of its registration, and how it was rendered.
+    # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
     if record is not None:
-        # Rendered and registered as the bundle is, unless the caller says otherwise.
-        of_bundle = {"model": record.model}
-        if fixture.rendering is not None:
-            of_bundle["stiffness"] = tuple(float(k) for k in fixture.rendering.stiffness)
-            of_bundle["contact_radius"] = float(fixture.rendering.contact_radius)
-            of_bundle["point_radius"] = float(fixture.rendering.point_radius)
-        usual = FixtureSettings()
-        unset = [n for n in of_bundle if getattr(planning, n) == getattr(usual, n)]
-        planning = replace(planning, **{name: of_bundle[name] for name in unset})
-        pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
-        fit, left_out = fit_of(pairs, image, planning), labels_left_out(fixture)
+        pairs = Correspondences(
+            record.labels, record.source, record.source_frame, record.target, _sigma_of(fixture)
+        )
+        settings = replace(planning, find_markers=False)
+        fit, left_out = fit_of(pairs, image, settings), labels_left_out(fixture)
         markers = [replace(marker, is_used=marker.label not in left_out) for marker in fit.markers]
         fit = replace(fit, markers=tuple(markers))
+    robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
+    if fixture.stability is not None and recalled(Robot, robot, "robot_") is None:
+        raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
         path, slice_path, image, extraction, planning,
-        Geometry(strokes, ink, of_extraction), fit, exclude, dict(fixture.provenance.inputs),
-        fixture=fixture, case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
+        Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
+        recorded(extraction) | recorded(planning) | robot, opened=fixture, fixture=fixture,
+        told=overridden(recalled(FixtureSettings, known) or planning, planning),
+        case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
+
+
+def _sigma_of(fixture: Fixture) -> np.ndarray | None:
+    """(N,) or (N, 3) the deviations of the markers' targets [m]; `None` where none were given."""
+    text = fixture.provenance.settings.get("markers_sigma_m")
+    if text is None:
+        return None
+    numbers = tuple[float, ...]
+    sigma = value_as(tuple[numbers, ...] if ";" in str(text) else numbers, text)
+    if sigma is MISFIT or len(sigma) != len(fixture.registration.labels):
+        raise incomplete_recipe(f"markers_sigma_m is {text!r}")
+    return np.array(sigma, float)
 
 
 def _slice_of(
     fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
-    image = _read_slice(slice_path, extraction)
+    image = read_slice(slice_path, extraction)
     known = fixture.provenance.inputs.get("image")
     if known != image.sha256:
         text = (

@@ -42,7 +42,6 @@ from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import not_written, remove_quietly, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.review.acceptance import visible_name
-from vfplan.review.plan import sha256_of
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
 
@@ -57,17 +56,16 @@ class Draft:
     ----------
     path
         Where it is kept.
-    files
-        Role ("source", "markers", "markers2", "slice", "curve") -> the file of the review.
+    sha256
+        Role ("source", "markers", "markers2", "slice", "curve") -> SHA-256 of a file of the review.
     settings
-        The settings of the review, by name.
+        The settings that were given, by name.
 
     `found` says of the draft that was taken up who wrote it, when, and how many steps it has.
     """
 
-    def __init__(self, path: Path, files: dict[str, Path | None], settings: dict[str, Any]) -> None:
+    def __init__(self, path: Path, sha256: dict[str, str], settings: dict[str, Any]) -> None:
         self.path = path
-        sha256 = {role: sha256_of(file) for role, file in files.items() if file is not None}
         texts = {name: repr(value) for name, value in sorted(settings.items())}
         self._header = {"format": "vfplan-draft", "version": "2.0", "sha256": sha256,
                         "settings": texts}  # fmt: skip

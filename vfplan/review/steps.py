@@ -16,7 +16,7 @@ import numpy as np
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
-from vfplan.planning.plan import register
+from vfplan.planning.match import Record, match
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
@@ -282,7 +282,7 @@ def choose(plan: Plan, step: Step) -> Plan:
     """Take a candidate, by its number, as the curve."""
     settings = plan.source.extraction_with(_needs_ink(plan), plan.exclude)
     number = _whole(step, "candidate")
-    geometry = with_chosen(plan.source.slice_path, settings, plan.geometry, number)
+    geometry = with_chosen(plan.source.image, settings, plan.geometry, number)
     return plan.changed(geometry=geometry)
 
 
@@ -437,12 +437,12 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     settings = replace(fit.settings, find_markers=True)
     with fit.as_files() as files:
         try:
-            planned = register(plan.curve(), *files, settings, image=plan.source.image)
+            found = match(plan.curve(), *files, settings, plan.source.image, Record())
         except VfplanError as error:
             text = f"The marks were not found: {error.message}"
             raise SettingError(text, code=error.code) from None
     labels = [marker.label for marker in fit.used]
-    for label, place in zip(labels, planned.registration.source.tolist(), strict=True):
+    for label, place in zip(labels, found.registration.source.tolist(), strict=True):
         fit = fit.with_marker(fit.index(label), place=tuple(place))
     return plan.changed(fit=fit)
 

@@ -54,6 +54,9 @@ MIN_KNOT_SPACING_PX = 10.0
 # belongs to the stretch that was mended.
 JOIN_PX = 12.0
 
+# A place on the page has four decimals. A knot that is moved by less stays where it is.
+SAME_PLACE_PX = 1e-4
+
 # The fields of a stroke that have a value a point.
 PER_POINT = ("points", "sigma", "bridged", "edited")
 
@@ -95,6 +98,8 @@ class MendedStroke(Stroke):
     def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
         before, moved, after = self._around(knot)
+        if np.abs(to - self.points[moved]).max() <= SAME_PLACE_PX:
+            return self
         # One run of indices, which on a closed stroke may lead through its seam.
         run = self._run(before, after)
         points = self.points[run]

@@ -18,9 +18,11 @@ import numpy as np
 from vfplan.engine.parameters import RULES, Rule, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.sandbox import worker_processes
 from vfplan.robot import Robot
+from vfplan.settings import incomplete_recipe, is_length, recalled, recorded
 from vfplan.stability import contacts
 from vfplan.stability.cases import CASES, passivity_cases, run_extreme_cases
 from vfplan.stability.closed_loop import blow_case, closed_loop_case, scenes_for, worst_delay
@@ -57,8 +59,45 @@ def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -
 
 
 def with_verdict(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -> Fixture:
-    """The fixture with the gate's verdict in it, which nobody has reviewed; raises as `gate`."""
-    return replace(fixture, stability=gate(fixture, robot, safety_factor), reviewed=None)
+    """The fixture with the gate's verdict, and the robot in its recipe, which nobody has reviewed.
+
+    Raises as `gate` does.
+    """
+    recipe = recorded(robot, "robot_") | {"robot_safety_factor": safety_factor}
+    return replace(
+        fixture,
+        stability=gate(fixture, robot, safety_factor),
+        provenance=replace(fixture.provenance, settings=fixture.provenance.settings | recipe),
+        findings=(*fixture.findings, *strong_pull(fixture, robot)),
+        reviewed=None,
+    )
+
+
+def with_verdict_by(recipe: dict[str, Any], fixture: Fixture) -> Fixture:
+    """The fixture with the verdict for the robot that a recipe records; as it is without one.
+
+    Raises as `gate` does, and `InputError` for an incomplete recipe.
+    """
+    robot = recalled(Robot, recipe, "robot_")
+    if robot is None:
+        return fixture
+    safety_factor = recipe.get("robot_safety_factor")
+    if not is_length(safety_factor):
+        raise incomplete_recipe(f"robot_safety_factor is {safety_factor!r}")
+    return with_verdict(fixture, robot, safety_factor)
+
+
+def strong_pull(fixture: Fixture, robot: Robot) -> list[Finding]:
+    """A doubt where the robot cannot pull along the guide as strongly as the guide wants."""
+    limit = robot.force_limit_n
+    pull = None if fixture.guidance is None else fixture.guidance.lead_force
+    if limit is None or not pull or abs(pull) <= limit:
+        return []
+    text = (
+        f"The guide pulls with {abs(pull):g} N, but robot {robot.name!r} is limited to "
+        f"{limit:g} N. Its governor holds the rest back, also of the tube's force."
+    )
+    return [doubt("guide-pull-strong", "plan", text)]
 
 
 def largest_rendered_stiffness(fixture: Fixture) -> float:
