@@ -14,7 +14,7 @@ from vfplan import _core
 from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
-from vfplan.curve.coverage import OTHER_UNIT, Ink
+from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
 from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
@@ -219,6 +219,49 @@ def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Findi
         )
         findings.append(finding_at(piece.middle, "ink-touches", text))
     return findings
+
+
+def doubts_of_line(
+    line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
+) -> list[Finding]:
+    """What makes a line look like a part of the picture's surroundings, and what to take instead.
+
+    A bar on the border, a scale, a box or an icon is told apart by where it lies, its shape and its
+    length; and ink that outweighs the line is named.
+    """
+    doubts = []
+    if (border_px := choose.on_border(line, ink)) >= tuned.MIN_ASPECT * line.width:
+        text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
+        doubts.append(("curve-on-border", text, line))
+    elif choose.is_frame(line, ink) or choose.is_level(line):
+        text = "the curve runs straight along rows and columns. Is it a bar, a box or a scale?"
+        doubts.append(("curve-straight", text, line))
+    if line.length < tuned.CRUMB_PX:
+        text = f"the curve is {line.length:.0f} px long only. Is it a part of a letter or a sign?"
+        doubts.append(("curve-short", text, line))
+    own, extent = line.ink_px, np.ptp(line.path, axis=0).max()
+    outweighing = []
+    for number, other in enumerate(choose.in_number_order(lines, ink), 1):
+        size = np.ptp(other.path, axis=0)
+        # A frame around the whole picture is expected.
+        is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
+        if other.ink_px > own and size.max() > extent and not is_around:
+            text = (
+                f"line {number} has {other.ink_px / own:.1f} times the ink of the curve. If it is "
+                f"meant: --stroke {number}."
+            )
+            outweighing.append(("ink-outweighs", text, other))
+    total = int(np.count_nonzero(ink.mask))
+    if not outweighing and own < tuned.SMALL_SHARE * total:
+        text = f"the curve is {own / total:.0%} of the pen's ink only. Is the curve meant?"
+        outweighing = [("ink-outweighs", text, line)]
+    doubts += outweighing[:NAMED]
+    if doubts and (
+        others := choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
+    ):
+        text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
+        doubts.insert(0, ("ink-outweighs", text, others[0][1]))
+    return [finding_at(line.path[len(line.path) // 2], code, text) for code, text, line in doubts]
 
 
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:

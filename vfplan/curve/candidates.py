@@ -36,7 +36,7 @@ class Piece:
     junctions
         (J, 2) pixels where branches meet.
     length, width
-        Of all its branches [px], and its area over that length [px].
+        Of its longest branch [px], and its area over the length of all its branches [px].
     strength
         Mean coverage along the path.
     """
@@ -174,14 +174,48 @@ def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
     u, v = (pixels - corner).T
     box[v, u] = True
     branches, junctions = _branches(_core.thinned(box).astype(bool))
+    if len(junctions):
+        branches, junctions = _branches(_without_handles(box))
     if not branches:
         return None
     path, closed = max(branches, key=lambda branch: len(branch[0]))
     path = path + corner
-    length = sum(_length(*branch) for branch in branches)
+    drawn_px = sum(_length(*branch) for branch in branches)
+    length, width = _length(path, closed), len(pixels) / drawn_px
     u, v = path.T
     strength = float(ink.coverage[v, u].mean(dtype=np.float32))
-    return Piece(pixels, path, closed, junctions + corner, length, len(pixels) / length, strength)
+    return Piece(pixels, path, closed, junctions + corner, length, width, strength)
+
+
+def _without_handles(box: Flags) -> Flags:
+    """The skeleton of a piece of ink, through the handles that a program draws on an outline.
+
+    The hole of a hollow handle counts as ink, and a branch that ends within the ink around its
+    junction, as in the corner of a square, is none.
+    """
+    import cv2
+
+    box = box.astype(np.uint8)
+    _, labels, holes, _ = cv2.connectedComponentsWithStats(1 - box, connectivity=4)
+    size = holes[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    box |= (size < tuned.HANDLE_PX)[labels].astype(np.uint8)
+    bone = _core.thinned(box.astype(bool)).astype(bool)
+    to_paper = cv2.distanceTransform(box, cv2.DIST_L2, 5)
+    while True:
+        branches, junctions = _branches(bone)
+        crowd = cv2.filter2D(bone.astype(np.uint8), -1, np.ones((3, 3), np.uint8))
+        spurs = []
+        for path, _ in branches if len(junctions) else []:
+            to_junction = np.abs(junctions[:, None] - path[[0, -1]]).max(2).min(1)
+            u, v = junctions[to_junction.argmin()]
+            # An end has a single neighbour.
+            is_free = crowd[tuple(path[[0, -1]].T[::-1])].min() <= 2
+            if is_free and len(path) <= tuned.SPUR_RADII * to_paper[v, u]:
+                spurs.append(path)
+        if len(spurs) in (0, len(branches)):
+            return bone
+        bone[tuple(np.concatenate(spurs).T[::-1])] = False
+        bone = _core.thinned(bone).astype(bool)
 
 
 def _length(path: NDArray, closed: bool) -> float:
@@ -231,6 +265,11 @@ class Candidate:
         bridged = np.zeros(len(piece.path), bool)
         drawn = piece.junctions, piece.length, piece.width, piece.strength
         return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
+
+    @property
+    def ink_px(self) -> int:
+        """How many pixels of ink it has."""
+        return sum(len(piece.pixels) for piece in self.pieces)
 
     @property
     def may_go_on(self) -> bool:

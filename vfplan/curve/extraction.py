@@ -258,32 +258,37 @@ def extract_curve(
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
-    passing = lines
-    if places and stroke is None:
-        passing = lines_through(lines, start, end)
-    chosen = choose.choose_lines(passing, stroke, ink, pen, region, max_gap_px)
-    unchosen = [line for line in lines if line not in chosen]
-    chosen = [line.in_order() for line in chosen]
+    try:
+        passing = lines
+        if places and stroke is None:
+            passing = lines_through(lines, start, end)
+        chosen = choose.choose_lines(lines, passing, stroke, ink, pen, region, max_gap_px)
+        unchosen = [line for line in lines if line not in chosen]
+        chosen = [line.in_order() for line in chosen]
 
-    # Centre lines: measured across the ink, or refused where that is ambiguous.
-    curves = []
-    for line in chosen:
-        if method != "mask":
-            choose.refuse_junctions(line)
-        if method != "ridge":
-            curves.append(skeleton_line(line))
-            continue
-        curve = measure(ink, line)
-        if not accept_width:
-            choose.refuse_wide_run(curve)
-        choose.refuse_double_line(curve)
-        choose.refuse_long_bridge(curve, max_gap_px)
-        choose.refuse_fit_off_ink(curve, line)
-        curves.append(curve)
+        # Centre lines: measured across the ink, or refused where that is ambiguous.
+        curves = []
+        for line in chosen:
+            if method != "mask":
+                choose.refuse_junctions(line)
+            if method != "ridge":
+                curves.append(skeleton_line(line))
+                continue
+            curve = measure(ink, line)
+            if not accept_width:
+                choose.refuse_wide_run(curve)
+            choose.refuse_double_line(curve)
+            choose.refuse_long_bridge(curve, max_gap_px)
+            choose.refuse_fit_off_ink(curve, line)
+            curves.append(curve)
+    except CurveError as error:
+        raise choose.with_other_pens(error, lines, ink, pen, region) from None
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
     findings = account.leftover_findings(leftover, max_gap_px)
+    if len(chosen) == 1:
+        findings = account.doubts_of_line(chosen[0], lines, ink, pen, region) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
