@@ -58,7 +58,9 @@ class Picture(Canvas):
     def hand(self, window):
         """A smooth ring, or two thirds of it, around the middle."""
         rng, angle = self.rng, np.linspace(0, 2 * np.pi, 900, endpoint=False)
-        radius = 100 + sum(rng.normal(0, 18 / k) * np.cos(k * angle + rng.uniform(0, 6)) for k in (2, 3, 4))
+        radius = 100 + sum(
+            rng.normal(0, 18 / k) * np.cos(k * angle + rng.uniform(0, 6)) for k in (2, 3, 4)
+        )
         ring = radius[:, None] * np.column_stack([1.2 * np.cos(angle), np.sin(angle)])
         middle = (560, 290) if window else (230, 210)
         return (ring + middle)[: None if self.closed else 600]
@@ -138,11 +140,13 @@ def is_right(found, picture):
     points = found.strokes[0].points_px
     error = np.abs(normal_errors(points, picture.truth, picture.closed))
     missing = cKDTree(points).query(polyline(picture.truth, picture.closed, 1.0))[0] > 2.5
-    return np.median(error) <= RIGHT_PX and max(missing.mean(), (error > 2.5).mean()) <= MISSING_SHARE
+    return (
+        np.median(error) <= RIGHT_PX and max(missing.mean(), (error > 2.5).mean()) <= MISSING_SHARE
+    )
 
 
 def outcome(picture, quality=None):
-    """"right", "silent" (a wrong curve without a doubt), "asked" or "refused", and why."""
+    """ "right", "silent" (a wrong curve without a doubt), "asked" or "refused", and why."""
     from vfplan import extract_curve
     from vfplan.errors import CurveError
 

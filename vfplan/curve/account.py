@@ -230,7 +230,7 @@ def doubts_of_line(
     length; and ink that outweighs the line is named.
     """
     doubts = []
-    if (border_px := choose.on_border(line, ink)) >= tuned.MIN_ASPECT * line.width:
+    if (border_px := choose.on_border(line, ink)) >= tuned.WIDE_RUN_WIDTHS * line.width:
         text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
         doubts.append(("curve-on-border", text, line))
     elif choose.is_frame(line, ink) or choose.is_level(line):
@@ -256,9 +256,10 @@ def doubts_of_line(
         text = f"the curve is {own / total:.0%} of the pen's ink only. Is the curve meant?"
         outweighing = [("ink-outweighs", text, line)]
     doubts += outweighing[:NAMED]
-    if doubts and (
-        others := choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
-    ):
+    others = []
+    if doubts or line.length < tuned.RIVAL_SHARE * ink.size.min():
+        others = choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
+    if others:
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
         doubts.insert(0, ("ink-outweighs", text, others[0][1]))
     return [finding_at(line.path[len(line.path) // 2], code, text) for code, text, line in doubts]

@@ -174,7 +174,7 @@ def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
     u, v = (pixels - corner).T
     box[v, u] = True
     branches, junctions = _branches(_core.thinned(box).astype(bool))
-    if len(junctions):
+    if len(junctions) and max(rows, columns) > tuned.CRUMB_PX / 2:  # A letter has no handles.
         branches, junctions = _branches(_without_handles(box))
     if not branches:
         return None
@@ -195,9 +195,10 @@ def _without_handles(box: Flags) -> Flags:
     """
     import cv2
 
-    box = box.astype(np.uint8)
+    inked, box = box, box.astype(np.uint8)
     _, labels, holes, _ = cv2.connectedComponentsWithStats(1 - box, connectivity=4)
     size = holes[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    size[labels[0, 0]] = tuned.HANDLE_PX  # What lies around the piece is no hole.
     box |= (size < tuned.HANDLE_PX)[labels].astype(np.uint8)
     bone = _core.thinned(box.astype(bool)).astype(bool)
     to_paper = cv2.distanceTransform(box, cv2.DIST_L2, 5)
@@ -213,7 +214,8 @@ def _without_handles(box: Flags) -> Flags:
             if is_free and len(path) <= tuned.SPUR_RADII * to_paper[v, u]:
                 spurs.append(path)
         if len(spurs) in (0, len(branches)):
-            return bone
+            # A line does not run in holes, as the way through a letter does.
+            return bone if inked[bone].mean() > tuned.HALF else _core.thinned(inked).astype(bool)
         bone[tuple(np.concatenate(spurs).T[::-1])] = False
         bone = _core.thinned(bone).astype(bool)
 

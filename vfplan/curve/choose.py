@@ -167,7 +167,8 @@ def lines_of_other_pens(
 
     from_px: the length from which a line is named
     """
-    found = []
+    found: list[tuple[str, Candidate]] = []
+    known = [pen]
     for other in main_pens(ink.rgb, region):
         try:
             others_ink = find_ink(ink.rgb, other, region)
@@ -176,9 +177,11 @@ def lines_of_other_pens(
             lines = []
         for line in in_number_order(lines, others_ink)[:1]:
             name = colour_name(ink.rgb, line.path)
-            is_other = abs(Pen.of_colour(name).degrees_from(pen)) > tuned.HUE_GATE_DEG
+            own = Pen.of_colour(name)
+            is_other = all(abs(own.degrees_from(pen)) > tuned.HUE_GATE_DEG for pen in known)
             if is_other and line.length >= from_px:
                 found.append((name, line))
+                known.append(own)
     return sorted(found, key=lambda pair: -pair[1].length)
 
 
@@ -194,8 +197,10 @@ def advice_on_pens(others: list[tuple[str, Candidate]]) -> str:
 def with_other_pens(
     error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
 ) -> CurveError:
-    """The refusal, which names the lines of other pens that are much longer than the pen's own."""
-    own_px = in_number_order(lines, ink)[0].length if lines else tuned.CRUMB_PX / 2
+    """The refusal with all lines, which names much longer lines of other pens."""
+    numbered = in_number_order(lines, ink)
+    error.lines = tuple(line.path for line in numbered)
+    own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
     others = lines_of_other_pens(ink, pen, region, own_px / tuned.RIVAL_SHARE)
     if others:
         name, line = others[0]
@@ -290,7 +295,7 @@ def refuse_wide_run(curve: MeasuredStroke) -> None:
     if not sudden_changes(curve).any():
         return
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
-    run = max(tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
+    run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
     if curve.closed:
         lasting = filters.median(ratio, size, "wrap")

@@ -257,7 +257,8 @@ def _without_fills(ink: Ink) -> NDArray | None:
         box = slice(max(v - 1, 0), v + height + 1), slice(max(u - 1, 0), u + width + 1)
         filled = labels[box] == label
         rim = filled & (cv2.erode(filled.view(np.uint8), small) == 0)
-        strongest = float(np.median(cv2.dilate(coverage[box], square)[rim]))
+        beside = cv2.dilate(coverage[box], square)[rim]
+        strongest = float(np.median(beside)) if rim.any() else 0.0
         pen = filled & (coverage[box] > tuned.FILL_SHARE * strongest)
         if np.median(even[box][filled]) > tuned.FILL_SHARE * strongest or not pen.any():
             continue

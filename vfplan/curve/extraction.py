@@ -66,20 +66,12 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
         ring = np.arange(len(curve.points))
         return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
     last = len(curve.points) - 1
-    first = None
-    if start is not None:
-        first = _index(curve, start, "--start")
-    stop = None
-    if end is not None:
-        stop = _index(curve, end, "--end")
+    first = None if start is None else _index(curve, start, "--start")
+    stop = None if end is None else _index(curve, end, "--end")
     if first is None:
-        first = 0
-        if stop <= last / 2:
-            first = last
+        first = last if stop <= last / 2 else 0
     if stop is None:
-        stop = 0
-        if first < last / 2:
-            stop = last
+        stop = last if first < last / 2 else 0
     if first == stop:
         raise CurveError(
             "--start and --end lie on the same point of the curve. Move one of them.",
@@ -113,22 +105,6 @@ def without_cut_off(
         return _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
 
     return [finding for finding in findings if is_left(finding.place_px)]
-
-
-def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
-    keep = np.arange(min(first, stop), max(first, stop) + 1)
-    ends = curve.ends
-    if first > stop:
-        keep = keep[::-1]
-        ends = ends[::-1]
-    return replace(
-        curve,
-        points=curve.points[keep],
-        sigma=curve.sigma[keep],
-        bridged=curve.bridged[keep],
-        hidden=curve.hidden[keep],
-        ends=ends,
-    )
 
 
 def _index(curve: MeasuredStroke, place: Place, option: str) -> int:

@@ -39,7 +39,7 @@ FILL_SHARE = 0.75
 # Lines and candidates.
 
 # Pixels along a side below which a hole in the ink belongs to a hollow handle on the line.
-HANDLE_PX = 13.0
+HANDLE_PX = 13
 
 # Times the distance of a junction from the ink's edge, up to which a branch from there ends in the
 # corner of a handle. The corner of a square is 1.4 times as far away as its side.

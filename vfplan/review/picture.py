@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MAX_NUMBERED, nice_length
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import runs
 from vfplan.review import paper
@@ -399,7 +399,7 @@ def _draw_captions(
         if marker.is_used:
             residual = f"{marker.residual_m * 1e3:.2f} mm"
         tag(marker.place, f"{marker.label} {residual}")
-    for entry in content.account:
+    for entry in content.account[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
 
 

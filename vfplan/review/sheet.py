@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MAX_NUMBERED
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import arc_lengths, runs
 from vfplan.images.read import as_uint8
@@ -51,9 +52,6 @@ INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
 
-
-# Entries of the account that are listed; the others are summed up.
-LISTED_ENTRIES = 12
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
@@ -166,7 +164,7 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     account = content.account
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
-    for entry in account[:LISTED_ENTRIES]:
+    for entry in account[:MAX_NUMBERED]:
         what = ""
         if entry.what != "ink":
             what = WORDS_OF_ENTRY[entry.what] + ", "
@@ -175,7 +173,7 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
             f"{entry.v:.0f})"
         )
         lines += text_lines(words, width, BODY)
-    smaller = account[LISTED_ENTRIES:]
+    smaller = account[MAX_NUMBERED:]
     if smaller:
         pixels = sum(entry.pixels for entry in smaller)
         lines += text_lines(f"and {len(smaller)} smaller, {pixels} px together", width, BODY)
