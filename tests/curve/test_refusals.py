@@ -28,7 +28,7 @@ def paint(*curves, width=3.0, colour=RED, closed=False):
     return to_uint8(blend(flat(SHAPE), share, colour))
 
 
-TWO_LINES = paint(line(40, 80, 300, 80, 9), line(40, 220, 300, 220, 9))
+TWO_LINES = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
 
 
 def refusal(image, **options):
@@ -265,5 +265,6 @@ def test_a_region_and_what_is_excluded():
     assert stroke.points_px[:, 1].min() > 200
     stroke = extract_curve(TWO_LINES, exclude=[(0, 150, 340, 150)]).strokes[0]
     assert stroke.points_px[:, 1].max() < 100
-    (finding,) = extract_curve(TWO_LINES, roi=(100, 150, 240, 150)).findings
+    straight, finding = extract_curve(TWO_LINES, roi=(100, 150, 240, 150)).findings
+    assert (straight.code, straight.severity) == ("curve-straight", "doubt")
     assert (finding.code, finding.severity) == ("end-at-region", "note")

@@ -98,12 +98,8 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
             to_end, _ = _core.nearest(curve.points[[0, -1]], pixels)
             end_distance = np.minimum(end_distance, to_end)
     outside = edge_distance > tuned.EDGE_BLUR_PX
-    pixels, edge_distance, end_distance = (
-        pixels[outside],
-        edge_distance[outside],
-        end_distance[outside],
-    )
-    mirrored = mirrored[outside]
+    of_pixel = (pixels, edge_distance, end_distance, mirrored)
+    pixels, edge_distance, end_distance, mirrored = (values[outside] for values in of_pixel)
     if len(pixels) == 0:
         return []
     u, v = (pixels - pixels.min(0)).T
@@ -294,9 +290,8 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def _and_more(pieces: list[Leftover]) -> str:
-    if len(pieces) <= NAMED:
-        return ""
-    return f", and {len(pieces) - NAMED} smaller pieces as well"
+    more = len(pieces) - NAMED
+    return f", and {more} smaller pieces as well" if more > 0 else ""
 
 
 def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
@@ -352,10 +347,8 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
-    odd = wide
-    if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
-        odd = thin
-    return _middle(odd)
+    is_letter = is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width
+    return _middle(thin if is_letter else wide)
 
 
 def _nearest_run(flags: Flags, at: int, closed: bool) -> NDArray:

@@ -280,14 +280,10 @@ class Candidate:
 
     def tangent(self, end: int) -> Array:
         """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
-        run = self.path
-        if end == -1:
-            run = self.path[::-1]
+        run = self.path[::-1] if end == -1 else self.path
         run = run[: tuned.TANGENT_PX + 1]
         run = run[len(run) // 6 :]  # Thinning bends the last pixels.
-        degree = 1
-        if len(run) > tuned.TANGENT_PX // 2:
-            degree = 2
+        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)
 
@@ -298,14 +294,10 @@ class Candidate:
     def in_order(self) -> Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
-            if self.path[0].sum() <= self.path[-1].sum():
-                return self
-            return self.backwards()
+            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
         u, v = self.path.T
         is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
-        line = self
-        if not is_clockwise:
-            line = self.backwards()
+        line = self if is_clockwise else self.backwards()
         start = -int(np.argmin(line.path.sum(1)))
         path = np.roll(line.path, start, axis=0)
         return replace(line, path=path, bridged=np.roll(line.bridged, start))
@@ -415,12 +407,9 @@ def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> l
     """The lines with two of them joined at these ends, or one closed to a ring."""
     one, other = lines[i], lines[j]
     others = [line for k, line in enumerate(lines) if k not in (i, j)]
-    if end_i == 0:
-        one = one.backwards()
-    if end_j == -1:
-        other = other.backwards()
-    if i == j:
-        other = one
+    one = one.backwards() if end_i == 0 else one
+    other = other.backwards() if end_j == -1 else other
+    other = one if i == j else other
     start, stop = one.path[-1], other.path[0]
     steps = max(1, round(np.hypot(*(stop - start))))
     gap = start + np.arange(1, steps)[:, None] / steps * (stop - start)

@@ -13,7 +13,7 @@ from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate, find_candidates, find_groups, find_pieces, gap_px
 from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
-from vfplan.errors import CurveError
+from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, runs
 
@@ -173,15 +173,15 @@ def lines_of_other_pens(
         try:
             others_ink = find_ink(ink.rgb, other, region)
             lines = find_candidates(find_pieces(others_ink, find_groups(others_ink)), 0.0)
-        except CurveError:  # Too many pieces: that is no pen.
-            lines = []
-        for line in in_number_order(lines, others_ink)[:1]:
-            name = colour_name(ink.rgb, line.path)
+            line = in_number_order(lines, others_ink)[0]
+            name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)
-            is_other = all(abs(own.degrees_from(pen)) > tuned.HUE_GATE_DEG for pen in known)
-            if is_other and line.length >= from_px:
-                found.append((name, line))
-                known.append(own)
+        except (CurveError, SettingError, IndexError):  # Too many pieces, too grey, or no line.
+            continue
+        is_other = all(abs(own.degrees_from(pen)) > tuned.HUE_GATE_DEG for pen in known)
+        if is_other and line.length >= from_px:
+            found.append((name, line))
+            known.append(own)
     return sorted(found, key=lambda pair: -pair[1].length)
 
 
@@ -297,10 +297,8 @@ def refuse_wide_run(curve: MeasuredStroke) -> None:
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
     run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
-    if curve.closed:
-        lasting = filters.median(ratio, size, "wrap")
-    else:
-        lasting = filters.median(ratio, size, "constant", constant_values=1.0)
+    beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
+    lasting = filters.median(ratio, size, **beyond)
     widest = float(lasting.max())
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return

@@ -81,9 +81,7 @@ def parse_colour(colour: str) -> Array:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
         similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        question = ""
-        if similar:
-            question = f"Did you mean {similar[0]!r}? "
+        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
             f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
@@ -134,9 +132,7 @@ class Region:
     def border_distance(self, points: NDArray, size: NDArray) -> Array:
         """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
         distance = np.full(len(points), np.inf)
-        borders = self.outside
-        if self.inside is not None:
-            borders = [*self.outside, self.inside]
+        borders = self.outside if self.inside is None else [*self.outside, self.inside]
         for u, v, width, height in borders:
             low = np.array([u, v]) - 0.5
             high = np.add(low, (width, height))
@@ -326,10 +322,12 @@ def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
     return pens
 
 
-def colour_name(rgb: NDArray, path: NDArray) -> str:
-    """The usual colour along a path of pixels, as `#rrggbb`."""
+def colour_name(ink: Ink, path: NDArray) -> str:
+    """The usual colour of the stronger half of the ink along a path, as `#rrggbb`."""
     u, v = path.astype(int).T
-    red, green, blue = np.rint(np.median(rgb[v, u], axis=0) * _scale(rgb)).astype(int)
+    strong = ink.coverage[v, u] >= np.median(ink.coverage[v, u])
+    colour = np.median(ink.rgb[v, u][strong], axis=0) * _scale(ink.rgb)
+    red, green, blue = np.rint(colour).astype(int)
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 

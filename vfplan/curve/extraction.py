@@ -100,9 +100,9 @@ def without_cut_off(
     """The findings that speak of the part of a curve that is left."""
 
     def is_left(place: Place) -> bool:
-        if place is None:
-            return True
-        return _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+        return place is None or (
+            _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+        )
 
     return [finding for finding in findings if is_left(finding.place_px)]
 
@@ -235,9 +235,8 @@ def extract_curve(
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
     try:
-        passing = lines
-        if places and stroke is None:
-            passing = lines_through(lines, start, end)
+        is_open_choice = places and stroke is None
+        passing = lines_through(lines, start, end) if is_open_choice else lines
         chosen = choose.choose_lines(lines, passing, stroke, ink, pen, region, max_gap_px)
         unchosen = [line for line in lines if line not in chosen]
         chosen = [line.in_order() for line in chosen]
@@ -345,9 +344,7 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
-    length = None
-    if method != "ridge":
-        length = drawn_length(curve.points, curve.closed)
+    length = None if method == "ridge" else drawn_length(curve.points, curve.closed)
     drawn = curve.points, curve.closed, curve.sigma, curve.bridged
     measured = Stroke(*drawn, width=line.width, known_length=length)
     if method != "mask":

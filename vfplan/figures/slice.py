@@ -110,9 +110,7 @@ def draw_overlay(
     """
     with drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
-            name = ""
-            if len(extraction.strokes) > 1:
-                name = f" {number}"
+            name = f" {number}" if len(extraction.strokes) > 1 else ""
             if extraction.method == "mask":
                 axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
             else:

@@ -93,9 +93,7 @@ def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: flo
 
     Where there is room, a number stands beside its heading.
     """
-    facts = []
-    if content.rgb is not None:
-        facts = _facts_of_ends(content)
+    facts = [] if content.rgb is None else _facts_of_ends(content)
     for heading, words in (*facts, *content.facts):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
@@ -145,9 +143,7 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    heading = "Findings"
-    if not content.findings:
-        heading = "Findings: none"
+    heading = "Findings" if content.findings else "Findings: none"
     lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
     for number, finding in enumerate(content.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
@@ -165,9 +161,7 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
     for entry in account[:MAX_NUMBERED]:
-        what = ""
-        if entry.what != "ink":
-            what = WORDS_OF_ENTRY[entry.what] + ", "
+        what = "" if entry.what == "ink" else WORDS_OF_ENTRY[entry.what] + ", "
         words = (
             f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
             f"{entry.v:.0f})"
@@ -244,9 +238,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
     insets = []
     is_single = len(content.strokes) == 1
     for number, stroke in enumerate(content.strokes, 1):
-        name = "the line"
-        if not is_single:
-            name = f"line {number}"
+        name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             is_even = grey_ahead(content, stroke, end) is not None
@@ -258,9 +250,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, WIDER_ZOOM, is_raised=True, has_line=has_line))
     for number, stroke in enumerate(content.strokes, 1):
-        of_line = ""
-        if not is_single:
-            of_line = f" of line {number}"
+        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -312,9 +302,7 @@ def draw_insets(
         for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
             x = round(MARGIN + k * INSET_STEP)
             for line, words in enumerate((inset.caption, *_described(inset, content))):
-                style = STRONG
-                if line:
-                    style = BODY
+                style = BODY if line else STRONG
                 shown = paper.shortened(words, INSET_PX, style)
                 sheet.text(x, y + line * BODY.line_height, shown, style)
             draw_inset(sheet, inset, rgb, content, x, round(y + CAPTION_HEIGHT))
