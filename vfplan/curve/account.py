@@ -226,39 +226,37 @@ def doubts_of_line(
     length; and ink that outweighs the line is named.
     """
     doubts = []
-    if (border_px := choose.on_border(line, ink)) >= tuned.WIDE_RUN_WIDTHS * line.width:
+    border_px = choose.on_border(line, ink)
+    if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
         text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
-        doubts.append(("curve-on-border", text, line))
+        doubts.append(finding_at(line.middle, "curve-on-border", text))
     elif choose.is_frame(line, ink) or choose.is_level(line):
         text = "the curve runs straight along rows and columns. Is it a bar, a box or a scale?"
-        doubts.append(("curve-straight", text, line))
+        doubts.append(finding_at(line.middle, "curve-straight", text))
     if line.length < tuned.CRUMB_PX:
         text = f"the curve is {line.length:.0f} px long only. Is it a part of a letter or a sign?"
-        doubts.append(("curve-short", text, line))
-    own, extent = line.ink_px, np.ptp(line.path, axis=0).max()
-    outweighing = []
+        doubts.append(finding_at(line.middle, "curve-short", text))
     for number, other in enumerate(choose.in_number_order(lines, ink), 1):
-        size = np.ptp(other.path, axis=0)
+        size, times = np.ptp(other.path, axis=0), other.ink_px / line.ink_px
         # A frame around the whole picture is expected.
         is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
-        if other.ink_px > own and size.max() > extent and not is_around:
+        if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
             text = (
-                f"line {number} has {other.ink_px / own:.1f} times the ink of the curve. If it is "
-                f"meant: --stroke {number}."
+                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
+                f"--stroke {number}."
             )
-            outweighing.append(("ink-outweighs", text, other))
-    total = int(np.count_nonzero(ink.mask))
-    if not outweighing and own < tuned.SMALL_SHARE * total:
-        text = f"the curve is {own / total:.0%} of the pen's ink only. Is the curve meant?"
-        outweighing = [("ink-outweighs", text, line)]
-    doubts += outweighing[:NAMED]
+            doubts.append(finding_at(other.middle, "ink-outweighs", text))
+    share = line.ink_px / np.count_nonzero(ink.mask)
+    if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
+        text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
+        doubts.append(finding_at(line.middle, "ink-outweighs", text))
     others = []
     if doubts or line.length < tuned.RIVAL_SHARE * ink.size.min():
         others = choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
     if others:
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
-        doubts.insert(0, ("ink-outweighs", text, others[0][1]))
-    return [finding_at(line.path[len(line.path) // 2], code, text) for code, text, line in doubts]
+        doubts.insert(0, finding_at(others[0][1].middle, "ink-outweighs", text))
+    return doubts
 
 
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
@@ -272,7 +270,7 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
                 f"a line of {other.length:.0f} px lies in the direction of the end of the curve, "
                 f"beyond a gap of {gap:.0f} px. Does the curve go on there?"
             )
-            findings.append(finding_at(other.path[len(other.path) // 2], "ink-at-end", text))
+            findings.append(finding_at(other.middle, "ink-at-end", text))
     return findings
 
 

@@ -269,6 +269,11 @@ class Candidate:
         return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
 
     @property
+    def middle(self) -> Array:
+        """(2,) the point in the middle of its path."""
+        return self.path[len(self.path) // 2]
+
+    @property
     def ink_px(self) -> int:
         """How many pixels of ink it has."""
         return sum(len(piece.pixels) for piece in self.pieces)

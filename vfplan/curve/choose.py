@@ -187,10 +187,9 @@ def lines_of_other_pens(
 
 def advice_on_pens(others: list[tuple[str, Candidate]]) -> str:
     """The lines of other pens in words, each with the option that takes it."""
-    places = [(name, line, line.path[len(line.path) // 2]) for name, line in others[:DESCRIBED]]
     return "; ".join(
-        f"{line.length:.0f} px through ({u:.0f}, {v:.0f}): --colour '{name}'"
-        for name, line, (u, v) in places
+        "{:.0f} px through ({:.0f}, {:.0f}): --colour '{}'".format(line.length, *line.middle, name)
+        for name, line in others[:DESCRIBED]
     )
 
 
@@ -205,7 +204,7 @@ def with_other_pens(
     if others:
         name, line = others[0]
         error.message = f"Longest lines of other pens: {advice_on_pens(others)}. {error.message}"
-        u, v = (float(x) for x in line.path[len(line.path) // 2])
+        u, v = (float(x) for x in line.middle)
         numbers = {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v}
         error.numbers = numbers | error.numbers
     return error
