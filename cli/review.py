@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.extract import drawing_refusal, pointing_to_page
 from vfplan.cli.next_commands import (
     accept_command,
     page_command,
@@ -203,8 +204,16 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
+    files = (source, arguments["markers"], arguments["markers2"])
+    approved = sheet_out.with_name(f"{source.stem}-approved.h5")
+    page = page_command(*files, output=approved, overwrites=False)
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
-        content = sheet_of_bundle(arguments) if is_bundle else sheet_of_slice(arguments)
+        if is_bundle:
+            content = sheet_of_bundle(arguments)
+        else:
+            settings = settings_from_options(ExtractSettings, arguments)
+            with pointing_to_page(page), drawing_refusal(source, settings, sheet_out):
+                content = sheet_of_slice(arguments)
         with outputs(sheet_out) as (path,):
             write_sheet(content, path)
     if content.missing_slice:
@@ -214,9 +223,7 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, content.digest)
     else:
-        files = (source, arguments["markers"], arguments["markers2"])
-        approved = sheet_out.with_name(f"{source.stem}-approved.h5")
-        following = page_command(*files, output=approved, overwrites=False)
+        following = page
     return CommandResult(
         {"digest": content.digest, "sheet": str(sheet_out)},
         f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,

@@ -10,6 +10,9 @@ import math
 # Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20
 
+# Numbers on a picture of a slice. More would cover it.
+MAX_NUMBERED = 12
+
 # Number of points of a cloud or of a path that a picture draws. More look the same.
 MAX_DRAWN = 4000
 

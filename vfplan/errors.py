@@ -91,11 +91,13 @@ class ImageError(InputError):
 class CurveError(InputError):
     """No planned curve in the image, or one that would have to be guessed.
 
-    `candidates` are the lines there were to choose from, (n, 2) [px] each, in their numbers' order.
+    `candidates` are the lines there were to choose from, (n, 2) [px] each, and `lines` all lines in
+    the order of their numbers.
     """
 
     code = "curve"
     candidates: tuple[Any, ...] = ()
+    lines: tuple[Any, ...] = ()
 
 
 class MarkerError(InputError):

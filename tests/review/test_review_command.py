@@ -206,6 +206,9 @@ def test_refusals_name_the_command_that_mends_them(kind, vfplan_cli, tmp_path):
         assert run.code == 3
         files = " ".join(str(word) for word in words[1:])
         assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
+    run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
+    assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
+    assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
 
 
 def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tmp_path):

@@ -391,8 +391,11 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     findings = tuple(doubt("ink-left", "extract", f"Number {k}.", place_px=place)
                      for k, place in enumerate(places))  # fmt: skip
     markers = drawn_ends.markers(rng, drawn.image.shape, 40)
+    ink = tuple(AccountEntry(k, *places[k], 500 + k, 0.01, 9.0, "ink") for k in range(1, 31))
     shown = drawn_ends.sheet_input(drawn, findings=findings, markers=markers)
-    words = " ".join(words_of(checked(shown)))
+    on_sheet = words_of(checked(replace(shown, account=ink)))
+    assert {word for word in on_sheet if word.isdecimal()} <= {str(k) for k in range(1, 13)}
+    words = " ".join(on_sheet)
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
     assert shown.unanswered == 100

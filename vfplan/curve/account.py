@@ -14,7 +14,7 @@ from vfplan import _core
 from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
-from vfplan.curve.coverage import OTHER_UNIT, Ink
+from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
 from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
@@ -98,12 +98,8 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
             to_end, _ = _core.nearest(curve.points[[0, -1]], pixels)
             end_distance = np.minimum(end_distance, to_end)
     outside = edge_distance > tuned.EDGE_BLUR_PX
-    pixels, edge_distance, end_distance = (
-        pixels[outside],
-        edge_distance[outside],
-        end_distance[outside],
-    )
-    mirrored = mirrored[outside]
+    of_pixel = (pixels, edge_distance, end_distance, mirrored)
+    pixels, edge_distance, end_distance, mirrored = (values[outside] for values in of_pixel)
     if len(pixels) == 0:
         return []
     u, v = (pixels - pixels.min(0)).T
@@ -221,6 +217,48 @@ def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Findi
     return findings
 
 
+def doubts_of_line(
+    line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
+) -> list[Finding]:
+    """What makes a line look like a part of the picture's surroundings, and what to take instead.
+
+    A bar on the border, a scale, a box or an icon is told apart by where it lies, its shape and its
+    length; and ink that outweighs the line is named.
+    """
+    doubts = []
+    border_px = choose.on_border(line, ink)
+    if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
+        text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
+        doubts.append(finding_at(line.middle, "curve-on-border", text))
+    elif choose.is_frame(line, ink) or choose.is_level(line):
+        text = "the curve runs straight along rows and columns. Is it a bar, a box or a scale?"
+        doubts.append(finding_at(line.middle, "curve-straight", text))
+    if line.length < tuned.CRUMB_PX:
+        text = f"the curve is {line.length:.0f} px long only. Is it a part of a letter or a sign?"
+        doubts.append(finding_at(line.middle, "curve-short", text))
+    for number, other in enumerate(choose.in_number_order(lines, ink), 1):
+        size, times = np.ptp(other.path, axis=0), other.ink_px / line.ink_px
+        # A frame around the whole picture is expected.
+        is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
+        if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
+            text = (
+                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
+                f"--stroke {number}."
+            )
+            doubts.append(finding_at(other.middle, "ink-outweighs", text))
+    share = line.ink_px / np.count_nonzero(ink.mask)
+    if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
+        text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
+        doubts.append(finding_at(line.middle, "ink-outweighs", text))
+    others = []
+    if doubts or line.length < tuned.RIVAL_SHARE * ink.size.min():
+        others = choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
+    if others:
+        text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
+        doubts.insert(0, finding_at(others[0][1].middle, "ink-outweighs", text))
+    return doubts
+
+
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
     """Other lines in the direction of an end, farther away than ink at an end is looked for."""
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
@@ -232,7 +270,7 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
                 f"a line of {other.length:.0f} px lies in the direction of the end of the curve, "
                 f"beyond a gap of {gap:.0f} px. Does the curve go on there?"
             )
-            findings.append(finding_at(other.path[len(other.path) // 2], "ink-at-end", text))
+            findings.append(finding_at(other.middle, "ink-at-end", text))
     return findings
 
 
@@ -250,9 +288,8 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def _and_more(pieces: list[Leftover]) -> str:
-    if len(pieces) <= NAMED:
-        return ""
-    return f", and {len(pieces) - NAMED} smaller pieces as well"
+    more = len(pieces) - NAMED
+    return f", and {more} smaller pieces as well" if more > 0 else ""
 
 
 def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
@@ -308,10 +345,8 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     # A wide stretch that is all the rest of the line is the line itself.
     first, last = np.flatnonzero(on_line)[[0, -1]]
     is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
-    odd = wide
-    if is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width:
-        odd = thin
-    return _middle(odd)
+    is_letter = is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width
+    return _middle(thin if is_letter else wide)
 
 
 def _nearest_run(flags: Flags, at: int, closed: bool) -> NDArray:

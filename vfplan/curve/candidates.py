@@ -36,7 +36,7 @@ class Piece:
     junctions
         (J, 2) pixels where branches meet.
     length, width
-        Of all its branches [px], and its area over that length [px].
+        Of its longest branch [px], and its area over the length of all its branches [px].
     strength
         Mean coverage along the path.
     """
@@ -174,14 +174,50 @@ def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
     u, v = (pixels - corner).T
     box[v, u] = True
     branches, junctions = _branches(_core.thinned(box).astype(bool))
+    if len(junctions) and max(rows, columns) > tuned.CRUMB_PX / 2:  # A letter has no handles.
+        branches, junctions = _branches(_without_handles(box))
     if not branches:
         return None
     path, closed = max(branches, key=lambda branch: len(branch[0]))
     path = path + corner
-    length = sum(_length(*branch) for branch in branches)
+    drawn_px = sum(_length(*branch) for branch in branches)
+    length, width = _length(path, closed), len(pixels) / drawn_px
     u, v = path.T
     strength = float(ink.coverage[v, u].mean(dtype=np.float32))
-    return Piece(pixels, path, closed, junctions + corner, length, len(pixels) / length, strength)
+    return Piece(pixels, path, closed, junctions + corner, length, width, strength)
+
+
+def _without_handles(box: Flags) -> Flags:
+    """The skeleton of a piece of ink, through the handles that a program draws on an outline.
+
+    The hole of a hollow handle counts as ink, and a branch that ends within the ink around its
+    junction, as in the corner of a square, is none.
+    """
+    import cv2
+
+    inked, box = box, box.astype(np.uint8)
+    _, labels, holes, _ = cv2.connectedComponentsWithStats(1 - box, connectivity=4)
+    size = holes[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1)
+    size[labels[0, 0]] = tuned.HANDLE_PX  # What lies around the piece is no hole.
+    box |= (size < tuned.HANDLE_PX)[labels].astype(np.uint8)
+    bone = _core.thinned(box.astype(bool)).astype(bool)
+    to_paper = cv2.distanceTransform(box, cv2.DIST_L2, 5)
+    while True:
+        branches, junctions = _branches(bone)
+        crowd = cv2.filter2D(bone.astype(np.uint8), -1, np.ones((3, 3), np.uint8))
+        spurs = []
+        for path, _ in branches if len(junctions) else []:
+            to_junction = np.abs(junctions[:, None] - path[[0, -1]]).max(2).min(1)
+            u, v = junctions[to_junction.argmin()]
+            # An end has a single neighbour.
+            is_free = crowd[tuple(path[[0, -1]].T[::-1])].min() <= 2
+            if is_free and len(path) <= tuned.SPUR_RADII * to_paper[v, u]:
+                spurs.append(path)
+        if len(spurs) in (0, len(branches)):
+            # A line does not run in holes, as the way through a letter does.
+            return bone if inked[bone].mean() > tuned.HALF else _core.thinned(inked).astype(bool)
+        bone[tuple(np.concatenate(spurs).T[::-1])] = False
+        bone = _core.thinned(bone).astype(bool)
 
 
 def _length(path: NDArray, closed: bool) -> float:
@@ -233,20 +269,26 @@ class Candidate:
         return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
 
     @property
+    def middle(self) -> Array:
+        """(2,) the point in the middle of its path."""
+        return self.path[len(self.path) // 2]
+
+    @property
+    def ink_px(self) -> int:
+        """How many pixels of ink it has."""
+        return sum(len(piece.pixels) for piece in self.pieces)
+
+    @property
     def may_go_on(self) -> bool:
         """Whether it has two plain ends that a gap may join to others."""
         return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
 
     def tangent(self, end: int) -> Array:
         """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
-        run = self.path
-        if end == -1:
-            run = self.path[::-1]
+        run = self.path[::-1] if end == -1 else self.path
         run = run[: tuned.TANGENT_PX + 1]
         run = run[len(run) // 6 :]  # Thinning bends the last pixels.
-        degree = 1
-        if len(run) > tuned.TANGENT_PX // 2:
-            degree = 2
+        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)
 
@@ -257,14 +299,10 @@ class Candidate:
     def in_order(self) -> Candidate:
         """The line from the end closer to the top left corner; a ring from there, clockwise."""
         if not self.closed:
-            if self.path[0].sum() <= self.path[-1].sum():
-                return self
-            return self.backwards()
+            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
         u, v = self.path.T
         is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
-        line = self
-        if not is_clockwise:
-            line = self.backwards()
+        line = self if is_clockwise else self.backwards()
         start = -int(np.argmin(line.path.sum(1)))
         path = np.roll(line.path, start, axis=0)
         return replace(line, path=path, bridged=np.roll(line.bridged, start))
@@ -374,12 +412,9 @@ def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> l
     """The lines with two of them joined at these ends, or one closed to a ring."""
     one, other = lines[i], lines[j]
     others = [line for k, line in enumerate(lines) if k not in (i, j)]
-    if end_i == 0:
-        one = one.backwards()
-    if end_j == -1:
-        other = other.backwards()
-    if i == j:
-        other = one
+    one = one.backwards() if end_i == 0 else one
+    other = other.backwards() if end_j == -1 else other
+    other = one if i == j else other
     start, stop = one.path[-1], other.path[0]
     steps = max(1, round(np.hypot(*(stop - start))))
     gap = start + np.arange(1, steps)[:, None] / steps * (stop - start)

@@ -12,8 +12,8 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate, find_candidates, find_groups, find_pieces, gap_px
 from vfplan.curve.centreline import MeasuredStroke, error_at
-from vfplan.curve.coverage import HUES, Ink, Pen, Region, find_ink
-from vfplan.errors import CurveError
+from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
+from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, runs
 
@@ -24,17 +24,20 @@ Choice = int | Literal["all", "longest"] | None
 
 
 def choose_lines(
-    lines: list[Candidate], choice: Choice, ink: Ink, pen: Pen, region: Region, max_gap_px: float
+    lines: list[Candidate],
+    passing: list[Candidate],
+    choice: Choice,
+    ink: Ink,
+    pen: Pen,
+    region: Region,
+    max_gap_px: float,
 ) -> list[Candidate]:
-    """The lines that are meant; raises `CurveError` where that is left open.
+    """Those of the passing lines that are meant; raises `CurveError` where that is left open.
 
-    Candidates are the longest line and those that are at least half as long. A frame around
-    the picture or a part of it is none. A number counts the candidates first, then all other lines.
+    Candidates are the longest line and those that are at least half as long. A frame is none. A
+    number counts all lines, the frames last.
     """
-    frames = [line for line in lines if is_frame(line)]
-    others = [line for line in lines if not is_frame(line)]
-    candidates = [line for line in others if line.length >= tuned.RIVAL_SHARE * others[0].length]
-    numbered = others + frames
+    numbered = in_number_order(lines, ink)
     if isinstance(choice, int):
         if choice > len(numbered):
             raise CurveError(
@@ -43,24 +46,48 @@ def choose_lines(
                 numbers={"number": choice, "lines": len(numbered)},
             )
         return [numbered[choice - 1]]
+    others = [line for line in numbered if line in passing and not is_frame(line, ink)]
+    candidates = [line for line in others if line.length >= tuned.RIVAL_SHARE * others[0].length]
     if not candidates:
-        raise _no_line_error(frames, ink, pen, region)
+        raise _no_line_error(numbered, ink, pen, region)
     if choice == "all":
         return candidates
     if choice is None and len(candidates) > 1:
-        raise _several_error(candidates, max_gap_px)
+        raise _several_error(candidates, numbered, max_gap_px)
     return candidates[:1]
 
 
-def is_frame(line: Candidate) -> bool:
-    """Whether a line is a frame: no hand's curve, but a box around a picture or a part of it.
+def in_number_order(lines: list[Candidate], ink: Ink) -> list[Candidate]:
+    """The lines as `--stroke N` counts them: the longest first, and frames last."""
+    return sorted(lines, key=lambda line: is_frame(line, ink))
 
-    It is one if it runs along the sides of the upright rectangle around it, all the way round.
+
+def is_frame(line: Candidate, ink: Ink) -> bool:
+    """Whether a line is a frame: no hand's curve, but a box, or a bar on the picture's border.
+
+    It is one if it runs along the sides of the upright rectangle around it, all the way round, or
+    if at least half of it lies flush with the border of the picture.
     """
     low, high = line.path.min(0), line.path.max(0)
     to_side = np.minimum(line.path - low, high - line.path).min(1)
     on_side = (to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE
-    return on_side and len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
+    goes_round = len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
+    return (on_side and goes_round) or on_border(line, ink) >= line.length / 2
+
+
+def on_border(line: Candidate, ink: Ink) -> int:
+    """Over how many pixels the ink of a line lies flush with the border of the picture."""
+    pixels = np.concatenate([piece.pixels for piece in line.pieces])
+    to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
+    nearest = to_border.min()
+    return int((to_border == nearest).sum()) if nearest <= tuned.FLANK_PX else 0
+
+
+def is_level(line: Candidate) -> bool:
+    """Whether nearly all of a line runs along rows and columns, as a bar or a box does."""
+    size = min(2 * tuned.TANGENT_PX + 1, len(line.path))
+    spans = [np.ptp(filters.windows(axis, size, "edge"), axis=1) for axis in line.path.T]
+    return (np.min(spans, axis=0) <= 1).mean() >= tuned.FRAME_SHARE
 
 
 def describe(line: Candidate) -> str:
@@ -72,8 +99,11 @@ def describe(line: Candidate) -> str:
     return f"open, {line.length:.0f} px long, {ends}"
 
 
-def _several_error(candidates: list[Candidate], max_gap_px: float) -> CurveError:
-    listed = "; ".join(f"{k}: {describe(line)}" for k, line in enumerate(candidates[:DESCRIBED], 1))
+def _several_error(
+    candidates: list[Candidate], numbered: list[Candidate], max_gap_px: float
+) -> CurveError:
+    told = {numbered.index(line) + 1: describe(line) for line in candidates[:DESCRIBED]}
+    listed = "; ".join(f"{number}: {words}" for number, words in told.items())
     message = (
         f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
         f"of the picture with --roi: {listed}"
@@ -106,63 +136,78 @@ def _nearest_ends(lines: list[Candidate]) -> tuple[float, float, Array] | None:
     return min(gaps, key=lambda gap: gap[0], default=None)
 
 
-def _no_line_error(frames: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
-    """The refusal where the pen drew no line; it names another pen's line if there is one."""
+def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
+    """The refusal where the pen drew no line, or frames only."""
     if (ink.rgb == ink.rgb[..., :1]).all():
         return CurveError(
             "The picture is grey, so no pen can be told from it. Give a curve that was drawn as "
             "vectors: --curve FILE.",
             code="image-grey",
         )
-    if frames:
+    if lines:
         error = CurveError(
-            f"The only line in {pen.name} is a frame around the picture or a part of it. Take "
-            "it all the same with --stroke 1.",
+            f"The only line in {pen.name} is a frame: a box, or a bar on the picture's border. "
+            "Take it all the same with --stroke 1.",
             code="only-a-frame",
         )
-        error.candidates = tuple(line.path for line in frames)
+        error.candidates = tuple(line.path for line in lines)
         return error
-    numbers: dict[str, Any] = {"mask_pixels": int(ink.mask.sum())}
-    line = _longest_of_another_pen(ink.rgb, pen, region)
-    if line is None:
-        return CurveError(
-            f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or "
-            "#rrggbb, or draw again if the pen was black, grey or white.",
-            code="no-line",
-            numbers=numbers,
-        )
-    name = _nearest_hue(ink.rgb, line)
-    u, v = (float(x) for x in line.path[len(line.path) // 2])
-    numbers |= {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v}
     return CurveError(
-        f"No line was drawn in {pen.name}; the longest line of another pen is {line.length:.0f} px "
-        f"of {name}. Take it with --colour {name}, or draw again if the pen was black, grey or "
-        "white.",
+        f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or #rrggbb, or "
+        "draw again if the pen was black, grey or white.",
         code="no-line",
-        numbers=numbers,
+        numbers={"mask_pixels": int(ink.mask.sum())},
     )
 
 
-def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> Candidate | None:
-    """The longest line that a pen of another named colour drew."""
-    best = None
-    for name in (name for name in HUES if name != pen.name):
+def lines_of_other_pens(
+    ink: Ink, pen: Pen, region: Region, from_px: float
+) -> list[tuple[str, Candidate]]:
+    """The longest line of each other pen, as `#rrggbb` and line; the longest of them first.
+
+    from_px: the length from which a line is named
+    """
+    found: list[tuple[str, Candidate]] = []
+    known = [pen]
+    for other in main_pens(ink.rgb, region):
         try:
-            ink = find_ink(rgb, Pen.of_colour(name), region)
-            lines = find_candidates(find_pieces(ink, find_groups(ink)), 0.0)
-        except CurveError:  # Too many pieces: that is no pen.
+            others_ink = find_ink(ink.rgb, other, region)
+            lines = find_candidates(find_pieces(others_ink, find_groups(others_ink)), 0.0)
+            line = in_number_order(lines, others_ink)[0]
+            name = colour_name(others_ink, line.path)
+            own = Pen.of_colour(name)
+        except (CurveError, SettingError, IndexError):  # Too many pieces, too grey, or no line.
             continue
-        if lines and (best is None or lines[0].length > best.length):
-            best = lines[0]
-    return best
+        is_other = all(abs(own.degrees_from(pen)) > tuned.HUE_GATE_DEG for pen in known)
+        if is_other and line.length >= from_px:
+            found.append((name, line))
+            known.append(own)
+    return sorted(found, key=lambda pair: -pair[1].length)
 
 
-def _nearest_hue(rgb: NDArray, line: Candidate) -> str:
-    """The name of the pen whose hue is closest to a line's; the hues of two pens may overlap."""
-    u, v = line.path.astype(int).T
-    colour = rgb[v, u].mean(0)
-    agreement = [float(Pen.of_colour(name).along @ colour) for name in HUES]
-    return HUES[int(np.argmax(agreement))]
+def advice_on_pens(others: list[tuple[str, Candidate]]) -> str:
+    """The lines of other pens in words, each with the option that takes it."""
+    return "; ".join(
+        "{:.0f} px through ({:.0f}, {:.0f}): --colour '{}'".format(line.length, *line.middle, name)
+        for name, line in others[:DESCRIBED]
+    )
+
+
+def with_other_pens(
+    error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
+) -> CurveError:
+    """The refusal with all lines, which names much longer lines of other pens."""
+    numbered = in_number_order(lines, ink)
+    error.lines = tuple(line.path for line in numbered)
+    own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
+    others = lines_of_other_pens(ink, pen, region, own_px / tuned.RIVAL_SHARE)
+    if others:
+        name, line = others[0]
+        error.message = f"Longest lines of other pens: {advice_on_pens(others)}. {error.message}"
+        u, v = (float(x) for x in line.middle)
+        numbers = {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v}
+        error.numbers = numbers | error.numbers
+    return error
 
 
 def refuse_junctions(line: Candidate) -> None:
@@ -249,12 +294,10 @@ def refuse_wide_run(curve: MeasuredStroke) -> None:
     if not sudden_changes(curve).any():
         return
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
-    run = max(tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
+    run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
-    if curve.closed:
-        lasting = filters.median(ratio, size, "wrap")
-    else:
-        lasting = filters.median(ratio, size, "constant", constant_values=1.0)
+    beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
+    lasting = filters.median(ratio, size, **beyond)
     widest = float(lasting.max())
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return

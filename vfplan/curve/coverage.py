@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.errors import SettingError
+from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags
 
-# Names of pens that a refusal looks for when the named pen drew nothing.
-HUES = ("red", "orange", "yellow", "lime", "cyan", "blue", "magenta")
+# Hues that are looked for in a picture where the named pen drew no curve.
+MOST_PENS = 8
+# Steps of the hue by which pixels are counted [degrees].
+HUE_STEP_DEG = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +81,7 @@ def parse_colour(colour: str) -> Array:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
         similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        question = ""
-        if similar:
-            question = f"Did you mean {similar[0]!r}? "
+        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
             f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
@@ -131,9 +132,7 @@ class Region:
     def border_distance(self, points: NDArray, size: NDArray) -> Array:
         """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
         distance = np.full(len(points), np.inf)
-        borders = self.outside
-        if self.inside is not None:
-            borders = [*self.outside, self.inside]
+        borders = self.outside if self.inside is None else [*self.outside, self.inside]
         for u, v, width, height in borders:
             low = np.array([u, v]) - 0.5
             high = np.add(low, (width, height))
@@ -223,25 +222,113 @@ class Window:
 
 
 def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
-    """The pen's coverage, other pens and the mask of a (H, W, 3) picture."""
+    """The pen's coverage, other pens and the mask of a (H, W, 3) picture.
+
+    Where an outline is filled with a lighter shade of its own colour, the fill is taken off first.
+    """
+    ink, is_broad = _ink_on(rgb, pen, region)
+    unfilled = _without_fills(ink) if is_broad else None
+    return ink if unfilled is None else _ink_on(unfilled, pen, region)[0]
+
+
+def _without_fills(ink: Ink) -> NDArray | None:
+    """The picture as it was before outlines were filled; `None` where none is.
+
+    A fill is even ink that is wider than any pen, with stronger ink around most of it. Over it, a
+    pixel shows p = (1 - f) g + f c of the ground g and the pen's colour c.
+    """
+    import cv2
+
+    square, small = (np.ones((side, side), np.uint8) for side in (tuned.LOCAL_PX, 3))
+    coverage = ink.coverage.astype(np.float32).clip(0)
+    even = cv2.morphologyEx(coverage, cv2.MORPH_OPEN, square)
+    for _ in range(tuned.LOCAL_PX):  # Into the corners, where no square has room.
+        even = np.minimum(cv2.dilate(even, small), coverage)
+    inside = (even > tuned.HALF * cv2.dilate(even, square)) & (even > tuned.VISIBLE / 10)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(inside.view(np.uint8))
+    result = ink.rgb.astype(np.float32)
+    found = False
+    for label in np.flatnonzero(boxes[1:, cv2.CC_STAT_AREA] >= tuned.LOCAL_PX**2) + 1:
+        u, v, width, height = boxes[label, :4]
+        box = slice(max(v - 1, 0), v + height + 1), slice(max(u - 1, 0), u + width + 1)
+        filled = labels[box] == label
+        rim = filled & (cv2.erode(filled.view(np.uint8), small) == 0)
+        beside = cv2.dilate(coverage[box], square)[rim]
+        strongest = float(np.median(beside)) if rim.any() else 0.0
+        pen = filled & (coverage[box] > tuned.FILL_SHARE * strongest)
+        if np.median(even[box][filled]) > tuned.FILL_SHARE * strongest or not pen.any():
+            continue
+        found = True
+        outline, colour = np.median(coverage[box][pen]), np.median(ink.rgb[box][pen], axis=0)
+        # The edge of the outline is the pen's alone.
+        share = cv2.erode(np.where(filled, even[box] / outline, 0), small)[..., None].clip(0, 0.9)
+        result[box] = (result[box] - share * colour) / (1 - share)
+    top = np.iinfo(ink.rgb.dtype).max
+    return np.rint(result).clip(0, top).astype(ink.rgb.dtype) if found else None
+
+
+def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
+    """The ink of a picture as it is, and whether any of it is broader than a pen, however faint."""
+    import cv2
+
     shape = rgb.shape[:2]
     ink = Ink(rgb, np.zeros(shape, np.float16), np.zeros(shape, np.uint8), np.zeros(shape, bool))
     windows = list(_coloured_windows(rgb))
     drawn = _measured_pen(rgb, pen, region, windows)
+    is_broad = False
     if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
-        return ink
+        return ink, is_broad
     pen, strength = drawn
+    square = np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8)
     for window in windows:
         along, across = _chroma(rgb, pen, region, window)
         # Another pen's colour is plain to see there.
         strong = np.hypot(along, across) > tuned.OTHER_CHROMA
         other = strong & (np.abs(across) > _gate() * along)
         unmixed = _without_other(along, across, other)
+        tinted = (unmixed > tuned.CHROMA_FLOOR / 2).view(np.uint8)
+        is_broad |= bool(cv2.erode(tinted, square).any())
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
         ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
         ink.coverage[window.inner] = window.cut(unmixed) / strength
         ink.other[window.inner] = window.cut(np.minimum(OTHER_UNIT * foreign, 255))
-    return ink
+    return ink, is_broad
+
+
+def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
+    """The pens of the hues that most saturated pixels of a picture have, the most frequent first.
+
+    A hue counts together with its neighbours, and no pen is named twice.
+    """
+    red = Pen.of_colour("red")
+    counts = np.zeros(360 // HUE_STEP_DEG)
+    for window in _coloured_windows(rgb):
+        along, across = (window.cut(plane) for plane in _chroma(rgb, red, region, window))
+        strong = np.hypot(along, across) > tuned.OTHER_CHROMA
+        angle = np.degrees(np.arctan2(across[strong], along[strong])) % 360
+        step = (angle / HUE_STEP_DEG).astype(int) % len(counts)
+        counts += np.bincount(step, minlength=len(counts))
+    reach = round(tuned.HUE_GATE_DEG / HUE_STEP_DEG)
+    pens = []
+    for _ in range(MOST_PENS):
+        top = int(filters.windows(counts, 3, "wrap").sum(axis=1).argmax())
+        around = np.arange(top - 1, top + 2) % len(counts)
+        if not counts[around].any():
+            break
+        # The mean hue of the three steps.
+        hue = top + (counts[around] @ [-1, 0, 1]) / counts[around].sum() + 0.5
+        pens.append(red.turned(np.radians(HUE_STEP_DEG * hue)))
+        counts[np.arange(top - reach + 1, top + reach) % len(counts)] = 0
+    return pens
+
+
+def colour_name(ink: Ink, path: NDArray) -> str:
+    """The usual colour of the stronger half of the ink along a path, as `#rrggbb`."""
+    u, v = path.astype(int).T
+    strong = ink.coverage[v, u] >= np.median(ink.coverage[v, u])
+    colour = np.median(ink.rgb[v, u][strong], axis=0) * _scale(ink.rgb)
+    red, green, blue = np.rint(colour).astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def sample(plane: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float32]:

@@ -66,20 +66,12 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
         ring = np.arange(len(curve.points))
         return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
     last = len(curve.points) - 1
-    first = None
-    if start is not None:
-        first = _index(curve, start, "--start")
-    stop = None
-    if end is not None:
-        stop = _index(curve, end, "--end")
+    first = None if start is None else _index(curve, start, "--start")
+    stop = None if end is None else _index(curve, end, "--end")
     if first is None:
-        first = 0
-        if stop <= last / 2:
-            first = last
+        first = last if stop <= last / 2 else 0
     if stop is None:
-        stop = 0
-        if first < last / 2:
-            stop = last
+        stop = last if first < last / 2 else 0
     if first == stop:
         raise CurveError(
             "--start and --end lie on the same point of the curve. Move one of them.",
@@ -108,27 +100,11 @@ def without_cut_off(
     """The findings that speak of the part of a curve that is left."""
 
     def is_left(place: Place) -> bool:
-        if place is None:
-            return True
-        return _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+        return place is None or (
+            _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
+        )
 
     return [finding for finding in findings if is_left(finding.place_px)]
-
-
-def _cut(curve: MeasuredStroke, first: int, stop: int) -> MeasuredStroke:
-    keep = np.arange(min(first, stop), max(first, stop) + 1)
-    ends = curve.ends
-    if first > stop:
-        keep = keep[::-1]
-        ends = ends[::-1]
-    return replace(
-        curve,
-        points=curve.points[keep],
-        sigma=curve.sigma[keep],
-        bridged=curve.bridged[keep],
-        hidden=curve.hidden[keep],
-        ends=ends,
-    )
 
 
 def _index(curve: MeasuredStroke, place: Place, option: str) -> int:
@@ -258,32 +234,36 @@ def extract_curve(
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
-    passing = lines
-    if places and stroke is None:
-        passing = lines_through(lines, start, end)
-    chosen = choose.choose_lines(passing, stroke, ink, pen, region, max_gap_px)
-    unchosen = [line for line in lines if line not in chosen]
-    chosen = [line.in_order() for line in chosen]
+    try:
+        is_open_choice = places and stroke is None
+        passing = lines_through(lines, start, end) if is_open_choice else lines
+        chosen = choose.choose_lines(lines, passing, stroke, ink, pen, region, max_gap_px)
+        unchosen = [line for line in lines if line not in chosen]
+        chosen = [line.in_order() for line in chosen]
 
-    # Centre lines: measured across the ink, or refused where that is ambiguous.
-    curves = []
-    for line in chosen:
-        if method != "mask":
-            choose.refuse_junctions(line)
-        if method != "ridge":
-            curves.append(skeleton_line(line))
-            continue
-        curve = measure(ink, line)
-        if not accept_width:
-            choose.refuse_wide_run(curve)
-        choose.refuse_double_line(curve)
-        choose.refuse_long_bridge(curve, max_gap_px)
-        choose.refuse_fit_off_ink(curve, line)
-        curves.append(curve)
+        # Centre lines: measured across the ink, or refused where that is ambiguous.
+        curves = []
+        for line in chosen:
+            if method != "mask":
+                choose.refuse_junctions(line)
+            if method != "ridge":
+                curves.append(skeleton_line(line))
+                continue
+            curve = measure(ink, line)
+            if not accept_width:
+                choose.refuse_wide_run(curve)
+            choose.refuse_double_line(curve)
+            choose.refuse_long_bridge(curve, max_gap_px)
+            choose.refuse_fit_off_ink(curve, line)
+            curves.append(curve)
+    except CurveError as error:
+        raise choose.with_other_pens(error, lines, ink, pen, region) from None
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
     findings = account.leftover_findings(leftover, max_gap_px)
+    if len(chosen) == 1:
+        findings = account.doubts_of_line(chosen[0], lines, ink, pen, region) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
@@ -364,9 +344,7 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:
     """The measured curve as it is returned."""
-    length = None
-    if method != "ridge":
-        length = drawn_length(curve.points, curve.closed)
+    length = None if method == "ridge" else drawn_length(curve.points, curve.closed)
     drawn = curve.points, curve.closed, curve.sigma, curve.bridged
     measured = Stroke(*drawn, width=line.width, known_length=length)
     if method != "mask":

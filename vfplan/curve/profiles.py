@@ -357,9 +357,7 @@ def _find_end(run: Run) -> End:
 
     # The shape of the tip decides, as far as it shows: the sides of a point end long before its
     # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
-    tip = (0.0, 1.0, 0.0, 0.0)
-    if not rested:
-        tip = _tip_shape(run, width)
+    tip = (0.0, 1.0, 0.0, 0.0) if rested else _tip_shape(run, width)
     flat, reach, longest_point, point_shows = tip
     is_point = (width < FALLS_PX) & (longest_point > FALLS_PX)
     tapered = np.maximum(tapered, point_shows * is_point)
@@ -378,9 +376,7 @@ def _find_end(run: Run) -> End:
     variance += flat * (1 - flat) * back**2 + tuned.END_SIGMA_PX**2
 
     is_drawn_out = (likely * tapered).sum() > tuned.HALF
-    whole = half
-    if is_drawn_out:
-        whole = _crossing(ink, half, visible_ink)
+    whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
     beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
     # More ink than `VISIBLE` is no faint one; the account lists it.
@@ -472,9 +468,7 @@ def _smoothed(ink: NDArray) -> Array:
 def _last_above(ink: NDArray, level: float, visible: int) -> int:
     """The last point up to `visible` at which the ink has a level."""
     above = np.flatnonzero(ink[: visible + 1] >= level)
-    if len(above) == 0:
-        return visible
-    return int(above[-1])
+    return int(above[-1]) if len(above) else visible
 
 
 def _crossing(ink: NDArray, start: float, level: float) -> float:

@@ -33,7 +33,17 @@ HALF = 0.5
 # Number of connected pieces of ink in a picture. More is noise or a coloured picture.
 MAX_PIECES = 3000
 
+# Share of an outline's strength up to which the even ink beside it is its fill.
+FILL_SHARE = 0.75
+
 # Lines and candidates.
+
+# Pixels along a side below which a hole in the ink belongs to a hollow handle on the line.
+HANDLE_PX = 13
+
+# Times the distance of a junction from the ink's edge, up to which a branch from there ends in the
+# corner of a handle. The corner of a square is 1.4 times as far away as its side.
+SPUR_RADII = 1.5
 
 # Length of a line over its width; a part of a line has half of it. A dot or a panel has less.
 MIN_ASPECT = 4.0
@@ -45,6 +55,12 @@ RIVAL_SHARE = 0.5
 # Share of a line that lies on the sides of the upright rectangle around it, and share of those
 # sides that it covers, from which it is a frame.
 FRAME_SHARE = 0.9
+
+# Pixels of line below which it may be a letter or an icon.
+CRUMB_PX = 60.0
+
+# Share of the pen's ink below which the curve may be the smaller thing that the pen drew.
+SMALL_SHARE = 0.25
 
 # Pixels of line from which the direction of an end is taken. From these many pixels of a skeleton
 # it is good to 5 degrees.

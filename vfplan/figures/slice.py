@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_LISTED, nice_length
+from vfplan.display import MAX_NUMBERED, nice_length
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
 from vfplan.geometry.lines import ring_of
 from vfplan.io.writing import write_whole
@@ -126,7 +126,7 @@ def draw_overlay(
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
     with drawing_on(image, path) as (axes, scale):
-        for number, line in enumerate(error.candidates, 1):
+        for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             axes.plot(*line.T, color=colour, lw=1.2, label=f"--stroke {number}")
             _write_beside(axes, image, line[0], str(number), colour, scale)
@@ -264,7 +264,7 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
     """A box around each piece of other ink, with its number; the smallest of many are left out."""
     from matplotlib.patches import Rectangle
 
-    for entry in account[:MAX_LISTED]:
+    for entry in account[:MAX_NUMBERED]:
         if entry.what != "ink":
             continue
         half = entry.size_px / 2 + 3

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MAX_NUMBERED, nice_length
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import runs
 from vfplan.review import paper
@@ -395,11 +395,9 @@ def _draw_captions(
         if finding.place_px is not None:
             tag(finding.place_px, f"F{number}", ground=BLACK)
     for marker in content.markers:
-        residual = "left out"
-        if marker.is_used:
-            residual = f"{marker.residual_m * 1e3:.2f} mm"
+        residual = f"{marker.residual_m * 1e3:.2f} mm" if marker.is_used else "left out"
         tag(marker.place, f"{marker.label} {residual}")
-    for entry in content.account:
+    for entry in content.account[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
 
 
@@ -425,9 +423,7 @@ def _draw_legend(
     x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean."""
-    line = "the curve"
-    if content.pen:
-        line = f"the line of the pen ({content.pen})"
+    line = f"the line of the pen ({content.pen})" if content.pen else "the curve"
     rows: list[tuple[str, paper.Colour, bool]] = [
         (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
     ]
@@ -444,17 +440,13 @@ def _draw_legend(
     elif content.tre95_m is not None:
         rows.append(("Purple dashes: 95 % band, see the last enlargement", paper.BAND_COLOUR, True))
     if enlargement is not None:
-        length = "true length"
-        if enlargement != 1:
-            length = f"drawn {enlargement:g} times as long"
+        length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     sheet.text(x, y, "On the picture", paper.HEADING)
     y += paper.HEADING.line_height + 4
     for words, colour, is_dashed in rows:
         middle = y + BODY.line_height / 2
-        dashes = ((0, 44),)
-        if is_dashed:
-            dashes = ((0, 12), (17, 29), (34, 44))
+        dashes = ((0, 12), (17, 29), (34, 44)) if is_dashed else ((0, 44),)
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)

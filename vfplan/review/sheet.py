@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MAX_NUMBERED
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import arc_lengths, runs
 from vfplan.images.read import as_uint8
@@ -51,9 +52,6 @@ INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
 
-
-# Entries of the account that are listed; the others are summed up.
-LISTED_ENTRIES = 12
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
@@ -95,9 +93,7 @@ def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: flo
 
     Where there is room, a number stands beside its heading.
     """
-    facts = []
-    if content.rgb is not None:
-        facts = _facts_of_ends(content)
+    facts = [] if content.rgb is None else _facts_of_ends(content)
     for heading, words in (*facts, *content.facts):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
@@ -147,9 +143,7 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    heading = "Findings"
-    if not content.findings:
-        heading = "Findings: none"
+    heading = "Findings" if content.findings else "Findings: none"
     lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
     for number, finding in enumerate(content.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
@@ -166,16 +160,14 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     account = content.account
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
-    for entry in account[:LISTED_ENTRIES]:
-        what = ""
-        if entry.what != "ink":
-            what = WORDS_OF_ENTRY[entry.what] + ", "
+    for entry in account[:MAX_NUMBERED]:
+        what = "" if entry.what == "ink" else WORDS_OF_ENTRY[entry.what] + ", "
         words = (
             f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
             f"{entry.v:.0f})"
         )
         lines += text_lines(words, width, BODY)
-    smaller = account[LISTED_ENTRIES:]
+    smaller = account[MAX_NUMBERED:]
     if smaller:
         pixels = sum(entry.pixels for entry in smaller)
         lines += text_lines(f"and {len(smaller)} smaller, {pixels} px together", width, BODY)
@@ -246,9 +238,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
     insets = []
     is_single = len(content.strokes) == 1
     for number, stroke in enumerate(content.strokes, 1):
-        name = "the line"
-        if not is_single:
-            name = f"line {number}"
+        name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             is_even = grey_ahead(content, stroke, end) is not None
@@ -260,9 +250,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, WIDER_ZOOM, is_raised=True, has_line=has_line))
     for number, stroke in enumerate(content.strokes, 1):
-        of_line = ""
-        if not is_single:
-            of_line = f" of line {number}"
+        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -314,9 +302,7 @@ def draw_insets(
         for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
             x = round(MARGIN + k * INSET_STEP)
             for line, words in enumerate((inset.caption, *_described(inset, content))):
-                style = STRONG
-                if line:
-                    style = BODY
+                style = BODY if line else STRONG
                 shown = paper.shortened(words, INSET_PX, style)
                 sheet.text(x, y + line * BODY.line_height, shown, style)
             draw_inset(sheet, inset, rgb, content, x, round(y + CAPTION_HEIGHT))

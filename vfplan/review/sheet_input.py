@@ -264,12 +264,8 @@ def _wall_in_words(fixture: Fixture) -> str:
     rendering = fixture.rendering
     if rendering is None:
         return ""
-    drawn = "line"
-    if fixture.curve is None:
-        drawn = "points"
-    what = drawn
-    if fixture.mesh is not None:
-        what = "surface"
+    drawn = "points" if fixture.curve is None else "line"
+    what = drawn if fixture.mesh is None else "surface"
     radius = rendering.contact_radius + rendering.point_radius
     stiffness = stiffness_in_words(rendering.stiffness)
     return f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}"
@@ -363,9 +359,7 @@ def of_fixture(
             points = points @ place[:, :2].T + place[:, 2]
         tre95_m = registration.tre95_curve_m(points)
     # The size of a pixel: by the markers, else as the image or the bundle says.
-    metres_per_px = None
-    if axes is not None:
-        metres_per_px = _size_of(axes)
+    metres_per_px = None if axes is None else _size_of(axes)
     spacing_mm = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
     if axes is None and spacing_mm is not None:
         metres_per_px = float(np.sqrt(spacing_mm[0] * spacing_mm[1])) * 1e-3
@@ -411,9 +405,7 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        sigma = None
-        if stroke.sigma is not None:
-            sigma = stroke.sigma / units_per_px
+        sigma = None if stroke.sigma is None else stroke.sigma / units_per_px
         strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
     return tuple(strokes)
 
@@ -552,6 +544,4 @@ def _registration_again(fixture: Fixture) -> Registration | None:
     except VfplanError:
         return None
     is_own = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
-    if not is_own:
-        return None
-    return again
+    return again if is_own else None
