@@ -321,24 +321,24 @@ def has_touched(report: dict[str, Any]) -> bool:
     return report["contact_ticks"] > 0 or report.get("arc_m") is not None
 
 
-def gap_words(report: dict[str, Any]) -> str:
-    """What a "pass" leaves open, to stand after it; empty where the recording has no gap.
+def open_words(report: dict[str, Any]) -> str:
+    """What a "pass" leaves open, to stand after it; empty where it leaves nothing open.
 
     In a session that was resampled lines fill the gaps, so those of the recording count.
     """
     session = report["session"]
     recorded = session.get("recorded", session)
-    words = f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
-    if recorded["gaps"]:
-        return words
-    return ""
-
-
-def change_words(report: dict[str, Any]) -> str:
-    """That a "pass" is of another fixture than the recording's, to stand after it; else empty."""
-    if all(finding["code"] != "session-changes" for finding in report["findings"]):
-        return ""
-    return ", but the fixture moved or changed during the recording, and here it did not"
+    codes = {finding["code"] for finding in report["findings"]}
+    left_out = report["samples_left_out"]
+    words = (
+        (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
+        (left_out, f"{left_out} samples of the recording were left out"),
+        (
+            "session-changes" in codes,
+            "the fixture moved or changed during the recording, and here it did not",
+        ),
+    )
+    return "".join(f", but {text}" for is_open, text in words if is_open)
 
 
 def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
@@ -346,7 +346,7 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
 
     A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
     the tool stayed away, and a replay without limits, test nothing. A verdict speaks of the ticks
-    that were recorded; `gap_words` says what it leaves open.
+    that were recorded; `open_words` says what it leaves open.
     """
     if any(not check["pass"] for check in checks):
         return "fail"

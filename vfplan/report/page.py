@@ -34,7 +34,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import change_words, gap_words, has_touched
+from vfplan.replaying.findings import has_touched, open_words
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 from vfplan.session.result import TickBlock
@@ -283,7 +283,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         words = "the limit holds"
         if len(limits) > 1:
             words = f"all {len(limits)} limits hold"
-        words += gap_words(metrics) + change_words(metrics)
+        words += open_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
     if has_touched(metrics):
         return '<p class="verdict none">NOT TESTED: no limits were given</p>'
