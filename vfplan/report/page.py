@@ -34,7 +34,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import has_touched, open_words
+from vfplan.replaying.findings import open_words, untested_reason
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 from vfplan.session.result import TickBlock
@@ -285,9 +285,8 @@ def verdict_line(metrics: dict[str, Any]) -> str:
             words = f"all {len(limits)} limits hold"
         words += open_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
-    if has_touched(metrics):
-        return '<p class="verdict none">NOT TESTED: no limits were given</p>'
-    return '<p class="verdict none">NOT TESTED: the tool never touched the fixture</p>'
+    reason = untested_reason(metrics) or "no limits were given"
+    return f'<p class="verdict none">NOT TESTED: {reason}</p>'
 
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:
