@@ -78,6 +78,9 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             "without gaps, or do not rely on the ticks there."
         )
         yield finding("session-gap", "warning", text)
+    if session.get("cut"):
+        text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
+        yield finding("session-cut", "warning", text)
     if "jumps" in session:
         text = (
             f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
@@ -344,6 +347,7 @@ def open_words(report: dict[str, Any]) -> str:
     jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
     words = (
         (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
+        (session.get("cut"), "the recording was cut off"),
         (left_out, f"{left_out} samples of the recording were left out"),
         (
             "session-changes" in codes,

@@ -463,11 +463,14 @@ uint8 status
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
-# Bytes of a chunk. MCAP's own default; readers seek by whole chunks.
-CHUNK_BYTES = 2**20
+# Bytes of a chunk, a second of ticks at 1 kHz: as much as is lost where the program is killed.
+CHUNK_BYTES = 2**17
+
+# A time that goes back by more than this [s] is that of a controller that began again.
+RESTART_S = 1.0
 
 # Bytes that are reserved ahead: more than the last chunk and the index of an hour need.
-RESERVE_BYTES = 4 * CHUNK_BYTES
+RESERVE_BYTES = 2**22
 
 
 class ReservingFile(io.FileIO):
@@ -531,6 +534,7 @@ class McapWriter:
             publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
             sequence = int(tick["index"]) % 2**32
             self._writer.add_message(self._channel, now, body, publish_ns, sequence)
+        self._file.flush()
 
     def close(self) -> None:
         """Write the index; nothing may be added afterwards."""
@@ -544,50 +548,90 @@ class McapWriter:
         self.close()
 
 
-def has_our_topic(stream: BinaryIO, name: str) -> Iterator[bool]:
-    """Yield whether an MCAP file has our channel; a file of others is a ROS bag."""
+def has_our_topic(stream: BinaryIO, name: str) -> Iterator[list[bool]]:
+    """Yield whether an MCAP file has our channel, and whether it was cut off.
+
+    A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
+    """
+    reader, is_cut = mcap_reader(stream)
     try:
-        summary = _mcap_module("reader").make_reader(stream).get_summary()
-        yield any(channel.topic == TOPIC for channel in summary.channels.values())
-    except Exception:  # The reader of ROS bags then says what is wrong with the file.
-        yield False
+        if is_cut:
+            channels = [next(iter(reader.iter_messages(log_time_order=False)))[1]]
+        else:
+            channels = reader.get_summary().channels.values()
+        yield [any(channel.topic == TOPIC for channel in channels), is_cut]
+    except Exception:
+        yield [False, is_cut]
+
+
+def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
+    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
+    module = _mcap_module("reader")
+    try:
+        is_cut = module.make_reader(stream).get_summary() is None
+    except Exception:
+        is_cut = True
+    stream.seek(0)
+    make = module.NonSeekingReader if is_cut else module.make_reader
+    return make(stream, validate_crcs=not is_cut), is_cut
 
 
 def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`."""
-    for ticks in blocks(stream, name):
-        yield np.ascontiguousarray(ticks["t"]), ticks["hip"] * factor
+    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`.
+
+    A controller that begins again with an earlier time goes on after the time that passed between
+    the two ticks' receipts.
+    """
+    last, shift = (np.empty(0), np.empty(0)), 0.0
+    for ticks, received in blocks(stream, name):
+        time = np.concatenate((last[0], ticks["t"]))
+        log = np.concatenate((last[1], received))
+        last = time[-1:], log[-1:]
+        shifts = np.zeros(len(time))
+        for k in np.flatnonzero(np.diff(time) < -RESTART_S) + 1:
+            shifts[k:] += time[k - 1] + max(log[k] - log[k - 1], RESTART_S) - time[k]
+        shifts += shift
+        shift = shifts[-1]
+        yield (time + shifts)[len(time) - len(ticks) :], ticks["hip"] * factor
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:
     """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
     with opened_file(path, SessionError) as stream:
-        return np.concatenate([np.zeros(0, TICK), *blocks(stream, path.name)])
+        return np.concatenate([np.zeros(0, TICK), *(one for one, _ in blocks(stream, path.name))])
 
 
-def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
-    """Yield (n,) of `TICK`.
+def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Array]]:
+    """Yield (n,) of `TICK`, and when they were received [s]; of a cut recording its whole part.
 
     Raises SessionError: damaged, or of another layout
     """
-    messages = []
+    messages, received = [], []
+
+    def block() -> tuple[NDArray[np.void], Array]:
+        return np.frombuffer(b"".join(messages), TICK), 1e-9 * np.array(received, float)
+
+    reader, is_cut = mcap_reader(stream)
+    count = 0
     try:
-        reader = _mcap_module("reader").make_reader(stream, validate_crcs=True)
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
             if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
                 raise SessionError(message, where=name, code="layout-unknown")
             messages.append(message.data[4:] + PADDING)
+            received.append(message.log_time)
+            count += 1
             if len(messages) == BLOCK:
-                yield np.frombuffer(b"".join(messages), TICK)
-                messages = []
-    except (MissingExtra, SessionError):
+                yield block()
+                messages, received = [], []
+    except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
-        message = f"cannot be read as MCAP: {error}. Record or copy it again"
-        raise SessionError(message, where=name, code="mcap-broken") from None
+        if not is_cut or not count:
+            message = f"cannot be read as MCAP: {error}. Record or copy it again"
+            raise SessionError(message, where=name, code="mcap-broken") from None
     if messages:
-        yield np.frombuffer(b"".join(messages), TICK)
+        yield block()
 
 
 def _mcap_module(name: str) -> ModuleType | Any:

@@ -82,9 +82,10 @@ def open_session(
     source = {"file": file, "where": name, "kind": SessionError}
 
     # An MCAP file may be ours or a ROS bag; the other bags are told by their suffix.
-    is_our_mcap = path.suffix == ".mcap" and run_once(
-        "vfplan.session.bags:has_our_topic", name, **source
-    )
+    # One that is still written, or was cut off, ends in .part.
+    is_our_mcap = is_cut = False
+    if name.endswith((".mcap", ".mcap.part")):
+        is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", name, **source)
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, factor, units, frame, ros)
     if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
@@ -98,7 +99,7 @@ def open_session(
     length = None
     signature = file.view().read(8)
     if is_our_mcap:
-        notes["format"] = "mcap"
+        notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
         read = functools.partial(
             run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
         )
