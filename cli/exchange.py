@@ -107,7 +107,8 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         text += f"; rule {rule}"
     text += f"\nwrote {output}"
     return CommandResult(
-        data, text, warnings=import_warnings(fixture, opening_m), findings=findings,
+        data, text, warnings=import_warnings(fixture, opening_m),
+        findings=fixture.findings,
         verdict=f"imported, {certified}",
         next_step=review_command(output, None, has_page=False),
     )  # fmt: skip

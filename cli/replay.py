@@ -18,7 +18,7 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 from vfplan.display import count
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
-from vfplan.replaying.findings import change_words, gap_words
+from vfplan.replaying.findings import open_words
 from vfplan.settings import settings_from_options
 
 # Number of ticks that are kept for the pictures of `--report`.
@@ -65,8 +65,17 @@ MOTION_OPTIONS = options_in_order(
 )  # fmt: skip
 SESSION_OPTIONS = options_in_order(
     options.UNITS,
-    option("--frame", metavar="NAME", default="robot_base",
-           help="Frame of the session's positions."),
+    option("--frame", metavar="NAME",
+           help="Frame of the session's positions, or the frame_id of a ROS bag's messages.  "
+           "[default: robot_base]"),
+    option("--child-frame", metavar="NAME",
+           help="Read the messages of this child_frame_id of a ROS bag."),
+    option("--sender", type=WholeNumber(1), metavar="N",
+           help="Read this sender alone, where several share a topic of a ROS bag."),
+    option("--time", "bag_time", type=click.Choice(["header", "log"]),
+           help="Take a ROS bag's times from the messages' headers, or from its log.  [default: "
+           "header, where every message has one]"),
+    option("--row-major", is_flag=True, help="Read a ROS bag's matrices row by row."),
     option("--topic", metavar="NAME",
            help="Read this topic of a ROS bag. Needed if several topics hold positions."),
     option("--field", metavar="NAME",
@@ -146,9 +155,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
-    left_open = ""
-    if replayed.passed:
-        left_open = gap_words(metrics) + change_words(metrics)
+    left_open = open_words(metrics) if replayed.passed else ""
     return CommandResult(
         metrics,
         "\n".join(lines),
@@ -177,10 +184,10 @@ def replay_with_outputs(
     from vfplan.session.session import resampled
 
     # The session, and what happens to the fixture during it.
-    ros = RosOptions(arguments["topic"], arguments["field"], arguments["tool_tip"])
-    if ros == RosOptions():
-        ros = None
-    source = open_session(session, units=arguments["units"], frame=arguments["frame"], ros=ros)
+    names = ("topic", "field", "tool_tip", "frame", "child_frame", "sender", "bag_time")
+    ros = RosOptions(*map(arguments.get, names), arguments["row_major"])
+    frame = arguments["frame"] or "robot_base"
+    source = open_session(session, units=arguments["units"], frame=frame, ros=ros)
     poses, events = arguments["poses"], arguments["events"]
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])

@@ -17,11 +17,10 @@ from vfplan.display import (
     millimetres,
     milliseconds,
 )
-from vfplan.replaying.findings import LIMITS, has_touched
+from vfplan.replaying.findings import LIMITS, has_touched, untested_reason
 from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 
 FORMS = {number.key: number for number in NUMBERS}
-NO_TOUCH = "the tool never touched the fixture"
 
 # The unit of each limit of a robot.
 UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
@@ -35,15 +34,11 @@ def written(report: dict[str, Any], key: str) -> str:
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
-    lines = []
-    if not has_touched(report):
-        lines = [f"NOT TESTED: {NO_TOUCH}"]
     engine = ""
     if report["engine"] != "native":
         engine = f" ({report['engine']} engine)"
-    lines = []
-    if not has_touched(report):
-        lines = [f"NOT TESTED: {NO_TOUCH}"]
+    untested = untested_reason(report)
+    lines = [f"NOT TESTED: {untested}"] if untested else []
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {written(report, 'duration_s')}, "
@@ -231,7 +226,7 @@ def failed_line(report: dict[str, Any]) -> str:
     if broken:
         return "; ".join(broken)
     if checks and report["verdict"] == "not-tested":
-        return f"not tested: {NO_TOUCH}"
+        return f"not tested: {untested_reason(report)}"
     return ""
 
 

@@ -218,3 +218,100 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(shape, tmp_path):
     (tmp_path / "a.npy").write_bytes(claimed(shape))
     with pytest.raises(InputError):
         import_cloud(tmp_path / "a.npy", units="mm")
+
+
+def ball(subdivisions=5, radius=20.0):
+    """(corners (N, 3), facets (K, 3)) of a sphere, closed, all facing out."""
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1) if x * y * z == 1]
+    points, faces = np.array(corners, float), [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]
+    for _ in range(subdivisions):
+        middles = {}
+        points = list(points)
+
+        def middle(i, j, points=points, middles=middles):
+            key = (min(i, j), max(i, j))
+            if key not in middles:
+                middles[key] = len(points)
+                points.append(np.add(points[i], points[j]))
+            return middles[key]
+
+        faces = [part for a, b, c in faces
+                 for ab, bc, ca in [(middle(a, b), middle(b, c), middle(c, a))]
+                 for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]  # fmt: skip
+        points = [np.asarray(p) / np.linalg.norm(p) for p in points]
+    points, faces = radius * np.array(points), np.array(faces)
+    one, two, three = points[faces].transpose(1, 0, 2)
+    volume = (one * np.cross(two, three)).sum()
+    return points, faces if volume > 0 else faces[:, ::-1]
+
+
+def stl_of(path, corners):
+    """Binary STL of corners (K, 3, 3), which float32 rounds."""
+    rows = np.zeros(len(corners), STL_FACET)
+    rows["corners"] = corners
+    path.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes())
+    return path
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.8, 1.0])
+def test_turned_facets_are_felt_as_if_they_were_not(share, tmp_path):
+    points, faces = ball()
+    draw = np.random.default_rng(3)
+    is_turned = draw.permutation(len(faces)) < round(share * len(faces))
+    drawn = np.where(is_turned[:, None], faces[:, ::-1], faces)
+    fixture = import_cloud(stl_of(tmp_path / "a.stl", points[drawn]), units="mm")
+    codes = {finding.code: finding.text for finding in fixture.findings}
+    fewer = int(min(is_turned.sum(), (~is_turned).sum()))
+    assert ("facets-turned" in codes) == (fewer > 0)
+    if fewer:
+        assert codes["facets-turned"].startswith(f"{fewer} of {len(faces)} ")
+    assert ("mesh-inside-out" in codes) == (share > 0.5)
+    turn = np.linspace(0.3, 2.8, 3000)
+    hips = 17e-3 * np.column_stack((np.cos(turn), np.sin(turn), 0.3 * np.sin(5 * turn)))
+    hips[:200] = np.linspace(1.8 * hips[200], hips[200], 200)
+    found = vfplan.replay(fixture, vfplan.Session(1e-3 * np.arange(3000), hips), rule="exact")
+    steps = np.linalg.norm(np.diff(found.ticks.force[250:], axis=0), axis=1)
+    assert steps.max() < 1.2 * 0.01203, "smooth as the mesh of which no facet is turned"
+
+
+def test_corners_a_hair_apart_are_one_and_lost_facets_are_counted(tmp_path):
+    points, faces = ball()
+    corners = points[faces] + np.random.default_rng(4).normal(scale=1e-6, size=(len(faces), 3, 3))
+    corners = np.concatenate((corners, points[[[0, 0, 1]]]))
+    fixture = import_cloud(stl_of(tmp_path / "a.stl", corners), units="mm")
+    assert (len(fixture.points), len(fixture.mesh)) == (len(points), len(faces))
+    assert [finding.code for finding in fixture.findings] == ["corners-welded"]
+    assert "1 facets without area" in fixture.provenance.settings["left_out"]
+
+
+def grid(spacing, other=None, jitter=0.0):
+    x, y = np.meshgrid(np.arange(-40, 40.1, spacing), np.arange(-40, 40.1, other or spacing))
+    points = np.column_stack((x.ravel(), y.ravel(), 0 * x.ravel()))
+    return points + np.random.default_rng(5).normal(scale=jitter, size=points.shape)
+
+
+CLOUDS = {
+    # name: (points [mm], pieces, points that are there twice); R is 5 mm
+    "dense": (grid(2.0), 1, 0),
+    "rough": (grid(2.0, jitter=0.3), 1, 0),
+    "as wide as the proxy": (grid(9.9), 1, 0),
+    "sparse": (grid(14.0), 36, 0),
+    "doubled": (np.vstack([grid(14.0)] * 2), 36, 36),
+    "scanned twice": (np.vstack([grid(14.0), grid(14.0) + np.array([0, 0, 0.36])]), 36, 0),
+    "scan lines": (grid(0.2, 14.0), 6, 0),
+    "two sheets": (np.vstack([grid(1.0), grid(1.0) + np.array([92.0, 0, 0])]), 2, 0),
+    "two sheets that meet": (np.vstack([grid(1.0), grid(1.0) + np.array([89.5, 0, 0])]), 1, 0),
+    "one point": (np.zeros((500, 3)), 1, 499),
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_a_cloud_through_which_the_proxy_goes_is_in_pieces(name, tmp_path):
+    points, pieces, doubles = CLOUDS[name]
+    np.save(tmp_path / "c.npy", points)
+    fixture = import_cloud(tmp_path / "c.npy", units="mm")
+    told = [finding.text for finding in fixture.open_findings]
+    assert (f" {pieces} pieces " in "".join(told)) == (pieces > 1) == bool(told)
+    assert len(fixture.points) == len(points) - doubles
+    said = fixture.provenance.settings.get("left_out", "")
+    assert said == (f"{doubles} points that are there twice" if doubles else "")

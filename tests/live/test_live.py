@@ -7,6 +7,7 @@ import resource
 import socket
 import struct
 import subprocess
+import sys
 import threading
 import time
 from importlib.util import find_spec
@@ -28,6 +29,7 @@ from vfplan.live.server import Server, static_messages
 from vfplan.live.sources import PositionStream, Ticks, decode, host_and_port, stream_udp
 from vfplan.session import bags as mcapfile
 from vfplan.session.bags import TICK, McapWriter, read_ticks
+from vfplan.session.read import open_session
 
 needs_mcap = pytest.mark.skipif(find_spec("mcap") is None, reason="needs vfplan[live]")
 
@@ -116,6 +118,94 @@ def test_a_sound_datagram_is_read():
     found = decode(datagram(made(2)))
     assert (found.sequence, found.dropped) == (7, 3)
     assert found.ticks.tobytes() == made(2).tobytes()
+    assert decode(with_tick("t", 1.7e9)).ticks["t"][1] == 1.7e9, "a time since 1970"
+
+
+def sent(numbers, sender, port, first_t=0.0):
+    """Datagrams of these numbers, one tick each, sent by a socket."""
+    for k in numbers:
+        tick = made(k + 1)[k:]
+        tick["t"] += first_t
+        head = struct.pack("<4sHHQQ", b"VFPT", 1, 1, k, 0)
+        sender.sendto(head + tick.tobytes(), ("127.0.0.1", port))
+
+
+# name: (datagrams of the first sender, of a second, whether that waits, ticks, lost, left out)
+SENDERS = {
+    "in order": ([*range(9)], [], False, 9, 0, 0),
+    "swapped": ([0, 1, 3, 2, 4], [], False, 5, 0, 0),
+    "lost": ([0, 1, 5], [], False, 3, 3, 0),
+    "a second one": ([*range(5)], [*range(3)], False, 5, 0, 3),
+    "begun again": ([*range(5)], [*range(3)], True, 8, 0, 0),
+}
+
+
+@pytest.mark.parametrize("name", SENDERS)
+def test_one_sender_at_a_time_is_taken(name, monkeypatch):
+    first, second, waits, count, lost, left_out = SENDERS[name]
+    monkeypatch.setattr(sources, "SILENT_S", 0.2)
+    port = free_port()
+    source = stream_udp(f"udp://127.0.0.1:{port}")
+    with (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+          socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two):  # fmt: skip
+        sent(first, one, port)
+        got = [next(source) for _ in first]
+        time.sleep(0.3 * waits)
+        sent(second, two, port, first_t=1.7e9)
+        got += [next(source) for _ in second]
+    assert sum(len(one.ticks) for one in got) == count
+    assert (got[-1].lost, got[-1].bad) == (lost, left_out)
+    assert ("a second program sends" in got[-1].first_bad) == (left_out > 0)
+
+
+@needs_mcap
+def test_a_recording_of_a_controller_that_began_again_is_one_session(tmp_path):
+    path, ticks = tmp_path / "a.mcap", made(3000)
+    with McapWriter(path) as writer:
+        for k, tick in enumerate(ticks.reshape(-1, 1)):
+            writer.write(tick, 1.7e9 + k / 1000)
+        for k, tick in enumerate(ticks[:1000].reshape(-1, 1)):
+            writer.write(tick, 1.7e9 + 10 + k / 1000)
+    session = vfplan.read_session(path)
+    assert session.ticks == 4000
+    assert np.diff(session.time).max() == pytest.approx(10 - 2.999)
+    part = tmp_path / "a.mcap.part"
+    part.write_bytes(path.read_bytes()[:-1000])
+    session = open_session(part)
+    assert (session.notes["cut"], session.load().ticks) == (True, 4000)
+
+
+@needs_mcap
+def test_a_live_recording_stands_under_its_name_while_it_runs(tmp_path):
+    """And what is killed can be replayed; nothing deletes it."""
+    vfplan.write_fixture(bundles.whole(), tmp_path / "f.h5")
+    port, kept = free_port(), tmp_path / "k.mcap"
+    words = [sys.executable, "-P", "-m", "vfplan", "live", tmp_path / "f.h5",
+             f"udp://127.0.0.1:{port}", "--mcap", kept]  # fmt: skip
+    part = tmp_path / "k.mcap.part"
+    run = subprocess.Popen([*map(str, words), "--openigtlink", "0"], stderr=subprocess.PIPE)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        assert b"OpenIGTLink" in run.stderr.readline()
+        while not part.exists():
+            time.sleep(0.05)
+        sender.sendto(b"what is this", ("127.0.0.1", port))
+        for _ in range(200):
+            sent(range(20), sender, port, first_t=1.7e9)
+            time.sleep(0.002)
+    size = 0
+    while part.stat().st_size > size:
+        size = part.stat().st_size
+        time.sleep(0.3)
+    run.kill()
+    run.wait()
+    run.stderr.close()
+    assert len(read_ticks(part)) > 1000
+    again = subprocess.run([*map(str, words)], capture_output=True, text=True)
+    assert (again.returncode, "cut off" in again.stderr) == (2, True)
+    idle = subprocess.run([*map(str, words[:-1]), tmp_path / "n.mcap", "--seconds", "0.3"],
+                          capture_output=True, text=True)  # fmt: skip
+    assert (idle.returncode, "no tick came" in idle.stderr) == (1, True)
+    assert {one.name for one in tmp_path.iterdir()} == {"f.h5", "k.mcap.part"}
 
 
 @pytest.mark.parametrize("address", ["udp:127.0.0.1:5", "udp://127.0.0.1", "tcp://127.0.0.1:5",
@@ -198,6 +288,24 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
     stalled.close()
 
 
+def test_a_client_is_told_when_the_source_is_silent(server, feed, monkeypatch):
+    monkeypatch.setattr("vfplan.live.server.SILENT_S", 0.3)
+    monkeypatch.setattr(sources, "SILENT_S", 0.3)
+    before = time.time()
+    feed.put(made(1))
+    for is_late in (False, True):
+        client, coming = connected(server)
+        kinds = [next(coming) for _ in range(3 if is_late else 7)][2:]
+        assert [kind for kind, *_ in kinds] == ["STATUS"] if is_late else kinds[0][0] == "TRANSFORM"
+        codes = [struct.unpack(">H", body[:2])[0] for kind, _, body in kinds if kind == "STATUS"]
+        assert codes == ([13] if is_late else [igtl.StatusCode.OK, 13])
+        client.close()
+    tick = np.zeros(1, sources.SHOWN)[0]
+    tick["received"] = before
+    stamp = igtl.HEADER.unpack_from(igtl.tick_messages(tick, np.ones(3)))[3]
+    assert stamp >> 32 == int(before)
+
+
 def test_forty_thousand_points_arrive_as_float32(feed):
     points = np.random.default_rng(3).normal(scale=0.1, size=(40_000, 3))
     whole = bundles.whole()
@@ -272,10 +380,19 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
             writer.write(ticks[k : k + 11], 1.7e9 + k)
     assert read_ticks(path).tobytes() == ticks.tobytes()
     data = path.read_bytes()
-    for damaged in (data[:-40], data[: len(data) // 2], b"", data[:200] + b"\xff" + data[201:]):
+    for damaged in (data[:40], b"", data[:200] + b"\xff" + data[201:]):
         path.write_bytes(damaged)
-        with pytest.raises(SessionError):
+        with refuses(SessionError, "mcap-broken"):
             read_ticks(path)
+    # What was cut off is read as far as it is whole, also before zeros that were reserved.
+    for cut, fewest in (
+        (data[:-40], 5000),
+        (data[: len(data) // 2], 1500),
+        (data + bytes(9999), 5000),
+    ):
+        path.write_bytes(cut)
+        assert read_ticks(path).tobytes() == ticks[: len(read_ticks(path))].tobytes()
+        assert len(read_ticks(path)) >= fewest
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from replays import codes_of, fixture_of, write_session
 
 import vfplan
 from vfplan.bundle.write import write_fixture
-from vfplan.errors import SessionError, SettingError
-from vfplan.replaying.findings import change_words
+from vfplan.errors import SceneError, SessionError, SettingError
+from vfplan.replaying.findings import open_words
 from vfplan.session.events import Event, Poses, read_events, read_poses, write_events
 
 K, T, N = 1000.0, 1e-3, 2500
@@ -266,4 +266,48 @@ def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(t
         found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
         assert ("session-changes" in codes_of(found)) == is_told
         assert found.verdict == "pass"
-        assert bool(change_words(found.metrics)) == is_told
+        assert ("the fixture moved" in open_words(found.metrics)) == is_told
+
+
+def turned(angle_deg):
+    """A pose (7,) that is turned about z."""
+    half = np.radians(angle_deg) / 2
+    return np.array([0, 0, 0, np.cos(half), 0, 0, np.sin(half)])
+
+
+HERE, AWAY = turned(0), np.array([0.05, 0, 0, 1, 0, 0, 0])
+TRACKERS = {
+    # name: (times of the poses [s], poses by their number, verdict, jumps, words of the verdict)
+    "good": (np.arange(0, 2.5, 0.02), lambda k: HERE, "pass", 0, ()),
+    "stops": (np.arange(0, 0.2, 0.02), lambda k: HERE, "not-tested", 0, ("too old",)),
+    "late": (np.arange(1.0, 2.5, 0.02), lambda k: HERE, "not-tested", 0, ("no pose had come",)),
+    "jumps": (np.arange(0, 2.5, 0.02), lambda k: AWAY if k == 30 else HERE, "pass", 2,
+              ("2 poses jumped", "lagged by up to 4")),
+    "turns": (np.arange(0, 2.5, 0.02), lambda k: turned(180 * (k == 30)), "pass", 2, ("jumped",)),
+    "slips": (np.arange(0, 2.5, 0.02), lambda k: turned(20 * (k > 30)), "pass", 1,
+              ("1 pose jumped",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TRACKERS)
+def test_a_verdict_tells_what_its_poses_were_worth(name):
+    times, pose_of, verdict, jumps, words = TRACKERS[name]
+    poses = Poses(times, np.array([pose_of(k) for k in range(len(times))]), times)
+    session = vfplan.Session(*hand(), "robot_base")
+    limits = (("force_max_n", "at_most", 100),)
+    replayed = vfplan.replay(fixture(), session, rule="robust", poses=poses, limits=limits)
+    found = replayed.metrics
+    assert (found["verdict"], found["pose_jumps"]) == (verdict, jumps)
+    assert all(word in open_words(found) for word in words)
+    assert ("pose-jump" in codes_of(replayed)) == (jumps > 0)
+    assert (found["stale_contact_ticks"] > 0) == (verdict == "not-tested")
+    assert words or not open_words(found)
+
+
+def test_a_fixture_is_exchanged_within_its_frame_alone():
+    other = replace(fixture(), frame="patient_lps", registration=None)
+    session = vfplan.Session(*hand(), "robot_base")
+    for moves in (False, True):
+        poses = tracked(np.random.default_rng(8)) if moves else None
+        with refuses(SceneError, "exchange-frame"):
+            vfplan.replay(fixture(), session, events=[Event(900, fixture=other)], poses=poses)

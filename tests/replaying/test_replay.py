@@ -19,7 +19,7 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import MeshClearance, PointClearance
-from vfplan.replaying.findings import gap_words
+from vfplan.replaying.findings import open_words
 from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
 from vfplan.session.result import read_result, write_result
@@ -245,9 +245,9 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert (seen["gaps"], seen["missing_samples"]) == (2, 507)
     assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
     assert "session-gap" in codes_of(found)
-    assert "0.509 s" in gap_words(found.metrics)
+    assert "0.509 s" in open_words(found.metrics)
     whole = replay(fixture_of(line()), session, **PAPER, limits=limits)
-    assert gap_words(whole.metrics) == ""
+    assert open_words(whole.metrics) == ""
 
 
 def test_the_engine_is_set_as_the_fixture_says():

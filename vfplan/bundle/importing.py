@@ -22,10 +22,18 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import max_size
-from vfplan.bundle.leak import largest_cover
+from vfplan.bundle.leak import (
+    Across,
+    joined_corners,
+    largest_cover,
+    open_edges,
+    pieces_of,
+    turned_facets,
+)
 from vfplan.display import MM
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
@@ -39,6 +47,8 @@ from vfplan.io.files import (
 
 # Unit of a file's numbers -> metres.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
+# Corners of a rim that are closer than this share of the mesh's size are one.
+WELD_SHARE = 1e-5
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
 # Longest header of a PLY file that is looked for [bytes].
 HEADER_BYTES = 1 << 16
@@ -130,10 +140,18 @@ def import_cloud(
     points = check_cloud(METRES[units] * cloud.points, str(path))
     ignored = list(cloud.left_out)
     mesh = sample_radius = strokes = None
+    findings: list[Finding] = []
     if cloud.triangles is None:
+        if curve is None:
+            distinct = np.sort(np.unique(points, axis=0, return_index=True)[1])
+            if len(distinct) < len(points):
+                ignored.append(f"{len(points) - len(distinct)} points that are there twice")
+                points = points[distinct]
         band = default_band(points, contact_radius, point_radius, axis)
         if curve is not None:
             strokes = Curve(np.zeros(len(points), np.int32), np.array([curve == "closed"]))
+        else:
+            findings = cloud_findings(points, axis, radius - band)
     else:
         if curve is not None:
             raise SettingError(
@@ -147,7 +165,9 @@ def import_cloud(
         if spacing is None:
             spacing = radius / 10
         check_spacing(points[cloud.triangles], spacing)
-        points, mesh = drawn(points, cloud.triangles)
+        points, mesh, findings = joined_and_turned(points, cloud.triangles)
+        if len(mesh) < len(cloud.triangles):
+            ignored.append(f"{len(cloud.triangles) - len(mesh)} facets without area")
         # No place of a triangle is farther from its corners than its longest side over sqrt(3).
         sample_radius = float(spacing / np.sqrt(3))
         # A mesh that no rule could sample when the bundle is loaded is refused now.
@@ -166,6 +186,7 @@ def import_cloud(
         mesh=mesh,
         sample_radius=sample_radius,
         curve=strokes,
+        findings=tuple(findings),
         rendering=Rendering(
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), 3).copy(),
             contact_radius=contact_radius,
@@ -310,6 +331,45 @@ def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Trian
         )
     used, rows = np.unique(rows[has_area], return_inverse=True)
     return points[used], rows.reshape(-1, 3).astype(np.int32)
+
+
+def joined_and_turned(
+    points: Points, triangles: NDArray[np.integer]
+) -> tuple[Points, Triangles, list[Finding]]:
+    """The triangles as `drawn` gives them, joined and turned alike where they meet, and notes."""
+    points, mesh = drawn(points, triangles)
+    findings = []
+    reach = WELD_SHARE * float(np.ptp(points, axis=0).max())
+    corner = joined_corners(points, mesh, reach)
+    joined = np.count_nonzero(corner != np.arange(len(points)))
+    if joined:
+        points, mesh = drawn(points, corner[mesh])
+        text = f"{joined} corners of rims less than {1e6 * reach:.3g} um from another were joined."
+        findings.append(note("corners-welded", "import", text))
+    is_turned = turned_facets(mesh)
+    if is_turned.any():
+        mesh[is_turned] = mesh[is_turned][:, [0, 2, 1]]
+        text = f"{is_turned.sum()} of {len(mesh)} facets were turned over to face as the others do."
+        findings.append(note("facets-turned", "import", text))
+    one, two, three = np.moveaxis(points[mesh] - points[0], 1, 0)
+    if not open_edges(mesh) and (one * np.cross(two, three)).sum() < 0:
+        text = "The mesh is closed and its facets face inwards. Both sides are rendered alike."
+        findings.append(note("mesh-inside-out", "import", text))
+    return points, mesh, findings
+
+
+def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[Finding]:
+    """`cloud-in-pieces`, where a proxy that keeps `reach` [m] from points passes between pieces."""
+    content = {"/points": points} if axis is None else {
+        "/points": points, "/rendering/ignore_axis": axis}  # fmt: skip
+    pieces, widest = pieces_of(Across(content)[:], 2 * reach)
+    if pieces == 1:
+        return []
+    text = (
+        f"The cloud is in {pieces} pieces more than {2e3 * reach:.4g} mm apart, and the proxy goes "
+        f"between them: the widest gap found is {1e3 * widest:.3g} mm. Import denser points."
+    )
+    return [doubt("cloud-in-pieces", "import", text)]
 
 
 def refined(

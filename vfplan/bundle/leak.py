@@ -21,6 +21,8 @@ from vfplan.bundle.content import Content
 BLOCK = 1 << 18
 # Number of steps along a tree's order that bound the distance to the nearest neighbour.
 STEPS = 16
+# Pieces of a cloud whose way to the next piece is measured.
+LARGEST_PIECES = 64
 
 
 def certificate(content: Content) -> Content:
@@ -108,6 +110,84 @@ def sorted_edges(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
     edges = edges.ravel()
     edges.sort()
     return edges
+
+
+def parts_of(count: int, pairs: NDArray[np.integer]) -> NDArray[np.int32]:
+    """(count,) the number of the part that each thing is of, where pairs (n, 2) join things."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(K,) the facets to turn over so that all that share an edge agree; as few as possible."""
+    ends = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1).reshape(-1, 2)
+    runs_up = ends[:, 0] < ends[:, 1]
+    key = ends.min(axis=1).astype(np.int64) << 32 | ends.max(axis=1)
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    one, two = order[first[count == 2]], order[first[count == 2] + 1]
+    # Two facets agree where they run along their edge in opposite ways.
+    differ = runs_up[one] == runs_up[two]
+    if not differ.any():
+        return np.zeros(len(triangles), bool)
+    # Each facet stands twice, as it is and turned over (K later), and is joined to what it fits.
+    k = len(triangles)
+    one, two = one // 3, two // 3
+    pairs = np.stack((np.append(one, one + k), np.append(two + k * differ, two + k * ~differ)))
+    as_it_is, turned = parts_of(2 * k, pairs.T).reshape(2, k)
+    votes = np.bincount(as_it_is, minlength=2 * k)
+    fewer = votes[as_it_is] - votes[turned]
+    return (fewer < 0) | ((fewer == 0) & (as_it_is > turned))
+
+
+def joined_corners(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], reach: float
+) -> NDArray[np.intp]:
+    """(N,) for each point itself, or on a rim the first one within `reach` [m] by small steps."""
+    edges, count = np.unique(sorted_edges(triangles), return_counts=True)
+    rim = np.unique((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
+    corner = np.arange(len(points))
+    if len(rim):
+        pairs = kd_tree(points[rim]).query_pairs(reach, output_type="ndarray")
+        _, first, part = np.unique(
+            parts_of(len(rim), pairs), return_index=True, return_inverse=True
+        )
+        corner[rim] = rim[first[part]]
+    return corner
+
+
+def pieces_of(points: NDArray[np.float64], reach: float) -> tuple[int, float]:
+    """How many pieces a cloud is in if points up to `reach` [m] apart belong together.
+
+    With it the widest way from one of the largest pieces to the next [m]; 0 for a single piece.
+    """
+    from scipy.spatial.distance import cdist
+
+    # The points of a cell belong together. Where one point of each does not say, all of them do.
+    side = reach / 4
+    cells = np.floor((points - points.min(axis=0)) / side).astype(np.int64)
+    _, rows, cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    order, sizes = np.argsort(cell.ravel(), kind="stable"), np.bincount(cell.ravel())
+    members = np.split(order, np.cumsum(sizes)[:-1])
+    few = points[rows]
+    pairs = kd_tree(few).query_pairs(reach + 2 * np.sqrt(3) * side, output_type="ndarray")
+    is_near = np.linalg.norm(few[pairs[:, 0]] - few[pairs[:, 1]], axis=1) <= reach
+    part = parts_of(len(rows), pairs[is_near])
+    waiting = ~is_near & (part[pairs[:, 0]] != part[pairs[:, 1]]) & (sizes[pairs] > 1).any(axis=1)
+    near = [
+        pair for pair in pairs[waiting]
+        if cdist(points[members[pair[0]]], points[members[pair[1]]]).min() <= reach
+    ]  # fmt: skip
+    part = parts_of(len(rows), np.concatenate((pairs[is_near], np.reshape(near, (-1, 2)))))
+    counts = np.bincount(part)
+    widest = 0.0
+    for number in np.argsort(-counts)[:LARGEST_PIECES] if len(counts) > 1 else ():
+        others = kd_tree(few[part != number])
+        widest = max(widest, float(others.query(few[part == number])[0].min()))
+    return len(counts), widest
 
 
 def loneliest(points: Across) -> tuple[float, int]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
-from vfplan.bundle.leak import sorted_edges
+from vfplan.bundle.leak import parts_of, sorted_edges
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, worst_tick_time
@@ -168,9 +168,6 @@ def path_issues(content: Content) -> Iterator[Issue]:
 
 def mesh_doubts(fixture: Fixture) -> list[str]:
     """What a mesh has that no certificate of its triangles sees: rims, doubled faces."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     edges, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     texts = []
     is_rim = count == 1
@@ -179,9 +176,8 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         ends = np.stack((edges[is_rim] >> 32, edges[is_rim] & 0xFFFFFFFF))
         used, ends = np.unique(ends, return_inverse=True)
         ends = ends.reshape(2, -1)
-        ones = np.ones(ends.shape[1])
-        graph = coo_array((ones, (ends[0], ends[1])), (len(used), len(used)))
-        rims, rim_of = connected_components(graph, directed=False)
+        rim_of = parts_of(len(used), ends.T)
+        rims = int(rim_of.max()) + 1
         of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
         widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
         of_rims = "1 rim"

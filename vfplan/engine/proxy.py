@@ -337,6 +337,7 @@ class ProxyEngine:
 
     __signature__ = signature(ProxyParameters.make).replace(return_annotation=None)
     _real_time = False  # Whether the engine was made for a loop that cannot wait.
+    _frame: str | None = None  # That of the fixture, where the engine was made of one.
     _is_editable = False  # Whether the native engine takes edits.
 
     def __init__(
@@ -400,11 +401,13 @@ class ProxyEngine:
                 max_iterations=fixture.max_iterations, **settings,
             )  # fmt: skip
             engine._real_time = not offline
-            return engine
-        if shape == "curve":
-            return cls.along(fixture.pieces, **settings)
-        del settings["ignore_axis"]
-        return cls.on(fixture.points, fixture.mesh, **settings)
+        elif shape == "curve":
+            engine = cls.along(fixture.pieces, **settings)
+        else:
+            del settings["ignore_axis"]
+            engine = cls.on(fixture.points, fixture.mesh, **settings)
+        engine._frame = fixture.frame
+        return engine
 
     @classmethod
     def along(
@@ -522,7 +525,8 @@ class ProxyEngine:
         Raises
         ------
         SceneError
-            A fixture that no engine takes, or 4096 changes that wait for a step.
+            A fixture that no engine takes, or one in another frame, or 4096 changes that wait for
+            a step.
         """
         engine = other
         if isinstance(other, Fixture):
@@ -533,8 +537,15 @@ class ProxyEngine:
             raise SceneError(
                 f"exchange for {type(other).__name__}. Give another ProxyEngine, or a Fixture."
             )
+        if None not in (self._frame, engine._frame) and self._frame != engine._frame:
+            raise SceneError(
+                f"exchange of a fixture in frame {self._frame!r} for one in {engine._frame!r}. "
+                "Give one in the same frame.",
+                code="exchange-frame",
+            )
         if not self._engine.exchange(engine._engine):
             raise SceneError(f"exchange: {TOO_MANY_CHANGES}")
+        self._frame = self._frame or engine._frame
         self.parameters = engine.parameters
         self._points = engine._points
         self._source = engine._source

@@ -18,8 +18,10 @@ from vfplan.cli.options import (
     option,
     options_in_order,
 )
-from vfplan.cli.outputs import outputs
+from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
+from vfplan.errors import OutputError
+from vfplan.io.writing import made_folder, move_into_place, not_written
 
 
 @command("live")
@@ -42,7 +44,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
     """Show the ticks of a controller, or of a result of `vfplan replay -o` at its own pace.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. After Ctrl-C the MCAP file is
-    complete.
+    complete; until then it is FILE.mcap.part.
     """
     if openigtlink is None and web is None and mcap is None:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
@@ -72,19 +74,43 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
             servers.append(page)
             click.echo(f"vfplan: page at http://127.0.0.1:{page.port}/", err=True)
         if mcap is not None:
-            (temporary,) = stack.enter_context(outputs(mcap))
-            writer = stack.enter_context(McapWriter(temporary))
+            # Nothing deletes this file, so that a recording that is cut off can be replayed.
+            part = mcap.with_name(f"{mcap.name}.part")
+            if part.exists():
+                raise OutputError(
+                    "is there, of a recording that was cut off. Replay it, and move it away",
+                    where=str(part), code="part-exists",
+                )  # fmt: skip
+            stack.enter_context(made_folder(mcap.parent))
+            try:
+                writer = stack.enter_context(McapWriter(part))
+            except OSError as error:
+                raise not_written(part, error) from error
         data = pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
+    if writer is not None and data["ticks"]:
+        move_into_place([(part, mcap)], overwrite=is_overwriting())
+    elif writer is not None:
+        part.unlink()
 
     refused = sum(server.refused for server in servers)
     warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
     warnings = []
     if refused:
         warnings = [warning]
+    if data["bad_datagrams"]:
+        warnings.append(
+            f"{data['bad_datagrams']} datagrams were left out, the first because "
+            f"{data['first_bad_datagram']}"
+        )
     text = (
         f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
         f"{data['lost_datagrams']} datagrams lost"
     )
+    if not data["ticks"]:
+        return CommandResult(
+            data, text, 1, warnings, f"no tick came from {source}", verdict="nothing to show",
+            next_step="check that the controller runs, and sends to this address",
+        )  # fmt: skip
     if writer is None:
         return CommandResult(
             data, text, warnings=warnings, verdict="shown to the end",
@@ -108,7 +134,8 @@ def pass_on(
     ticks: Iterator[Any], feed: Any, writer: Any, seconds: float | None, *, stop_when_full: bool
 ) -> dict[str, Any]:
     """Pass every tick on until the source ends, the time is over, or a signal comes."""
-    data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0}
+    data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0,
+            "first_bad_datagram": ""}  # fmt: skip
     started = time.monotonic()
     with noted_signals() as stopped:
         for portion in ticks:
@@ -120,7 +147,8 @@ def pass_on(
                     if writer.full and stop_when_full:
                         break
             data |= {"dropped": portion.dropped, "lost_datagrams": portion.lost,
-                     "bad_datagrams": portion.bad}  # fmt: skip
+                     "bad_datagrams": portion.bad,
+                     "first_bad_datagram": portion.first_bad}  # fmt: skip
             if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
 from vfplan.io.sandbox import Loopback, reply
-from vfplan.live.sources import MAX_CLIENTS, WAIT_S, PositionStream
+from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
 
 Array = NDArray[np.float64]
@@ -247,13 +247,20 @@ class Server:
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._clients.add(client)
-        count, unread = -1, b""
+        count, unread, told = -1, b"", time.monotonic()
         try:
             with client:
                 self._send_static(client)
                 while not self._closing.is_set():
                     count, ticks = self._feed.after(count, WAIT_S)
                     client.sendall(b"".join(tick_messages(tick, self._scale) for tick in ticks))
+                    if ticks:
+                        told = time.monotonic()
+                    elif time.monotonic() - told >= SILENT_S:
+                        told = time.monotonic()
+                        text = f"no tick has come for {SILENT_S:g} s"
+                        code = StatusCode.WARNING
+                        client.sendall(status("vfplan_status", time.time(), code, "silent", text))
                     unread = self._answer_requests(client, unread)
         except OSError:
             return  # The client has gone, or took nothing for too long.
@@ -311,8 +318,12 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
 
 
 def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
-    """What moves: HIP, proxy, force and status of a tick; `scale` (3,) as of `to_ras`."""
-    now = time.time()
+    """What moves: HIP, proxy, force and status of a tick, stamped with its receipt.
+
+    tick: of `vfplan.live.sources.SHOWN`
+    scale: (3,) as of `to_ras`
+    """
+    now = float(tick["received"])
     flags = [name for bit, name in FLAGS if tick["status"] & bit]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"

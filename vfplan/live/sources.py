@@ -34,6 +34,19 @@ WAIT_S = 0.2
 # Bytes that the system is asked to buffer: three seconds of a controller's ticks; it may give less.
 RECEIVE_BUFFER_BYTES = 2**22
 
+# Largest time of a tick [s], after any epoch: MCAP counts nanoseconds in 64 bits.
+MAX_TICK_S = 9e9
+
+# A source that sends nothing for so long [s] has stopped: its last tick is shown to nobody who
+# comes later, and another may take its place.
+SILENT_S = 1.0
+
+# Datagrams by which a sender that goes on goes back at most; beyond, it began again.
+SWAPPED = 1000
+
+# A tick that is shown, with the time of its receipt since 1970 [s].
+SHOWN = np.dtype([*TICK.descr, ("received", "<f8")])
+
 # Ticks of a result that are handed out at a time, a hundredth of a second at 1 kHz.
 RESULT_BLOCK = 10
 
@@ -82,11 +95,12 @@ def decode(data: bytes) -> Datagram:
             code="datagram-size",
         )
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
-    for name in ("t", "hip", "proxy", "normal", "force"):
-        # NaN is not <= anything, so it is refused too. MCAP counts nanoseconds in 64 bits.
-        if not (np.abs(ticks[name]) <= MAX_NUMBER).all():
+    limits = dict.fromkeys(("hip", "proxy", "normal", "force"), MAX_NUMBER) | {"t": MAX_TICK_S}
+    for name, limit in limits.items():
+        # NaN is not <= anything, so it is refused too.
+        if not (np.abs(ticks[name]) <= limit).all():
             raise InputError(
-                f"a datagram holds a {name} that is not finite or beyond {MAX_NUMBER:g}. "
+                f"a datagram holds a {name} that is not finite or beyond {limit:g}. "
                 "Check the controller that sends it",
                 code="datagram-number",
             )
@@ -99,11 +113,12 @@ class Ticks:
 
     # (n,) of `vfplan.session.bags.TICK`
     ticks: NDArray[np.void]
-    # So far: ticks that the controller dropped, datagrams that did not arrive, and datagrams that
-    # were none
+    # So far: ticks that the controller dropped, datagrams that did not arrive, datagrams that were
+    # none, and why the first of them was none
     dropped: int = 0
     lost: int = 0
     bad: int = 0
+    first_bad: str = ""
 
 
 def stream_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:
@@ -153,24 +168,41 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
-    """What arrives at a bound socket, without end; a datagram that is none is counted."""
-    expected: int | None = None
-    lost = dropped = bad = 0
+    """What arrives at a bound socket from one sender at a time, without end.
+
+    A datagram that is none is counted, and so is one of a second sender.
+    """
+    expected = lost = dropped = bad = 0
+    first_bad = ""
+    sender, heard = None, -np.inf
     with receiver:
         while True:
             try:
-                datagram = decode(receiver.recv(65536))
+                data, address = receiver.recvfrom(65536)
+                datagram = decode(data)
+                now = time.monotonic()
+                if address != sender and now - heard < SILENT_S:
+                    raise InputError(
+                        f"a second program sends, from {address[0]}:{address[1]}, beside "
+                        f"{sender[0]}:{sender[1]}. Give each controller a port of its own",
+                        code="second-sender",
+                    )
             except TimeoutError:
-                yield Ticks(np.zeros(0, TICK), dropped, lost, bad)
+                yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
                 continue
-            except InputError:
+            except InputError as error:
                 bad += 1
+                first_bad = first_bad or error.message
+                yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
                 continue
-            if expected is not None and datagram.sequence > expected:
-                lost += datagram.sequence - expected
-            expected = datagram.sequence + 1
+            if address != sender or datagram.sequence < expected - SWAPPED:
+                expected = datagram.sequence
+            sender, heard = address, now
+            # One that comes late was counted as lost.
+            lost += datagram.sequence - expected if datagram.sequence >= expected else -(lost > 0)
+            expected = max(expected, datagram.sequence + 1)
             dropped = datagram.dropped
-            yield Ticks(datagram.ticks, dropped, lost, bad)
+            yield Ticks(datagram.ticks, dropped, lost, bad, first_bad)
 
 
 class PositionStream:
@@ -191,23 +223,28 @@ class PositionStream:
         """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
         periods = np.floor(ticks["t"] * self.rate_hz + 1e-6)
         firsts = ticks[np.diff(periods, prepend=self._period) != 0]
+        shown = np.zeros(len(firsts), SHOWN)
+        for name in TICK.names:
+            shown[name] = firsts[name]
+        shown["received"] = time.time()
         with self._has_changed:
             self._period = periods[-1]
-            self._kept.extend(firsts)
+            self._kept.extend(shown)
             self._count += len(firsts)
             self._has_changed.notify_all()
 
     def after(self, count: int, wait_s: float) -> tuple[int, list[NDArray[np.void]]]:
-        """The count for the next call, and the ticks that are new; none after `wait_s` [s].
+        """The count for the next call, and the ticks that are new, of `SHOWN`; none after `wait_s`.
 
-        count: what the call before returned; -1 at first, for the newest tick alone
+        count: what the call before returned; -1 at first, for the newest tick alone, unless the
+            source is silent
         """
         with self._has_changed:
             self._has_changed.wait_for(lambda: self._count > max(count, 0), wait_s)
             if not self._count:
                 return count, []
-            new = 1
-            if not (count < 0):
-                new = self._count - count
+            new = self._count - count
+            if count < 0:
+                new = int(time.time() - self._kept[-1]["received"] < SILENT_S)
             kept = list(self._kept)
             return self._count, kept[max(0, len(kept) - new) :]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from vfplan.engine.proxy import Status, Trace, best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
-from vfplan.replaying.clearance import dots
+from vfplan.replaying.clearance import CONTACT_M, dots, penetration
 from vfplan.replaying.guiding import make_engine
 from vfplan.session.events import Event, Poses, read_events, read_poses
 from vfplan.session.result import concatenate_ticks
@@ -25,6 +26,11 @@ NO_POSE_M = 1e3
 
 # Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`).
 POSES_AT_ONCE = 32
+
+
+# A pose that is farther from the one before than this [m, rad], and faster than the frame may be,
+# has jumped: the tracker or its reference slipped.
+POSE_JUMP_M, POSE_JUMP_RAD = 5e-3, 0.035
 
 
 class ChangingFixture:
@@ -60,12 +66,15 @@ class ChangingFixture:
         later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
         self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
+        self._jumps = () if poses is None else jumps_of(self._poses, moving)
 
         # The tick that runs next, and how many poses and events have been applied.
         self._tick = self._poses_applied = self._events_applied = 0
         self._with_previous = WithPrevious()
-        self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
-        self._energy = 0.0
+        self._counts = dict.fromkeys(
+            ("stale", "changing", "crossed", "exchange", "edit", "missing", "untrue"), 0
+        )
+        self._energy = self._lag = 0.0
         self._oldest_pose_s = 0.0
         self._clearance = np.inf
 
@@ -161,6 +170,9 @@ class ChangingFixture:
             oldest = float(ages[has_pose].max(initial=0.0))
             self._oldest_pose_s = max(self._oldest_pose_s, oldest)
             frames[~has_pose, 0] = NO_POSE_M
+            if has_pose[-1]:
+                self._lag = max(self._lag, self._frame.lag_m(hips[-1]))
+            self._count_untrue(hips, trace, has_pose)
         if self._events:
             # The fixture of these ticks is gone later, so their clearance is measured now.
             outside = trace.status & Status.INSIDE == 0
@@ -170,6 +182,19 @@ class ChangingFixture:
             clearances = self._engine.distance(proxies) - radius
             self._clearance = min(self._clearance, float(clearances.min(initial=np.inf)))
         return trace, micros, frames
+
+    def _count_untrue(self, hips: Vector, trace: Trace, has_pose: Any) -> None:
+        """Count the ticks of a contact with an old pose, or that the first pose would have had."""
+        is_stale = trace.status & Status.STALE > 0
+        self._counts["missing"] += int(np.count_nonzero(~has_pose))
+        in_contact = penetration(hips, trace.proxy) > CONTACT_M
+        self._counts["untrue"] += int(np.count_nonzero(is_stale & in_contact))
+        first = np.tile(self._poses.pose[0], (int(np.count_nonzero(~has_pose)), 1))
+        places = to_frame(first, hips[~has_pose] - first[:, :3])
+        parameters = self._engine.parameters
+        radius = parameters.contact_radius + parameters.point_radius
+        touched = self._engine.distance(places) < radius
+        self._counts["untrue"] += int(np.count_nonzero(touched))
 
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
@@ -203,13 +228,33 @@ class ChangingFixture:
                 "fixture_energy_j": self._energy,
                 "pose_age_max_s": self._oldest_pose_s,
                 "stale_ticks": self._counts["stale"],
+                "missing_pose_ticks": self._counts["missing"],
+                "stale_contact_ticks": self._counts["untrue"],
                 "poses_refused": self._frame.refused,
+                "pose_jumps": len(self._jumps),
+                "frame_lag_max_m": self._lag,
             }
+            if len(self._jumps):
+                report["pose_jump_first_s"] = float(self._jumps[0])
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
         if self._events and np.isfinite(self._clearance):
             report["clearance_min_m"] = self._clearance
         return report
+
+
+def jumps_of(poses: Poses, moving: dict[str, Any]) -> Vector:
+    """(n,) times of the poses that jumped away from the pose before them [s]."""
+    frame = signature(MovingFrame).parameters
+    limits = {name: moving.get(name, frame[name].default) for name in frame}
+    order = np.argsort(poses.time, kind="stable")
+    time, pose = poses.time[order], poses.pose[order]
+    dt = np.diff(time)
+    way = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
+    turn = 2 * np.arccos(np.clip(np.abs((pose[1:, 3:] * pose[:-1, 3:]).sum(1)), 0, 1))
+    jumped = (way > POSE_JUMP_M) & (way > limits["max_speed_m_s"] * dt)
+    jumped |= (turn > POSE_JUMP_RAD) & (turn > limits["max_turn_rad_s"] * dt)
+    return time[1:][jumped]
 
 
 def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | None:

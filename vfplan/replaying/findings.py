@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.display import count
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.findings import Finding
@@ -22,6 +23,8 @@ from vfplan.session.session import JUMP_M_S
 
 # A session that stays farther away than this [m] is likely in other units or another frame.
 NEVER_NEAR_M = 0.5
+# A frame that lags by more than this [m] when its next pose comes is told with the verdict.
+LAG_TOLD_M = 1e-3
 # No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds.
 SLOWEST_HZ = 5.0
 # No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds.
@@ -75,6 +78,9 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             "without gaps, or do not rely on the ticks there."
         )
         yield finding("session-gap", "warning", text)
+    if session.get("cut"):
+        text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
+        yield finding("session-cut", "warning", text)
     if "jumps" in session:
         text = (
             f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
@@ -195,6 +201,13 @@ def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
             "none had come. Check the pose stream's rate."
         )
         yield finding("stale", "warning", text)
+    if report.get("pose_jumps"):
+        text = (
+            f"{report['pose_jumps']} poses jumped, the first at {report['pose_jump_first_s']:.6g} "
+            "s: each is farther from the pose before than the frame may go meanwhile. Check the "
+            "tracker and its reference."
+        )
+        yield finding("pose-jump", "warning", text)
     if report.get("poses_refused"):
         text = (
             f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
@@ -321,35 +334,49 @@ def has_touched(report: dict[str, Any]) -> bool:
     return report["contact_ticks"] > 0 or report.get("arc_m") is not None
 
 
-def gap_words(report: dict[str, Any]) -> str:
-    """What a "pass" leaves open, to stand after it; empty where the recording has no gap.
+def open_words(report: dict[str, Any]) -> str:
+    """What a "pass" leaves open, to stand after it; empty where it leaves nothing open.
 
     In a session that was resampled lines fill the gaps, so those of the recording count.
     """
     session = report["session"]
     recorded = session.get("recorded", session)
-    words = f", but nothing is known of {recorded['gap_s']:.3g} s without samples"
-    if recorded["gaps"]:
-        return words
+    codes = {finding["code"] for finding in report["findings"]}
+    left_out = report["samples_left_out"]
+    stale, missing = report.get("stale_ticks", 0), report.get("missing_pose_ticks", 0)
+    jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
+    words = (
+        (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
+        (session.get("cut"), "the recording was cut off"),
+        (left_out, f"{left_out} samples of the recording were left out"),
+        (
+            "session-changes" in codes,
+            "the fixture moved or changed during the recording, and here it did not",
+        ),
+        (missing, f"no pose had come in {missing} ticks"),
+        (stale > missing, f"the pose was too old in {stale - missing} ticks"),
+        (jumps, f"{count(jumps, 'pose')} jumped"),
+        (lag_m > LAG_TOLD_M, f"the frame lagged by up to {1e3 * lag_m:.3g} mm"),
+    )
+    return "".join(f", but {text}" for is_open, text in words if is_open)
+
+
+def untested_reason(report: dict[str, Any]) -> str:
+    """Why the ticks prove nothing, whatever the limits say; empty where they do."""
+    if not has_touched(report):
+        return "the tool never touched the fixture"
+    untrue = report.get("stale_contact_ticks")
+    if untrue:
+        return f"in {untrue} ticks of contact the fixture's pose was too old, or had not come"
     return ""
-
-
-def change_words(report: dict[str, Any]) -> str:
-    """That a "pass" is of another fixture than the recording's, to stand after it; else empty."""
-    if all(finding["code"] != "session-changes" for finding in report["findings"]):
-        return ""
-    return ", but the fixture moved or changed during the recording, and here it did not"
 
 
 def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     """How a replay ended: "pass", "fail" or "not-tested".
 
-    A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
-    the tool stayed away, and a replay without limits, test nothing. A verdict speaks of the ticks
-    that were recorded; `gap_words` says what it leaves open.
+    A replay passes if every limit holds and nothing makes it untested. A verdict speaks of the
+    ticks that were recorded; `open_words` says what it leaves open.
     """
     if any(not check["pass"] for check in checks):
         return "fail"
-    if not checks or not has_touched(report):
-        return "not-tested"
-    return "pass"
+    return "not-tested" if not checks or untested_reason(report) else "pass"

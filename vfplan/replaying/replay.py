@@ -388,6 +388,9 @@ def replay(
     if changing is not None and "ignored_columns" in common["session"]:
         unused = [c for c in session.notes["ignored_columns"] if c not in CHANGE_COLUMNS]
         common["session"]["ignored_columns"] = unused
+    common["samples_read"] = common["session"]["samples"]
+    common["samples_left_out"] = common["session"].pop("left_out", 0)
+    common["connections"] = common["session"].pop("connections", [])
     if session.sha256 is not None:
         common["session"]["sha256"] = session.sha256
     if perfect is not None:

@@ -34,7 +34,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import change_words, gap_words, has_touched
+from vfplan.replaying.findings import open_words, untested_reason
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 from vfplan.session.result import TickBlock
@@ -279,11 +279,10 @@ def verdict_line(metrics: dict[str, Any]) -> str:
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
     if metrics["verdict"] == "pass":
         words = f"all {len(limits)} limits hold" if len(limits) > 1 else "the limit holds"
-        words += gap_words(metrics) + change_words(metrics)
+        words += open_words(metrics)
         return f'<p class="verdict pass">PASS: {words}</p>'
-    if has_touched(metrics):
-        return '<p class="verdict none">NOT TESTED: no limits were given</p>'
-    return '<p class="verdict none">NOT TESTED: the tool never touched the fixture</p>'
+    reason = untested_reason(metrics) or "no limits were given"
+    return f'<p class="verdict none">NOT TESTED: {reason}</p>'
 
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:

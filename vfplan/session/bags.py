@@ -10,14 +10,17 @@ import errno
 import functools
 import hashlib
 import io
+import itertools
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import ModuleType
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +28,17 @@ from numpy.typing import NDArray
 from vfplan.errors import MissingExtra, SessionError, SettingError, requires_extra
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import opened_file
-from vfplan.session.session import BLOCK, Array, Samples
+from vfplan.session.session import BLOCK, FRAMES, Array, Samples
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
 FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "translation", "")
+
+# Topics that every robot has; they are read where no other holds a position.
+TF_TOPICS = ("/tf", "/tf_static")
+
+# Three numbers of these types are a place only in a field whose name says so.
+NO_PLACES = {"Vector3": "a direction or a force", "Quaternion": "a rotation"}
+PLACE_FIELDS = ("position", "translation", "point")
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,28 @@ class RosOptions:
     field: str | None = None
     # (x, y, z) of the tip in the frame of the pose [m]; `None`: the pose's own origin
     tool_tip: tuple[float, float, float] | None = None
+    # The `frame_id` and `child_frame_id` of the messages to read; `None`: all have the same
+    frame: str | None = None
+    child_frame: str | None = None
+    # Number of the topic's connection to read, the first being 1; `None`: all, one after another
+    sender: int | None = None
+    # "header" or "log" (when the bag got the message); `None`: "header" if all messages have one
+    time: str | None = None
+    # 16 numbers are row-major
+    row_major: bool = False
+
+
+class Sender(NamedTuple):
+    """Who sent a message of a topic, and in which frames."""
+
+    number: int
+    type: str
+    frame: str
+    child_frame: str
+
+    def __str__(self) -> str:
+        child = f" to {self.child_frame!r}" if self.child_frame else ""
+        return f"sender {self.number} ({self.type}, frame {self.frame!r}{child})"
 
 
 def is_bag(path: Path) -> bool:
@@ -86,56 +118,156 @@ def prepare() -> None:
 
 
 def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
-    """Which topic and field of the bag at `place` will be read, and notes about them.
+    """What of the bag at `place` will be read, and notes about it, last; before it, empty lists.
 
     options: the fields of a `RosOptions`
-    Raises SessionError: no bag, or no topic with a position, or several and none chosen
+    Raises SessionError: no bag; no topic with a position, or several and none chosen; a topic of
+        several senders or frames and none chosen
     Raises MissingExtra: the library `rosbags` is not installed
     """
     path = Path(place)
     ros = RosOptions(*options)
+    # Of each sender: the number of its messages, those with a stamp of their own, the first and the
+    # last time by the header, and by the log.
+    senders: dict[Sender, list[Any]] = {}
+    first = None
     with _opened_bag(path) as reader:
-        connection = _choose_connection(reader, ros.topic, ros.field, path.name)
-        first = next(reader.messages(connections=[connection]), None)
-        if first is None:
-            message = f"topic {connection.topic!r} has no messages. Choose another"
-            raise SessionError(message, where=path.name, code="topic-empty")
-        message = reader.deserialize(first[2], connection.msgtype)
-    field = _choose_field(message, ros.field, path.name)
+        ros = replace(ros, topic=_choose_topic(reader, ros, path.name))
+        for k, (sender, stamp, recorded, message) in enumerate(_messages(reader, ros)):
+            if ros.field is None:
+                ros = replace(ros, field=_choose_field(message, ros, path.name))
+            first = first or message
+            counts = senders.setdefault(sender, [0, 0, stamp, stamp, recorded, recorded])
+            counts[0] += 1
+            counts[1] += stamp > 0
+            counts[2:4] = min(counts[2], stamp), max(counts[3], stamp)
+            counts[4:] = min(counts[4], recorded), max(counts[5], recorded)
+            if k % BLOCK == BLOCK - 1:
+                yield []
+    if first is None:
+        message = f"topic {ros.topic!r} has no messages. Choose another"
+        raise SessionError(message, where=path.name, code="topic-empty")
+    _choose_field(first, ros, path.name)
+    # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
+    if ros.frame in FRAMES and all(sender.frame != ros.frame for sender in senders):
+        ros = replace(ros, frame=None)
+    chosen = {sender: counts for sender, counts in senders.items() if is_chosen(sender, ros)}
+    stamped = all(counts[0] == counts[1] for counts in chosen.values())
+    by_header = stamped if ros.time is None else ros.time == "header"
+    if by_header and not stamped:
+        message = f"not every message of {ros.topic!r} has a time of its own. Give --time log"
+        raise SessionError(message, where=path.name, code="no-header-time")
+    rows = slice(2, 4) if by_header else slice(4, 6)
+    spans = {sender: tuple(counts[rows]) for sender, counts in chosen.items()}
+    _check_senders(ros.topic, senders, spans, path.name)
+
+    count = sum(counts[0] for counts in chosen.values())
+    start = min(span[0] for span in spans.values())
     notes = {
-        "topic": connection.topic,
-        "message": connection.msgtype,
-        "field": field,
-        "stamp": "bag" if _header_stamp(message) is None else "header",
+        "topic": ros.topic,
+        "message": next(iter(chosen)).type,
+        "field": ros.field,
+        "stamp": "header" if by_header else "bag",
+        "left_out": sum(counts[0] for counts in senders.values()) - count,
+        "connections": [
+            {**sender._asdict(), "samples": counts[0], "used": sender in chosen}
+            for sender, counts in senders.items()
+        ],
     }
-    if getattr(getattr(message, "header", None), "frame_id", ""):
-        notes["ros_frame_id"] = message.header.frame_id
+    if start > 1e18:
+        notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
+    if next(iter(chosen)).frame:
+        notes["ros_frame_id"] = next(iter(chosen)).frame
     if ros.tool_tip is not None:
         notes["tool_tip_m"] = list(ros.tool_tip)
-    yield [[connection.topic, field, ros.tool_tip], notes]
+    ros = replace(ros, time="header" if by_header else "log")
+    yield [[start, *astuple(ros)], notes]
 
 
-def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
-    """Yield (time since the first message [s], hip [m]) a block at a time."""
+def is_chosen(sender: Sender, ros: RosOptions) -> bool:
+    """Whether the options leave the messages of a sender in."""
+    wanted = (ros.sender, None, ros.frame, ros.child_frame)
+    return all(want in (None, value) for want, value in zip(wanted, sender, strict=True))
+
+
+def _check_senders(
+    topic: str | None, senders: dict[Sender, Any], spans: dict[Sender, tuple[int, int]], where: str
+) -> None:
+    """Refuse a topic whose chosen messages are not of one tool.
+
+    spans: the first and last time of each chosen sender [ns]
+    """
+    chosen = list(spans)
+    if not chosen:
+        message = (
+            f"no message of {topic!r} is of this sender and these frames. Choose one of "
+            f"{'; '.join(map(str, senders))}"
+        )
+        raise SessionError(message, where=where, code="frame-missing")
+    ordered = sorted(chosen, key=spans.__getitem__)
+    meet = any(
+        one.number != two.number and spans[two][0] <= spans[one][1]
+        for one, two in itertools.combinations(ordered, 2)
+    )
+    told = "; ".join(map(str, chosen))
+    if meet or len({sender.type for sender in chosen}) > 1:
+        message = (
+            f"several senders share topic {topic!r} at the same time, or send different messages: "
+            f"{told}. Choose one with --sender {chosen[0].number}"
+        )
+        numbers = {"connections": len({sender.number for sender in chosen})}
+        raise SessionError(message, where=where, code="several-connections", numbers=numbers)
+    option = ""
+    for name, values in (
+        ("--child-frame", [sender.child_frame for sender in chosen]),
+        ("--frame", [sender.frame for sender in chosen]),
+    ):
+        if len(set(values)) > 1:
+            option = f"{name} {shlex.quote(values[0])}"
+    if option:
+        message = f"the frame changes within topic {topic!r}: {told}. Choose one with {option}"
+        raise SessionError(message, where=where, code="frame-changes")
+
+
+def _messages(reader: Any, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+    """Every message of the topic, merged by the log's time.
+
+    Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
+    `/tf` is as many as it has transforms.
+    """
+    connections = [c for c in reader.connections if c.topic == ros.topic and c.msgcount]
+    if not connections:
+        return
+    numbers = {(id(c.owner), c.id): k for k, c in enumerate(connections, 1)}
+    for connection, recorded, raw in reader.messages(connections=connections):
+        number = numbers[id(connection.owner), connection.id]
+        whole = reader.deserialize(raw, connection.msgtype)
+        for message in getattr(whole, "transforms", [whole]):
+            header = getattr(message, "header", None)
+            frames = (getattr(header, "frame_id", ""), getattr(message, "child_frame_id", ""))
+            stamp = getattr(header, "stamp", None)
+            nanoseconds = 0
+            if stamp is not None:
+                nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            yield Sender(number, connection.msgtype, *frames), nanoseconds, recorded, message
+
+
+def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[Samples]:
+    """Yield (time since `start` [s], hip [m]) a block at a time, as `bag_header` chose them."""
     path = Path(place)
     ros = RosOptions(*options)
     tip = None
     if ros.tool_tip is not None:
         tip = np.asarray(ros.tool_tip, float)
-    start = None
     times, hips = [], []
     with _opened_bag(path) as reader:
-        connection = _choose_connection(reader, ros.topic, ros.field, path.name)
-        for _, recorded, raw in reader.messages(connections=[connection]):
-            message = reader.deserialize(raw, connection.msgtype)
-            stamp = _header_stamp(message)
-            if stamp is None:
-                stamp = recorded
-            if start is None:
-                start = stamp
-            times.append((stamp - start) * 1e-9)
+        for sender, stamp, recorded, message in _messages(reader, ros):
+            if not is_chosen(sender, ros):
+                continue
+            times.append(((stamp if ros.time == "header" else recorded) - start) * 1e-9)
             value = _value_at(message, ros.field or "")
-            hips.append(tip_position(value, tip, factor, path.name))
+            name = (ros.field or "").rpartition(".")[2]
+            hips.append(tip_position(value, tip, factor, path.name, name, ros.row_major))
             if len(times) == BLOCK:
                 yield np.array(times), np.array(hips)
                 times, hips = [], []
@@ -143,36 +275,45 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Samples]:
         yield np.array(times), np.array(hips)
 
 
-def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Array:
+def tip_position(
+    value: Any, tip: Array | None, factor: float, where: str, name: str = "",
+    row_major: bool = False,
+) -> Array:  # fmt: skip
     """(3,) position of the tip [m] from a point, a pose, a transform or a 4 x 4 matrix.
 
-    `factor` turns the message's lengths into metres; `tip` is in metres.
+    `factor` turns the message's lengths into metres; `tip` is in metres; `name` is the field's.
 
-    Raises SessionError: 16 numbers that are no column-major transform, a quaternion that is not of
-        unit length, or something that holds no position
+    Raises SessionError: 16 numbers that are no transform, a quaternion that is not of unit length
+        and is needed, or something that holds no position
     Raises SettingError: a tip for a value without orientation
     """
     rotation = None
+    turn = None
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
-        matrix = np.asarray(value, float).reshape(4, 4).T
+        matrix = np.asarray(value, float).reshape(4, 4)
+        if not row_major:
+            matrix = matrix.T
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
+            form, other = ("row", "without") if row_major else ("column", "with")
             message = (
-                f"16 numbers have the last row {matrix[3].tolist()}, read column-major, "
-                "where a transform has 0, 0, 0, 1. Choose another field"
+                f"16 numbers have the last row {matrix[3].tolist()}, read {form}-major, where a "
+                f"transform has 0, 0, 0, 1. Read it {other} --row-major, or choose another field"
             )
             raise SessionError(message, where=where, code="not-a-transform")
         position = matrix[:3, 3]
         rotation = matrix[:3, :3]
     elif hasattr(value, "position"):
-        position = _coordinates(value.position, where)
-        rotation = _rotation_matrix(getattr(value, "orientation", None), where)
+        position = _coordinates(value.position, where, "position")
+        turn = getattr(value, "orientation", None)
     elif hasattr(value, "translation"):
-        position = _coordinates(value.translation, where)
-        rotation = _rotation_matrix(getattr(value, "rotation", None), where)
+        position = _coordinates(value.translation, where, "translation")
+        turn = getattr(value, "rotation", None)
     else:
-        position = _coordinates(value, where)
+        position = _coordinates(value, where, name)
     if tip is None:
         return position * factor
+    if turn is not None:
+        rotation = _rotation_matrix(turn, where)
     if rotation is None:
         message = (
             "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
@@ -181,19 +322,25 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
     return position * factor + rotation @ tip
 
 
-def _coordinates(value: Any, where: str) -> Array:
-    if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 3:
-        return np.asarray(value, float)
-    if all(hasattr(value, axis) for axis in "xyz"):
+def _coordinates(value: Any, where: str, name: str) -> Array:
+    """(3,) the numbers of a place; what only looks like one is refused by its name."""
+    kind = _type_name(value)
+    meaning = NO_PLACES.get(kind) if name not in PLACE_FIELDS else None
+    if isinstance(value, (list, tuple, np.ndarray)):
+        meaning = "a row of numbers, such as joint angles"
+    if meaning is None and all(hasattr(value, axis) for axis in "xyz"):
         return np.array([value.x, value.y, value.z], float)
-    message = f"{type(value).__name__} holds no position. Choose another topic or field"
+    what = f", {meaning}," if meaning else ""
+    message = f"{name or 'the message'} is {kind}{what} and no position. Choose another field"
     raise SessionError(message, where=where, code="no-position")
 
 
-def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
-    """(3, 3) rotation of a unit quaternion with fields x, y, z, w; `None` of `None`."""
-    if quaternion is None:
-        return None
+def _type_name(value: Any) -> str:
+    return getattr(value, "__msgtype__", type(value).__name__).rpartition("/")[2]
+
+
+def _rotation_matrix(quaternion: Any, where: str) -> Array:
+    """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
     from scipy.spatial.transform import Rotation
 
     xyzw = [float(getattr(quaternion, axis)) for axis in "xyzw"]
@@ -204,15 +351,6 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array | None:
     return Rotation.from_quat(xyzw).as_matrix()
 
 
-def _header_stamp(message: Any) -> int | None:
-    """The header's time [ns]; `None` where there is no header, or it was never set."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    if stamp is None:
-        return None
-    nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-    return nanoseconds or None
-
-
 def _value_at(message: Any, field: str) -> Any:
     for name in field.split("."):
         if name:
@@ -220,61 +358,67 @@ def _value_at(message: Any, field: str) -> Any:
     return message
 
 
-def _choose_field(message: Any, field: str | None, where: str) -> str:
-    """The field that holds a position: the one that is named, or the first of `FIELDS`."""
-    names = FIELDS
-    if field is not None:
-        names = (field,)
-    for name in names:
+def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
+    """The field that holds a position: the one that is named, or the first of `FIELDS`.
+
+    Raises SessionError: why the first field that might hold one does not
+    """
+    reason = None
+    for name in FIELDS if ros.field is None else (ros.field,):
         try:
             value = _value_at(message, name)
-            # PoseWithCovariance and the like wrap the pose once more.
-            if field is None and hasattr(value, "pose"):
-                name = f"{name}.pose"
-                value = value.pose
-            tip_position(value, None, 1.0, where)
+        except AttributeError:
+            continue
+        # PoseWithCovariance and the like wrap the pose once more.
+        if ros.field is None and hasattr(value, "pose"):
+            name = f"{name}.pose"
+            value = value.pose
+        try:
+            tip_position(value, None, 1.0, where, name.rpartition(".")[2], ros.row_major)
             return name
-        except (AttributeError, TypeError):
-            continue
-        except SessionError:
-            if field is not None:
-                raise
+        except SessionError as error:
+            reason = reason or (error if name else None)
+    if reason is not None:
+        raise reason
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
-    message = (
-        f"no field {field or ''!r} holds a point, a pose, a transform or 16 numbers. Choose "
-        f"one of {present}"
+    text = (
+        f"{_type_name(message)} holds no position: no field {ros.field or ''!r} is a point, a pose,"
+        f" a transform or 16 numbers. Choose one of {present}"
     )
-    raise SessionError(message, where=where, code="field-missing")
+    raise SessionError(text, where=where, code="field-missing")
 
 
-def _choose_connection(reader: Any, topic: str | None, field: str | None, where: str) -> Any:
-    """The topic that is named, or the only one whose messages hold a position."""
-    fitting = []
-    for connection in reader.connections:
-        if topic not in (None, connection.topic) or connection.msgcount == 0:
-            continue
-        if topic is not None or holds_position(reader, connection, field):
-            fitting.append(connection)
-    topics = sorted({connection.topic for connection in fitting})
+def _choose_topic(reader: Any, ros: RosOptions, where: str) -> str:
+    """The topic that is named, or the only one whose first message holds a position."""
+    present = sorted({c.topic for c in reader.connections})
+    if ros.topic in present:
+        return ros.topic
+    topics, reasons = [], []
+    for topic in present if ros.topic is None else ():
+        try:
+            for *_, message in _messages(reader, replace(ros, topic=topic)):
+                _choose_field(message, ros, where)
+                topics.append(topic)
+                break
+        except SessionError as error:
+            if error.code != "field-missing":
+                error.message = f"topic {topic!r}: {error.message}"
+                reasons.append(error)
+        except (KeyError, AttributeError):
+            pass  # The bag has no definition of this type.
+    topics = [topic for topic in topics if topic not in TF_TOPICS] or topics
     if len(topics) == 1:
-        return fitting[0]
+        return topics[0]
     if topics:
-        message = f"several topics hold positions: {', '.join(topics)}. Choose one"
+        message = f"several topics hold positions: {', '.join(topics)}. Choose one with --topic"
         raise SessionError(message, where=where, code="several-topics")
-    present = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
-    message = f"there is no topic {topic or 'with a position'}. Choose one of {present}"
+    if reasons:
+        raise reasons[0]
+    message = (
+        f"there is no topic {ros.topic or 'with a position'}. Choose one of "
+        f"{', '.join(present) or 'none'}"
+    )
     raise SessionError(message, where=where, code="topic-missing")
-
-
-def holds_position(reader: Any, connection: Any, field: str | None) -> bool:
-    """Whether the first message of a connection holds a position."""
-    first = next(reader.messages(connections=[connection]), None)
-    if first is None:
-        return False
-    with suppress(SessionError):
-        _choose_field(reader.deserialize(first[2], connection.msgtype), field, "")
-        return True
-    return False
 
 
 @functools.cache
@@ -319,11 +463,14 @@ uint8 status
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
-# Bytes of a chunk. MCAP's own default; readers seek by whole chunks.
-CHUNK_BYTES = 2**20
+# Bytes of a chunk, a second of ticks at 1 kHz: as much as is lost where the program is killed.
+CHUNK_BYTES = 2**17
+
+# A time that goes back by more than this [s] is that of a controller that began again.
+RESTART_S = 1.0
 
 # Bytes that are reserved ahead: more than the last chunk and the index of an hour need.
-RESERVE_BYTES = 4 * CHUNK_BYTES
+RESERVE_BYTES = 2**22
 
 
 class ReservingFile(io.FileIO):
@@ -387,6 +534,7 @@ class McapWriter:
             publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
             sequence = int(tick["index"]) % 2**32
             self._writer.add_message(self._channel, now, body, publish_ns, sequence)
+        self._file.flush()
 
     def close(self) -> None:
         """Write the index; nothing may be added afterwards."""
@@ -400,50 +548,90 @@ class McapWriter:
         self.close()
 
 
-def has_our_topic(stream: BinaryIO, name: str) -> Iterator[bool]:
-    """Yield whether an MCAP file has our channel; a file of others is a ROS bag."""
+def has_our_topic(stream: BinaryIO, name: str) -> Iterator[list[bool]]:
+    """Yield whether an MCAP file has our channel, and whether it was cut off.
+
+    A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
+    """
+    reader, is_cut = mcap_reader(stream)
     try:
-        summary = _mcap_module("reader").make_reader(stream).get_summary()
-        yield any(channel.topic == TOPIC for channel in summary.channels.values())
-    except Exception:  # The reader of ROS bags then says what is wrong with the file.
-        yield False
+        if is_cut:
+            channels = [next(iter(reader.iter_messages(log_time_order=False)))[1]]
+        else:
+            channels = reader.get_summary().channels.values()
+        yield [any(channel.topic == TOPIC for channel in channels), is_cut]
+    except Exception:
+        yield [False, is_cut]
+
+
+def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
+    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
+    module = _mcap_module("reader")
+    try:
+        is_cut = module.make_reader(stream).get_summary() is None
+    except Exception:
+        is_cut = True
+    stream.seek(0)
+    make = module.NonSeekingReader if is_cut else module.make_reader
+    return make(stream, validate_crcs=not is_cut), is_cut
 
 
 def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`."""
-    for ticks in blocks(stream, name):
-        yield np.ascontiguousarray(ticks["t"]), ticks["hip"] * factor
+    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`.
+
+    A controller that begins again with an earlier time goes on after the time that passed between
+    the two ticks' receipts.
+    """
+    last, shift = (np.empty(0), np.empty(0)), 0.0
+    for ticks, received in blocks(stream, name):
+        time = np.concatenate((last[0], ticks["t"]))
+        log = np.concatenate((last[1], received))
+        last = time[-1:], log[-1:]
+        shifts = np.zeros(len(time))
+        for k in np.flatnonzero(np.diff(time) < -RESTART_S) + 1:
+            shifts[k:] += time[k - 1] + max(log[k] - log[k - 1], RESTART_S) - time[k]
+        shifts += shift
+        shift = shifts[-1]
+        yield (time + shifts)[len(time) - len(ticks) :], ticks["hip"] * factor
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:
     """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
     with opened_file(path, SessionError) as stream:
-        return np.concatenate([np.zeros(0, TICK), *blocks(stream, path.name)])
+        return np.concatenate([np.zeros(0, TICK), *(one for one, _ in blocks(stream, path.name))])
 
 
-def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
-    """Yield (n,) of `TICK`.
+def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Array]]:
+    """Yield (n,) of `TICK`, and when they were received [s]; of a cut recording its whole part.
 
     Raises SessionError: damaged, or of another layout
     """
-    messages = []
+    messages, received = [], []
+
+    def block() -> tuple[NDArray[np.void], Array]:
+        return np.frombuffer(b"".join(messages), TICK), 1e-9 * np.array(received, float)
+
+    reader, is_cut = mcap_reader(stream)
+    count = 0
     try:
-        reader = _mcap_module("reader").make_reader(stream, validate_crcs=True)
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
             if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
                 raise SessionError(message, where=name, code="layout-unknown")
             messages.append(message.data[4:] + PADDING)
+            received.append(message.log_time)
+            count += 1
             if len(messages) == BLOCK:
-                yield np.frombuffer(b"".join(messages), TICK)
-                messages = []
-    except (MissingExtra, SessionError):
+                yield block()
+                messages, received = [], []
+    except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
-        message = f"cannot be read as MCAP: {error}. Record or copy it again"
-        raise SessionError(message, where=name, code="mcap-broken") from None
+        if not is_cut or not count:
+            message = f"cannot be read as MCAP: {error}. Record or copy it again"
+            raise SessionError(message, where=name, code="mcap-broken") from None
     if messages:
-        yield np.frombuffer(b"".join(messages), TICK)
+        yield block()
 
 
 def _mcap_module(name: str) -> ModuleType | Any:

@@ -22,7 +22,15 @@ from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.events import CHANGE_COLUMNS
-from vfplan.session.session import BLOCK, Array, Samples, Session, SessionStream, unit_factor
+from vfplan.session.session import (
+    BLOCK,
+    FRAMES,
+    Array,
+    Samples,
+    Session,
+    SessionStream,
+    unit_factor,
+)
 
 HIP_COLUMNS = ("t", "x", "y", "z")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -74,20 +82,24 @@ def open_session(
     source = {"file": file, "where": name, "kind": SessionError}
 
     # An MCAP file may be ours or a ROS bag; the other bags are told by their suffix.
-    is_our_mcap = path.suffix == ".mcap" and run_once(
-        "vfplan.session.bags:has_our_topic", name, **source
-    )
+    # One that is still written, or was cut off, ends in .part.
+    is_our_mcap = is_cut = False
+    if name.endswith((".mcap", ".mcap.part")):
+        is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", name, **source)
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, factor, units, frame, ros)
-    if ros is not None:
-        message = "topic, field and tool tip are for ROS bags, and this is none. Leave them out"
+    if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
+        message = (
+            "topic, field, tool tip, child frame, sender, time and row-major are for ROS bags, and "
+            "this is none. Leave them out"
+        )
         raise SettingError(message, where=name, code="ros-options-unused")
 
     notes: dict[str, object] = {"units": units}
     length = None
     signature = file.view().read(8)
     if is_our_mcap:
-        notes["format"] = "mcap"
+        notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
         read = functools.partial(
             run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
         )
@@ -139,7 +151,10 @@ def _open_bag(
     place = str(path.resolve())
     told = {"where": name, "kind": SessionError}
     options = dataclasses.astuple(ros or RosOptions())
-    chosen, notes = run_once("vfplan.session.bags:bag_header", place, *options, **told)
+    answers = run_in_sandbox("vfplan.session.bags:bag_header", place, *options, **told)
+    *_, (chosen, notes) = answers
+    # Another frame is one of the bag's own.
+    frame = frame if frame in FRAMES else FRAMES[0]
 
     def require_unchanged() -> None:
         if bag_stamp(path) != stamp:

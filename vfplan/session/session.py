@@ -18,6 +18,9 @@ from vfplan.errors import SessionError, SettingError
 
 Array = NDArray[np.float64]
 
+# The frames in which a robot's positions can be.
+FRAMES = ("robot_base", "patient_lps")
+
 
 class WithPrevious:
     """Arrays of a block after the last rows of the block before: for differences across blocks."""
