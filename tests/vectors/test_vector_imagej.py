@@ -45,7 +45,7 @@ def by_hand(points, kind=5, version=229, count=None):
 @pytest.mark.parametrize("kind", ["POLYLINE", "FREELINE"])
 def test_a_line_counts_from_pixels_centres(tmp_path, kind):
     curve = read_vector_curve(selection(tmp_path, kind, LINE))
-    assert (curve.closed, curve.smooth, curve.warnings) == (False, False, ())
+    assert (curve.closed, curve.joined, curve.warnings) == (False, "straight", ())
     assert np.allclose(curve.points, LINE, atol=1e-5)
 
 

@@ -122,7 +122,10 @@ def plan(
         A gate does not hold, or a guide leads into what is forbidden.
     """
     refuse_wrong_order(image, markers, markers2)
-    extracted = extract(image, extraction, curve=curve)
+    settings = settings or FixtureSettings()
+    extracted = extract(
+        image, extraction, curve=curve, contact_radius=settings.contact_radius
+    )  # fmt: skip
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return PlanResult(registered.fixture, extracted, registered)
 

@@ -62,6 +62,9 @@ class ExtractSettings:
     curve_origin
         "centre" or "corner": where on a pixel the whole numbers of an ImageJ vector curve lie, if
         its file leaves it open; `None`: as the file says.
+    curve_type
+        "spline" or "linear": what Slicer draws through the points of its curve, which only its
+        scene says; `None`: its default, a spline, with a doubt where a line differs.
     pixel_spacing_mm
         (along u, along v); `None`: what the file says.
     density_per_mm
@@ -110,6 +113,10 @@ class ExtractSettings:
     curve_origin: Literal["centre", "corner"] | None = setting(
         None, "Count ImageJ's X,Y from the centre or from the corner of a pixel. Needed if the "
         "file does not say it.", choices=("centre", "corner"),
+    )  # fmt: skip
+    curve_type: Literal["spline", "linear"] | None = setting(
+        None, "What Slicer draws through the points of a curve; only its scene says it.  [default: "
+        "spline, with a doubt if a line differs]", choices=("spline", "linear"),
     )  # fmt: skip
     pixel_spacing_mm: tuple[float, float] | None = setting(
         None, "Size of a pixel along u and v [mm], in place of the size in the file.",

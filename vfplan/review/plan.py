@@ -20,7 +20,7 @@ from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.io.files import read_whole
 from vfplan.markers.correspondences import Correspondences, read_markers
-from vfplan.planning.extraction import PEN_SETTINGS
+from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS
 from vfplan.planning.plan import refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
@@ -319,7 +319,7 @@ def refuse_extraction_of_extracted(fixture: Fixture, settings: ExtractSettings) 
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     recorded = extraction_of(fixture, ExtractSettings())
     usual = ExtractSettings()
-    names = [*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"]
+    names = [*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS]
     if "colour" not in fixture.provenance.settings:
         names.remove("colour")  # The page needs to know the pen.
     without_effect = [

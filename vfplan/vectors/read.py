@@ -32,6 +32,7 @@ from vfplan.vectors.curve import (
 )  # fmt: skip
 
 PixelOrigin = Literal["centre", "corner"]
+CurveType = Literal["spline", "linear"]
 # Where ImageJ's zero may lie on the first pixel.
 ORIGINS = ("centre", "corner")
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
@@ -46,12 +47,14 @@ NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
+SLICER_SUFFIXES = (".json", ".fcsv")
 WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
 
 
 def read_vector_curve(
-    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None
-) -> VectorDrawing:
+    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None,
+    curve_type: CurveType | None = None,
+) -> VectorDrawing:  # fmt: skip
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
     A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
@@ -66,6 +69,9 @@ def read_vector_curve(
         open (a `X,Y` table does).
     number
         Which of several graphics of a DICOM presentation state, from 1.
+    curve_type
+        What Slicer draws through the points of its curves; its file does not say it. `None`:
+        Slicer's default, a spline.
 
     Raises
     ------
@@ -85,6 +91,11 @@ def read_vector_curve(
         raise SettingError(
             f"curve_origin is {origin!r}. Give centre or corner", code="origin-unknown"
         )
+    if curve_type is not None and Path(path).suffix.lower() not in SLICER_SUFFIXES:
+        raise SettingError(
+            f"curve_type {curve_type!r} has no effect on a file that is not Slicer's. Leave it out",
+            code="setting-without-effect",
+        )
     is_number = isinstance(number, int)
     if dicom and is_number and (number is True or number < 1):
         text = f"stroke is {number!r}. Give a whole number from 1"
@@ -102,6 +113,10 @@ def read_vector_curve(
                 curve = read_presentation_curve(data, number, where)
             else:
                 curve = read_by_suffix(data, Path(path).suffix.lower(), origin, where)
+            if curve.joined == "slicer" and curve_type is None:
+                curve = replace(curve, type_difference_m=curve.distance_from_straight())
+            elif curve_type == "linear":
+                curve = replace(curve, joined="straight")
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
     warnings = (*curve.warnings, *meeting_warnings(curve, where))
@@ -143,12 +158,12 @@ def read_by_suffix(
     """A curve of any other file, by how its name ends."""
     if suffix == ".roi" or is_roi(data):
         points, closed, warnings = read_roi(data, origin, where)
-        return VectorDrawing(distinct_points(points, closed), closed, False, "", warnings)
+        return VectorDrawing(distinct_points(points, closed), closed, "straight", "", warnings)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise CurveError(f"is not text. {WANTED}", code="vector-not-text") from None
-    if suffix in (".json", ".fcsv"):
+    if suffix in SLICER_SUFFIXES:
         refuse_origin(origin, "Slicer's curves")
         read_slicer = read_control_points
         if suffix == ".json":
@@ -157,9 +172,6 @@ def read_by_suffix(
     return read_table(text, origin, where)
 
 
-# Largest distance [m] of a spline from straight lines without a warning, where a file names
-# neither.
-SPLINE_WARNING_M = 1e-4
 # Slicer's names of curves, and whether they are closed.
 SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 
@@ -176,23 +188,19 @@ def read_markups(text: str, where: str) -> VectorDrawing:
             numbers={"curves": len(curves)},
         )
     closed = SLICER_CURVES[curves[0]["type"]]
-    points = distinct_points(lps_points(curves[0], where), closed)
-    return VectorDrawing(points, closed, True, "")
+    return slicer_curve(lps_points(curves[0], where), closed)
+
+
+def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
+    """A curve of 3D Slicer; its spline counts points, so those that are there twice stay."""
+    distinct_points(points, closed)
+    return VectorDrawing(points, closed, "slicer", "")
 
 
 def read_control_points(text: str, where: str) -> VectorDrawing:
     """A Slicer `.fcsv`, which says no more of its points than their order."""
     control_points = np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3)
-    points, closed = without_repeated_end(control_points)
-    curve = VectorDrawing(distinct_points(points, closed), closed, True, "")
-    distance = curve.distance_from_straight()
-    if distance <= SPLINE_WARNING_M:
-        return curve
-    warning = (
-        f"{where}: does not say how its points are joined. A spline was laid through them, up to "
-        f"{distance * 1e3:.1f} mm from straight lines. Save a .mrk.json Curve to say what is meant"
-    )
-    return replace(curve, warnings=(warning,))
+    return slicer_curve(*without_repeated_end(control_points))
 
 
 def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawing:
@@ -213,7 +221,7 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
             code="table-header",
         )
     points, closed = without_repeated_end(points)
-    return VectorDrawing(distinct_points(points, closed), closed, False, "")
+    return VectorDrawing(distinct_points(points, closed), closed, "straight", "")
 
 
 def is_roi(data: bytes) -> bool:
