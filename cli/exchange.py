@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import click
-from vfplan.cli.next_commands import review_command
+from vfplan.cli.next_commands import register_command, review_command
 from vfplan.cli.options import (
     FILE,
     FIXTURE,
@@ -27,12 +27,13 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
 @command("import")
-@click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
+@click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|obj|csv|npy")
 @options_in_order(
     option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
            help="Unit of the numbers in the file."),
-    option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
-           help="Frame of the numbers in the file."),
+    option("--frame", type=click.Choice(["robot_base", "patient_lps"]),
+           help="Frame of the numbers in the file.  [default: robot_base, or patient_lps if the "
+           "file says SPACE=]"),
     option("--curve", type=click.Choice(["open", "closed"]),
            help="Take the points as one curve, in their order.  [default: a bare cloud, without a "
            "leak certificate]"),
@@ -106,10 +107,13 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     if rule is not None:
         text += f"; rule {rule}"
     text += f"\nwrote {output}"
+    next_step = review_command(output, None, has_page=False)
+    if fixture.frame == "patient_lps":
+        next_step = f"{register_command(output)} --model rigid"
     return CommandResult(
         data, text, warnings=import_warnings(fixture, opening_m), findings=findings,
         verdict=f"imported, {certified}",
-        next_step=review_command(output, None, has_page=False),
+        next_step=next_step,
     )  # fmt: skip
 
 
