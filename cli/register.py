@@ -48,7 +48,7 @@ def vfplan_register(
     """
     from vfplan.bundle.read import read_fixture
     from vfplan.bundle.write import write_fixture
-    from vfplan.images.read import read_image
+    from vfplan.images.read import read_slice_of
     from vfplan.planning.plan import register
 
     settings = options.fixture_settings(arguments)
@@ -59,7 +59,7 @@ def vfplan_register(
     drawn = read_fixture(curve)
     slice_image = None
     if image is not None:
-        slice_image = read_image(image)
+        slice_image = read_slice_of(drawn, image)
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,

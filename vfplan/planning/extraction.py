@@ -32,7 +32,7 @@ PEN_SETTINGS = (
 VECTOR_SETTINGS = ("curve_origin", "curve_type")
 
 # Settings that only an image can follow.
-IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
+IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels", "pixels")
 
 # Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
 # has a ratio of 5, while pixels of slices are nearly square.
@@ -43,6 +43,12 @@ MAX_TYPE_DIFFERENCE = 0.1
 
 # A small contact radius [m], where none is known yet.
 SMALL_RADIUS_M = 1e-3
+
+# The doubt about pixels of a program that may not have turned a picture as EXIF says.
+UNTURNED = (
+    "The pixels may have been counted in a program that does not turn pictures by their EXIF tag. "
+    "Compare them with the picture, and say it: --pixels as-shown or --pixels as-stored"
+)
 
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5
@@ -120,7 +126,7 @@ def extract(
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
 
-    findings = tuple(extraction.findings)
+    findings = (*image.findings, *extraction.findings)
     if settings.pixel_spacing_mm is not None:
         along_u, along_v = settings.pixel_spacing_mm
         if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
@@ -144,7 +150,7 @@ def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
     image = read_image(
         path, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS, pixels=settings.pixels,
     )  # fmt: skip
     largest = max_number("/image/pixel_spacing")
     for spacing in image.pixel_spacing_mm or ():
@@ -186,6 +192,8 @@ def read_vectors(
     findings = vector_findings(curve, contact_radius)
     doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
     findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
+    if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:
+        findings.append(doubt("pixels-unturned", "extract", f"{path}: {UNTURNED}"))
     return replace(extraction, findings=tuple(findings)), curve.sha256
 
 
@@ -300,6 +308,8 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     """What `extract --json` reports of a curve, but for the time it took."""
     spacing = image.pixel_spacing_mm
     size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
+    if image.orientation != 1:
+        size["orientation"] = image.orientation
     report: dict[str, Any] = {"image": size}
     if extraction.method != "vector":
         report["mask_pixels"] = int(extraction.mask.sum())

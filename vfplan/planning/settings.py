@@ -75,6 +75,9 @@ class ExtractSettings:
         Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
     max_megapixels
         A larger picture is refused, in millions of pixels; `None`: 64.
+    pixels
+        "as-shown" or "as-stored": whether the files of markers and curves count the pixels of the
+        picture as EXIF turns it, or as they are stored; `None`: as shown, with a doubt.
 
     Raises
     ------
@@ -137,6 +140,10 @@ class ExtractSettings:
     max_megapixels: float | None = setting(
         None, "Read pictures of up to this many million pixels.  [default: 64]", form="N", above=0
     )
+    pixels: Literal["as-shown", "as-stored"] | None = setting(
+        None, "Say how the other files count pixels if EXIF turns the picture: as shown, or as "
+        "stored.  [default: as-shown, with a doubt]", choices=("as-shown", "as-stored"),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Refuse a density of no points, before any work is done; raises `SettingError`."""

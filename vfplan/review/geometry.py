@@ -132,7 +132,8 @@ def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entr
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
     """The settings with which a bundle's curve was extracted, as far as it records them."""
     known = fixture.provenance.settings
-    names = ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm")
+    names = ("colour", "method", "max_gap_px", "accept_width", "stroke", "density_per_mm",
+             "pixels")  # fmt: skip
     recorded = {name: known[name] for name in names if name in known}
     for name in ("start", "end"):
         if name in known:

@@ -17,10 +17,10 @@ from vfplan.curve.coverage import Box
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.images.read import MAX_BYTES, MAX_MEGAPIXELS, PlannedImage, read_image
+from vfplan.images.read import MAX_BYTES, PlannedImage
 from vfplan.io.files import read_whole
 from vfplan.markers.correspondences import Correspondences, read_markers
-from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS
+from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, read_slice
 from vfplan.planning.plan import refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
@@ -372,7 +372,7 @@ def is_bundle(path: Path) -> bool:
 def _of_slice(
     path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
-    image = _read_slice(path, extraction)
+    image = read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, ink = {"image": image.sha256}, None
     if curve_path is None:
@@ -382,16 +382,6 @@ def _of_slice(
         inputs["curve"] = sha256_of(curve_path)
     fit = Fit((), planning, image.pixel_spacing_mm)
     return Source(path, path, image, extraction, planning, geometry, fit, exclude, inputs)
-
-
-def _read_slice(path: Path, settings: ExtractSettings) -> PlannedImage:
-    return read_image(
-        path,
-        frame=settings.frame,
-        pixel_spacing_mm=settings.pixel_spacing_mm,
-        imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
-    )
 
 
 def _of_bundle(
@@ -468,7 +458,7 @@ def _slice_of(
     fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
-    image = _read_slice(slice_path, extraction)
+    image = read_slice(slice_path, extraction_of(fixture, extraction))
     known = fixture.provenance.inputs.get("image")
     if known != image.sha256:
         text = (
