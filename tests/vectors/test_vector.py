@@ -164,7 +164,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
     with pytest.raises(CurveError, match="cannot be read"):
         read_vector_curve(tmp_path / "absent.csv")
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(CurveError, match="not text"):
+    with pytest.raises(CurveError, match="is not UTF-8"):
         read_vector_curve(tmp_path / "b.csv")
     with pytest.raises(CurveError, match="DICOM with no drawing"):
         read_vector_curve(capture(tmp_path))

@@ -178,8 +178,8 @@ def test_a_table_that_ends_where_it_begins_is_closed(tmp_path):
     ("text", "told"),
     [
         ("X,Y,Value\n1,2,7\n2,2,7\n", "every pixel of an area"),
-        ("X,Y\n1\n", "without two numbers"), ("X,Y\n1,b\n2,3\n", "without two numbers"),
-        (" ,X,Y\n1,2\n2,3\n", "without two numbers"), ("X,Y\n", "0 different points"),
+        ("X,Y\n1\n", "has 1 cells"), ("X,Y\n1,b\n2,3\n", "Give a number"),
+        (" ,X,Y\n1,2\n2,3\n", "has 2 cells"), ("X,Y\n", "0 different points"),
         ("Y,X\n1,2\n3,4\n", "u_px,v_px or ImageJ's X,Y"),
     ],
     ids=repr,

@@ -153,9 +153,7 @@ def slicer_markup(
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
     pieces = fixture.pieces
-    axis = None
-    if fixture.rendering is not None:
-        axis = fixture.ignore_axis
+    axis = fixture.ignore_axis if fixture.rendering is not None else None
     if pieces is None or axis is None:
         raise InputError(
             "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."

@@ -383,9 +383,7 @@ def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     try:
         mesh, header = {".ply": read_ply, ".stl": read_stl, ".obj": read_obj}[suffix](data)
     except (KeyError, ValueError, IndexError, OverflowError, TypeError) as error:
-        reason = error
-        if isinstance(error, KeyError):
-            reason = f"{error} is unknown or missing"
+        reason = f"{error} is unknown or missing" if isinstance(error, KeyError) else error
         raise InputError(
             f"cannot be read as {suffix[1:].upper()}: {reason}. Export it once more, with "
             "triangles alone.",
@@ -578,9 +576,7 @@ def text_row(element: Element, line: bytes) -> np.dtype:
             fields.append((name, "f8"))
             column += 1
             continue
-        length = 0
-        if column < len(numbers):
-            length = int(numbers[column])
+        length = int(numbers[column]) if column < len(numbers) else 0
         if not 0 <= length <= len(numbers):
             raise ValueError(f"{element.name!r} begins with a list of {length}")
         fields += [("#" + name, "f8"), (name, "f8", (length,))]
@@ -604,9 +600,7 @@ def columns_of(table: NDArray, element: Element) -> Columns:
 def read_stl(data: bytes) -> tuple[Mesh, bytes]:
     """The facets of an STL file, each with three points of its own, and its header."""
     # A text of 80 bytes and the count of facets come first.
-    count = 0
-    if len(data) >= 84:
-        count = struct.unpack_from("<I", data, 80)[0]
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
     size = 84 + count * STL_FACET.itemsize
     # Some binary files begin with "solid" as those of text do, so the length decides.
     if len(data) == size:

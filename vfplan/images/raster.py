@@ -194,9 +194,7 @@ def jpeg_header(data: bytes, max_pixels: int) -> Header:
 def bmp_header(data: bytes, max_pixels: int) -> Header:
     """The header of a BMP."""
     # The header of OS/2 1.x, of 12 bytes, has numbers of 16 bits.
-    numbers = "<ii"
-    if struct.unpack_from("<I", data, 14)[0] == 12:
-        numbers = "<HH"
+    numbers = "<HH" if struct.unpack_from("<I", data, 14)[0] == 12 else "<ii"
     width, height = struct.unpack_from(numbers, data, 18)
     # A height below 0 says that the rows run from top to bottom.
     check_size(width, abs(height), max_pixels)
@@ -326,9 +324,7 @@ def decode_raster(
                 pixels = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
             else:
                 _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(index, index + 1))
-                pixels = None
-                if len(pages):
-                    pixels = pages[0]
+                pixels = pages[0] if len(pages) else None
         except cv2.error as error:
             reason = " ".join(error.err.split())
             raise ImageError(f"cannot be decoded: {reason}. Export the slice again.") from None

@@ -173,9 +173,7 @@ def report_of(
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
-    volume_mm3 = None
-    if not edges:
-        volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6)
+    volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6) if not edges else None
     a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return {

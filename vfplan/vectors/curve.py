@@ -236,9 +236,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
             "vfplan.vectors.curve:read_graphics", where, file=file, where=where, kind=CurveError
         )
         for head in answers:
-            points = None
-            if head.pop("is_line"):
-                points = next(answers)[0] - CORNER_PX
+            points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
             annotations.append(Annotation(points=points, **head))
     return annotations
 
@@ -312,9 +310,7 @@ def read_presentation(
     not_read = "".join(f"; not read: {annotation.name}" for annotation in others)
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
-    count = "1 curve"
-    if len(lines) != 1:
-        count = f"{len(lines)} curves"
+    count = f"{len(lines)} curves" if len(lines) != 1 else "1 curve"
     if number is None and len(annotations) > 1:
         raise CurveError(
             f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
