@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import click
-from vfplan.cli.next_commands import review_command
+from vfplan.cli.next_commands import register_command, review_command
 from vfplan.cli.options import (
     FILE,
     FIXTURE,
@@ -27,12 +27,13 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
 @command("import")
-@click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
+@click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|obj|csv|npy")
 @options_in_order(
     option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
            help="Unit of the numbers in the file."),
-    option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
-           help="Frame of the numbers in the file."),
+    option("--frame", type=click.Choice(["robot_base", "patient_lps"]),
+           help="Frame of the numbers in the file.  [default: robot_base, or patient_lps if the "
+           "file says SPACE=]"),
     option("--curve", type=click.Choice(["open", "closed"]),
            help="Take the points as one curve, in their order.  [default: a bare cloud, without a "
            "leak certificate]"),
@@ -74,12 +75,8 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
-    triangles = 0
-    if fixture.mesh is not None:
-        triangles = len(fixture.mesh)
-    rule = None
-    if fixture.rendering:
-        rule = best_rule(fixture)
+    triangles = len(fixture.mesh) if fixture.mesh is not None else 0
+    rule = best_rule(fixture) if fixture.rendering else None
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
         "band_m": fixture.band,
@@ -96,9 +93,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         opening = f"no point further than {millimetres(opening_m)} from the next"
         if data["points"] == 1:
             opening = "a single point"
-    certified = "not certified"
-    if content["/leak@certified"]:
-        certified = "certified"
+    certified = "certified" if content["/leak@certified"] else "not certified"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
         f"{content['/leak@kind']}, {certified}: {opening}"
@@ -106,11 +101,14 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     if rule is not None:
         text += f"; rule {rule}"
     text += f"\nwrote {output}"
+    next_step = review_command(output, None, has_page=False)
+    if fixture.frame == "patient_lps":
+        next_step = f"{register_command(output)} --model rigid"
     return CommandResult(
         data, text, warnings=import_warnings(fixture, opening_m),
         findings=fixture.findings,
         verdict=f"imported, {certified}",
-        next_step=review_command(output, None, has_page=False),
+        next_step=next_step,
     )  # fmt: skip
 
 

@@ -369,7 +369,9 @@ EXTRACT_OPTIONS = options_in_order(
     ),
     option("--curve", type=FILE, metavar="FILE",
            help="Take the curve from this vector file (Slicer, ImageJ, CSV or DICOM)."),
-    setting_options(ExtractSettings, "curve_origin frame imager_spacing max_megapixels"),
+    setting_options(
+        ExtractSettings, "curve_origin curve_type frame pixels imager_spacing max_megapixels"
+    ),
     option("--mask-out", type=PNG, metavar="PNG", help="Write a picture of the pen's mask."),
     option("--overlay-out", type=PNG, metavar="PNG",
            help="Write a picture of the slice with the curve, or with the numbered candidates."),

@@ -49,7 +49,7 @@ def vfplan_register(
     """
     from vfplan.bundle.read import read_fixture
     from vfplan.bundle.write import write_fixture
-    from vfplan.images.read import read_image
+    from vfplan.images.read import read_slice_of
     from vfplan.planning.plan import planning_of, register
     from vfplan.stability.study import with_verdict_by
 
@@ -61,7 +61,7 @@ def vfplan_register(
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
     slice_image = None
     if image is not None:
-        slice_image = read_image(image)
+        slice_image = read_slice_of(drawn, image)
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,

@@ -258,9 +258,10 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
-    from vfplan.images.read import read_image
+    from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review import sheet_input
+    from vfplan.review.geometry import extraction_of
     from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
     from vfplan.stability.study import with_verdict_by
 
@@ -270,11 +271,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     refuse_extraction_of_extracted(fixture, options.given_settings(ExtractSettings, arguments))
     image = None
     if arguments["slice_path"] is not None:
-        image = read_image(
-            arguments["slice_path"], frame=extraction.frame,
-            pixel_spacing_mm=extraction.pixel_spacing_mm,
-            imager_spacing=bool(extraction.imager_spacing),
-        )  # fmt: skip
+        image = read_slice(arguments["slice_path"], extraction_of(fixture, extraction))
         sheet_input.check_slice(fixture, image)
     given = options.given_of_plan(arguments)
     if markers is None:

@@ -31,7 +31,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     window has a time slider. --screenshot needs an OpenGL library (Debian: libosmesa6).
     """
     from vfplan.bundle.read import read_sealed
-    from vfplan.images.read import read_image
+    from vfplan.images.read import read_slice_of
     from vfplan.review.sheet_input import check_slice
     from vfplan.session.result import read_result, require_fixture
 
@@ -44,7 +44,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
         require_fixture(attributes, seal.sha256.hex(), result.name)
     image = None
     if slice_path is not None:
-        image = read_image(slice_path)
+        image = read_slice_of(planned, slice_path)
     if image is not None:
         check_slice(planned, image)
 

@@ -1,4 +1,4 @@
-"""PLY and STL in every form they come in: the same points and triangles, or a clear refusal."""
+"""PLY, STL and OBJ in every form they come in: the same surface, or a clear refusal."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from refusals import refuses
 
 import vfplan
 from vfplan.bundle.importing import STL_FACET, import_cloud, read_mesh, refined
@@ -152,6 +153,56 @@ WRONG_STL = {
 def test_an_stl_file_that_is_not_whole_is_refused(data):
     with pytest.raises(InputError):
         read_mesh(data, ".stl", "a.stl")
+
+
+OBJ = "\n".join(
+    ["mtllib a.mtl", *("v " + " ".join(map(repr, p)) for p in POINTS.tolist()), "vn 0 0 1", "s off"]
+    + [f"f {a + 1}/1/1 {b - len(POINTS)}// {c + 1}" for a, b, c in FACES.tolist()]
+).encode()
+WRONG_OBJ = [
+    *(b"f 1 2 3 4", b"v 1 2", b"v 1 2 3 2", b"f 1 2 0", b"f 1 2 99", b"f 1 2 -99", b"f a b c"),
+]  # fmt: skip
+
+
+def test_an_obj_file_gives_the_same_surface():
+    mesh = read_mesh(OBJ, ".obj", "a.obj")
+    assert np.array_equal(mesh.points, POINTS)
+    assert np.array_equal(mesh.triangles, FACES)
+    assert mesh.left_out == ("mtllib", "vn", "s")
+    for wrong in WRONG_OBJ:
+        with pytest.raises(InputError):
+            read_mesh(OBJ + b"\n" + wrong, ".obj", "a.obj")
+
+
+def said(text):
+    """A file of each kind whose header says something."""
+    ply_with = ply().replace(b"1.0\n", b"1.0\ncomment 3D Slicer output. %b\n" % text, 1)
+    return {
+        ".ply": ply_with, ".obj": b"# 3D Slicer output. %b\n" % text + OBJ,
+        ".stl": binary_stl(head=b"3D Slicer output. " + text),
+        "text.stl": text_stl(name=text.decode()),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", said(b""))
+def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
+    def imported(text, frame=None):
+        path = tmp_path / f"a.{kind.removeprefix('.')}"
+        path.write_bytes(said(text)[kind])
+        return import_cloud(path, units="m", frame=frame)
+
+    plain, lps, ras = map(imported, (b"bone", b"SPACE=LPS", b"SPACE=RAS;"))
+    assert [one.frame for one in (plain, lps, ras)] == ["robot_base", "patient_lps", "patient_lps"]
+    assert np.array_equal(plain.points, lps.points)
+    turned = ras.points[ras.mesh] * [-1, -1, 1]
+    assert np.array_equal(turned, lps.points[lps.mesh])
+    assert imported(b"bone", "patient_lps").frame == "patient_lps"
+    for text, frame, code in (
+        (b"SPACE=LAS", None, "space-unknown"), (b"SPACE=LPS SPACE=RAS", None, "space-unknown"),
+        (b"SPACE=RAS", "robot_base", "frames-differ"),
+    ):  # fmt: skip
+        with refuses(InputError, code):
+            imported(text, frame)
 
 
 def test_facets_without_area_bound_nothing():

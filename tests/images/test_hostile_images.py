@@ -73,7 +73,7 @@ BOMBS = {
     "nothing.png": (lambda: png(0, 5), "0 x 5 pixels"),
     "film.png": (lambda: png(64, 64, 6, FILM), "9999 frames"),
     "wide.jpg": (lambda: jpeg(65000, 65000), "65000 x 65000 pixels"),
-    "scans.jpg": (lambda: jpeg(4096, 4096, 5000), "5000 scans"),
+    "scans.jpg": (lambda: jpeg(4096, 4096, 5000), "more than 200 scans"),
     "wide.bmp": (lambda: bmp(40000, -40000), "40000 x 40000 pixels"),
     "thin.bmp": (lambda: bmp(-5, 5), "Export the slice again"),
     "wide.tif": (lambda: tiff(1, 60000, 60000), "60000 x 60000 pixels"),
@@ -122,7 +122,7 @@ def test_a_page_of_many_is_read_alone(tmp_path):
 def test_what_is_written_is_what_the_header_says(suffix):
     image = np.zeros((7, 13, 3), np.uint8)
     data = cv2.imencode(suffix, image)[1].tobytes()
-    assert read_header(data, max_pixels=1000).pages == 1
+    assert len(read_header(data, max_pixels=1000).tags) == 1
 
 
 LARGE = """

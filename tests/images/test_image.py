@@ -7,6 +7,7 @@ import hashlib
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from drawing import blend, compare, coverage, flat, to_uint8, wavy
 from PIL import Image, ImageOps
 
@@ -114,6 +115,96 @@ def test_exif_orientation_is_applied(tmp_path, form, orientation):
     read = vfplan.read_image(path).rgb
     assert read.shape == upright.shape
     assert np.abs(read - upright).mean() < 3
+
+
+# What EXIF's orientations do to a picture (TIFF 6.0, page 36).
+TURNS = [
+    lambda p: p, np.fliplr, lambda p: np.rot90(p, 2), np.flipud, lambda p: p.swapaxes(0, 1),
+    lambda p: np.rot90(p, -1), lambda p: np.rot90(p.swapaxes(0, 1), 2), np.rot90,
+]  # fmt: skip
+LAYOUTS = {
+    "strips": {"rowsperstrip": 7}, "one strip": {"rowsperstrip": 1000}, "tiles": {"tile": (64, 64)},
+    "deflate": {"compression": "zlib"}, "tiles, deflate": {"tile": (32, 16), "compression": "zlib"},
+    "planes": {"planarconfig": "separate"}, "big": {"bigtiff": True, "tile": (64, 64)},
+    "motorola": {"byteorder": ">", "tile": (64, 64)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_tiff_of_any_layout_is_turned_as_it_says(tmp_path, layout, orientation):
+    path = tmp_path / "a.tif"
+    for depth in (np.uint8, np.uint16):
+        stored = np.random.default_rng(orientation).integers(
+            0, np.iinfo(depth).max, (60, 90, 3), depth, endpoint=True
+        )
+        stored[0, 0] = np.iinfo(depth).max
+        if layout == "planes":
+            stored = np.moveaxis(stored, 2, 0)
+        tag = [(0x0112, "H", 1, orientation, True)]
+        tifffile.imwrite(path, stored, photometric="rgb", extratags=tag, **LAYOUTS[layout])
+        if layout == "planes":
+            stored = np.moveaxis(stored, 0, 2)
+        if layout == "planes" and depth == np.uint16:
+            with pytest.raises(ImageError, match="planes of colours"):
+                vfplan.read_image(path)
+            continue
+        read = vfplan.read_image(path)
+        assert np.array_equal(read.rgb, TURNS[orientation - 1](stored))
+        assert read.orientation == orientation
+        as_stored = vfplan.read_image(path, pixels="as-stored")
+        assert np.array_equal(as_stored.rgb, stored)
+        assert (as_stored.orientation, as_stored.findings) == (1, ())
+
+
+def codes(read):
+    return [finding.code for finding in read.findings]
+
+
+@pytest.mark.parametrize("tile", [None, (64, 64)])
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("extra", ["unspecified", "assocalpha", "unassalpha"])
+def test_a_sample_beside_the_colours_is_a_mask_only_where_it_says_so(tmp_path, extra, depth, tile):
+    full = np.iinfo(depth).max
+    stored = np.random.default_rng(1).integers(0, full, (60, 90, 4), depth, endpoint=True)
+    stored[0, 0] = full
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, stored, photometric="rgb", extrasamples=[extra], tile=tile)
+    read, colours = vfplan.read_image(path), stored[..., :3]
+    if extra == "unassalpha":
+        colours = np.rint(colours * (stored[..., 3:].astype(float) / full))
+    assert np.abs(read.rgb - colours.astype(float)).max() <= (extra == "unassalpha")
+    assert codes(read) == (["extra-sample"] if extra == "unspecified" else [])
+
+
+def test_a_bmp_whose_alpha_is_nothing_is_opaque(tmp_path):
+    for alpha in (0, 255):
+        bgra = np.dstack([PICTURE[..., ::-1], np.full(SHAPE, alpha, np.uint8)])
+        assert cv2.imwrite(str(tmp_path / "a.bmp"), bgra)
+        assert np.array_equal(vfplan.read_image(tmp_path / "a.bmp").rgb, PICTURE)
+        assert vfplan.read_image(tmp_path / "a.bmp").findings == ()
+
+
+@pytest.mark.parametrize("form", ["PNG", "JPEG"])
+def test_what_follows_a_picture_is_left_out_with_a_note(tmp_path, form):
+    path = saved(tmp_path, form, progressive=True)
+    alone = vfplan.read_image(path)
+    film = b"\0\0\0\x18ftypmp42" + bytes(range(256)) * 40
+    with path.open("ab") as file:
+        file.write(film)
+    read = vfplan.read_image(path)
+    assert np.array_equal(read.rgb, alone.rgb)
+    assert (codes(alone), codes(read)) == ([], ["data-behind-end"])
+
+
+def test_a_picture_of_12_bits_in_16_is_stretched_with_a_note(tmp_path):
+    path = tmp_path / "a.png"
+    dark = PICTURE[..., ::-1].astype(np.uint16) << 4
+    assert cv2.imwrite(str(path), dark)
+    read = vfplan.read_image(path)
+    assert np.array_equal(read.rgb, PICTURE.astype(np.uint16) << 8)
+    assert codes(read) == ["range-stretched"]
+    assert compare(vfplan.extract_curve(read).strokes[0], CURVE).rms < 0.03
 
 
 def test_pages_of_a_tiff_are_chosen(tmp_path):

@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from captures import CURVE, PICTURE, capture
+from conftest import ROOT
 from drawing import normal_errors
+from PIL import Image
 from refusals import refuses
 
 import vfplan
@@ -103,3 +105,29 @@ def test_the_place_is_that_of_the_first_pixels_centre(tmp_path):
     assert place[:3, 2] == pytest.approx(1e-3 * CORNER, abs=1e-12)
     u = place @ [100, 0, 1]
     assert u[:3] == pytest.approx(1e-3 * (CORNER + 100 * PIXEL * AXES[0]), abs=1e-9)
+
+
+def test_pixels_of_another_program_are_asked_about_where_exif_turns_the_picture(tmp_path):
+    sides = [ROOT / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
+    slice_image = Image.open(ROOT / "samples" / "elbow.png").convert("RGB")
+    stored = tmp_path / "stored.png"
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    slice_image.save(stored, exif=exif)
+    curve = tmp_path / "c.csv"
+    curve.write_text("u_px,v_px\n100,100\n200,150\n")
+    truth = plan(ROOT / "samples" / "elbow.png", *sides).fixture.points
+    as_given = FixtureSettings(markers_as_given=True)
+    for pixels, drawn, doubted in (
+        (None, None, 1), ("as-shown", None, 0), ("as-stored", None, 0), (None, curve, 2),
+    ):  # fmt: skip
+        settings = ExtractSettings(pixels=pixels)
+        made = plan(stored, *sides, extraction=settings, curve=drawn, settings=as_given)
+        codes = [finding.code for finding in made.findings]
+        assert codes.count("pixels-unturned") == doubted
+        assert ("picture-turned" in codes) == (pixels != "as-stored")
+        assert (made.extracted.report["image"].get("orientation") == 3) == (
+            "picture-turned" in codes
+        )
+        if pixels == "as-stored":
+            assert np.array_equal(made.fixture.points, truth)

@@ -51,13 +51,13 @@ def state(tmp_path, *graphics, image="1.2.3.4", frames=None):
 def test_a_presentation_states_polyline_counts_from_the_first_pixels_corner(tmp_path):
     curve = read_vector_curve(state(tmp_path, graphic()))
     assert curve.points.tolist() == (LINE - 0.5).tolist()
-    assert (curve.closed, curve.smooth, curve.warnings) == (False, False, ())
+    assert (curve.closed, curve.joined, curve.warnings) == (False, "straight", ())
 
 
 def test_one_that_returns_is_closed_and_an_interpolated_one_is_a_spline_with_a_warning(tmp_path):
     ring = np.vstack([LINE, LINE[:1]])
     curve = read_vector_curve(state(tmp_path, graphic(ring, "INTERPOLATED")))
-    assert (curve.closed, curve.smooth, len(curve.points)) == (True, True, 3)
+    assert (curve.closed, curve.joined, len(curve.points)) == (True, "spline", 3)
     (told,) = curve.warnings
     assert "px from straight lines" in told
 

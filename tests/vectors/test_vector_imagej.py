@@ -45,7 +45,7 @@ def by_hand(points, kind=5, version=229, count=None):
 @pytest.mark.parametrize("kind", ["POLYLINE", "FREELINE"])
 def test_a_line_counts_from_pixels_centres(tmp_path, kind):
     curve = read_vector_curve(selection(tmp_path, kind, LINE))
-    assert (curve.closed, curve.smooth, curve.warnings) == (False, False, ())
+    assert (curve.closed, curve.joined, curve.warnings) == (False, "straight", ())
     assert np.allclose(curve.points, LINE, atol=1e-5)
 
 
@@ -178,8 +178,8 @@ def test_a_table_that_ends_where_it_begins_is_closed(tmp_path):
     ("text", "told"),
     [
         ("X,Y,Value\n1,2,7\n2,2,7\n", "every pixel of an area"),
-        ("X,Y\n1\n", "without two numbers"), ("X,Y\n1,b\n2,3\n", "without two numbers"),
-        (" ,X,Y\n1,2\n2,3\n", "without two numbers"), ("X,Y\n", "0 different points"),
+        ("X,Y\n1\n", "has 1 cells"), ("X,Y\n1,b\n2,3\n", "Give a number"),
+        (" ,X,Y\n1,2\n2,3\n", "has 2 cells"), ("X,Y\n", "0 different points"),
         ("Y,X\n1,2\n3,4\n", "u_px,v_px or ImageJ's X,Y"),
     ],
     ids=repr,

@@ -82,7 +82,8 @@ def unit_of(fixture: Fixture) -> str:
 def ply(fixture: Fixture) -> bytes:
     """The points, and the triangles of a mesh, as binary PLY."""
     head = ["ply", "format binary_little_endian 1.0"]
-    head.append(f"comment frame {fixture.frame}, unit {unit_of(fixture)}")
+    space = " SPACE=LPS" if fixture.frame == "patient_lps" else ""
+    head.append(f"comment frame {fixture.frame}, unit {unit_of(fixture)}{space}")
     head.append(f"element vertex {len(fixture.points)}")
     head += [f"property double {axis}" for axis in "xyz"]
     body = np.ascontiguousarray(fixture.points, dtype="<f8").tobytes()
@@ -152,9 +153,7 @@ def slicer_markup(
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
     pieces = fixture.pieces
-    axis = None
-    if fixture.rendering is not None:
-        axis = fixture.ignore_axis
+    axis = fixture.ignore_axis if fixture.rendering is not None else None
     if pieces is None or axis is None:
         raise InputError(
             "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."

@@ -1,8 +1,8 @@
 """Points and meshes of any origin -> a fixture: what `vfplan import` does.
 
 PLY may be ASCII, or binary of either order, with whatever other properties and elements; STL ASCII
-or binary. All that a file promises is read, or an error; numbers keep the precision they are
-written in, and nothing is repaired.
+or binary; of OBJ the vertices and triangles are read. All that a file promises is read, or an
+error; numbers keep the precision they are written in, and nothing is repaired.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import re
 import struct
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,11 @@ from vfplan.io.files import (
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
 # Corners of a rim that are closer than this share of the mesh's size are one.
 WELD_SHARE = 1e-5
-SUFFIXES = (".ply", ".stl", ".csv", ".npy")
+SUFFIXES = (".ply", ".stl", ".obj", ".csv", ".npy")
+# How 3D Slicer writes the axes of the patient into the header of a mesh.
+SPACE = re.compile(rb"SPACE=([^\s\0;,]*)")
+# A name of such axes -> the sign of each against LPS.
+SIGNS_OF_SPACE = {"LPS": (1, 1, 1), "RAS": (-1, -1, 1)}
 # Longest header of a PLY file that is looked for [bytes].
 HEADER_BYTES = 1 << 16
 # PLY's name of a type -> NumPy's.
@@ -86,13 +90,15 @@ class Mesh:
     triangles: NDArray[np.integer] | None = None
     # What else the file says, each as "element.property".
     left_out: tuple[str, ...] = ()
+    # The patient's axes that it says its numbers have; "" where it says none.
+    space: str = ""
 
 
 def import_cloud(
     path: str | Path,
     *,
     units: str,
-    frame: Frame = "robot_base",
+    frame: Frame | None = None,
     curve: str | None = None,
     spacing: float | None = None,
     stiffness: Any = 1000.0,
@@ -100,16 +106,19 @@ def import_cloud(
     point_radius: float = 0.0,
     ignore_axis: Any = None,
 ) -> Fixture:
-    """A fixture from a .ply, .stl, .csv or .npy file.
+    """A fixture from a .ply, .stl, .obj, .csv or .npy file.
 
     Parameters
     ----------
     path
-        PLY and STL may hold triangles: they are kept as they were drawn, and their corners are the
-        points. CSV: columns x, y, z. NPY: (N, 3). What else the file says (colours, strokes, ...)
-        is left out; `settings["left_out"]` names it.
+        PLY, STL and OBJ may hold triangles: they are kept as they were drawn, and their corners
+        are the points. CSV: columns x, y, z. NPY: (N, 3). What else the file says (colours,
+        strokes, ...) is left out; `settings["left_out"]` names it.
     units
         Unit of the file's numbers, a key of `METRES`.
+    frame
+        Frame of the file's numbers. `None`: "patient_lps" where the file says that it has the
+        patient's axes (`SPACE=`), else "robot_base".
     curve
         "open" or "closed": the points are one curve, in order; `None`: a bare cloud.
     spacing
@@ -137,7 +146,14 @@ def import_cloud(
         )
     axis = check_axis(ignore_axis)
     cloud, digest = read_cloud(Path(path), units)
-    points = check_cloud(METRES[units] * cloud.points, str(path))
+    if cloud.space and frame == "robot_base":
+        raise InputError(
+            f"The file says SPACE={cloud.space}, axes of the patient, and the frame was given as "
+            "robot_base. Leave --frame out, or remove SPACE= from the file's header.",
+            where=str(path), code="frames-differ",
+        )  # fmt: skip
+    numbers = cloud.points * SIGNS_OF_SPACE[cloud.space or "LPS"]
+    points = check_cloud(METRES[units] * numbers, str(path))
     ignored = list(cloud.left_out)
     mesh = sample_radius = strokes = None
     findings: list[Finding] = []
@@ -180,7 +196,7 @@ def import_cloud(
     if ignored:
         settings["left_out"] = short_text(", ".join(ignored))
     return Fixture(
-        frame=frame,
+        frame=frame or ("patient_lps" if cloud.space else "robot_base"),
         points=points,
         provenance=Provenance.now({"cloud": digest}, settings),
         mesh=mesh,
@@ -418,25 +434,57 @@ def too_many_samples(spacing: float) -> SceneError:
 
 
 def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
-    """The points and triangles of a file's bytes; `suffix` is ".ply" or ".stl".
+    """The points and triangles of a file's bytes; `suffix` is ".ply", ".stl" or ".obj".
 
     Of STL every facet has three points of its own (`refined` makes them one).
 
     Raises `InputError` when the file is not whole, or holds faces that are not triangles.
     """
     try:
-        if suffix == ".ply":
-            return read_ply(data)
-        return read_stl(data)
+        mesh, header = {".ply": read_ply, ".stl": read_stl, ".obj": read_obj}[suffix](data)
     except (KeyError, ValueError, IndexError, OverflowError, TypeError) as error:
-        reason = error
-        if isinstance(error, KeyError):
-            reason = f"{error} is unknown or missing"
+        reason = f"{error} is unknown or missing" if isinstance(error, KeyError) else error
         raise InputError(
             f"cannot be read as {suffix[1:].upper()}: {reason}. Export it once more, with "
             "triangles alone.",
             where=where,
         ) from error
+    spaces = {name.decode("latin-1").upper() for name in SPACE.findall(header)}
+    if len(spaces) > 1 or not spaces <= {*SIGNS_OF_SPACE}:
+        said = " and ".join(f"SPACE={short_text(name)}" for name in sorted(spaces))
+        raise InputError(
+            f"The file says {said}. Save it from Slicer with LPS or RAS as its coordinate system.",
+            where=where, code="space-unknown",
+        )  # fmt: skip
+    return replace(mesh, space="".join(spaces))
+
+
+def read_obj(data: bytes) -> tuple[Mesh, bytes]:
+    """The vertices and triangles of an OBJ file, and its comments."""
+    check_text_size(data)
+    numbers, corners, comments = array("d"), array("q"), []
+    left_out: dict[str, None] = {}
+    for line in io.BytesIO(data.replace(b"\\\n", b" ")):
+        match line.split():
+            case [b"v", *words] if len(words) in (3, 6) or words[3:] == [b"1"]:
+                numbers.extend(map(float, words[:3]))
+            case [b"f", *words] if len(words) == 3:
+                for word in words:
+                    number = int(word.partition(b"/")[0])
+                    corners.append(number - 1 if number > 0 else len(numbers) // 3 + number)
+                    if not number or corners[-1] < 0:
+                        raise ValueError(f"a face names vertex {number}")
+            case [b"v" | b"f", *_]:
+                raise ValueError(f"it says {line.strip()[:60]!r}")
+            case [word, *_] if not word.startswith(b"#"):
+                left_out[word.decode("latin-1")] = None
+            case [_, *_]:
+                comments.append(line)
+    points = np.array(numbers).reshape(-1, 3)
+    faces = np.array(corners, dtype=np.int64).reshape(-1, 3)
+    if faces.size and faces.max() >= len(points):
+        raise ValueError(f"its faces name vertex {faces.max() + 1} of {len(points)}")
+    return Mesh(points, faces if len(faces) else None, tuple(left_out)), b"".join(comments)
 
 
 # --- PLY ---------------------------------------------------------------------------------------
@@ -452,8 +500,8 @@ class Element:
     properties: list[tuple[str, str, str]] = field(default_factory=list)
 
 
-def read_ply(data: bytes) -> Mesh:
-    """The points and triangles of a PLY file."""
+def read_ply(data: bytes) -> tuple[Mesh, bytes]:
+    """The points and triangles of a PLY file, and its header."""
     order, elements, start = read_ply_header(data)
     if order:
         tables = binary_tables(data, start, elements, order)
@@ -472,13 +520,13 @@ def read_ply(data: bytes) -> Mesh:
     of_faces = tables.get("face", {})
     faces = of_faces.get("vertex_indices", of_faces.get("vertex_index"))
     if faces is None or len(faces) == 0:
-        return Mesh(points, left_out=left_out)
+        return Mesh(points, left_out=left_out), data[:start]
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise ValueError("it holds faces that are not triangles")
     lowest, highest = float(faces.min()), float(faces.max())
     if not (lowest >= 0 and highest < len(points)) or np.any(faces != np.floor(faces)):
         raise ValueError(f"its faces name vertices {lowest:g} to {highest:g} of {len(points)}")
-    return Mesh(points, faces.astype(np.int32), left_out)
+    return Mesh(points, faces.astype(np.int32), left_out), data[:start]
 
 
 def read_ply_header(data: bytes) -> tuple[str, list[Element], int]:
@@ -588,9 +636,7 @@ def text_row(element: Element, line: bytes) -> np.dtype:
             fields.append((name, "f8"))
             column += 1
             continue
-        length = 0
-        if column < len(numbers):
-            length = int(numbers[column])
+        length = int(numbers[column]) if column < len(numbers) else 0
         if not 0 <= length <= len(numbers):
             raise ValueError(f"{element.name!r} begins with a list of {length}")
         fields += [("#" + name, "f8"), (name, "f8", (length,))]
@@ -611,21 +657,21 @@ def columns_of(table: NDArray, element: Element) -> Columns:
 # --- STL ---------------------------------------------------------------------------------------
 
 
-def read_stl(data: bytes) -> Mesh:
-    """The facets of an STL file; each has three points of its own."""
+def read_stl(data: bytes) -> tuple[Mesh, bytes]:
+    """The facets of an STL file, each with three points of its own, and its header."""
     # A text of 80 bytes and the count of facets come first.
-    count = 0
-    if len(data) >= 84:
-        count = struct.unpack_from("<I", data, 80)[0]
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
     size = 84 + count * STL_FACET.itemsize
     # Some binary files begin with "solid" as those of text do, so the length decides.
     if len(data) == size:
         corners = np.frombuffer(data, STL_FACET, count, 84)["corners"].astype(float)
+        header = data[:80]
     elif TEXT_SOLID.match(data):
         corners = text_facets(data)
+        header = b"".join(TEXT_SOLID.findall(data))
     else:
         raise ValueError(f"it has {len(data)} bytes, and {size} by its own count of facets")
-    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)), header
 
 
 def text_facets(data: bytes) -> NDArray[np.float64]:

@@ -77,12 +77,8 @@ def read_dicom(
         for (rows,) in parts:
             rgb[row : row + len(rows)] = rows
             row += len(rows)
-    pixel_spacing_mm = None
-    if spacing_mm is not None:
-        pixel_spacing_mm = tuple(spacing_mm)
-    T_patient_image = None
-    if place is not None:
-        T_patient_image = np.array(place)
+    pixel_spacing_mm = tuple(spacing_mm) if spacing_mm is not None else None
+    T_patient_image = np.array(place) if place is not None else None
     return rgb, pixel_spacing_mm, T_patient_image, instance
 
 
@@ -176,9 +172,7 @@ def windowed_grey(
     brightness = (values - low) / (high - low or 1.0)
     if inverted:
         brightness = 1 - brightness
-    depth = np.uint8
-    if stored.dtype.itemsize > 1:
-        depth = np.uint16
+    depth = np.uint16 if stored.dtype.itemsize > 1 else np.uint8
     grey = np.rint(np.iinfo(depth).max * brightness).astype(depth)
     return np.repeat(grey[..., None], 3, axis=2)
 

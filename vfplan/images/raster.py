@@ -7,6 +7,7 @@ another kind of file: PNG (ISO/IEC 15948), JPEG (ITU-T T.81), TIFF 6.0 and BigTI
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -21,6 +22,7 @@ from vfplan.errors import ImageError
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8\xff"
+JPEG_END = 0xD9
 BMP_START = b"BM"
 # The first four bytes of a TIFF, with the order of bytes that they stand for.
 TIFF_BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
@@ -41,11 +43,33 @@ DAMAGED_HEADER = "its header is damaged or cut short. Export the slice again."
 
 
 class Tag(IntEnum):
-    """The tags of TIFF 6.0 and EXIF that are read: size, and how the picture is turned, 1 to 8."""
+    """The tags of TIFF 6.0 and EXIF that are read.
+
+    PHOTOMETRIC: what the samples of a pixel are; ORIENTATION: how the picture is turned, 1 to 8;
+    SAMPLES: how many a pixel has; PLANES: 2 where each has a plane of its own; EXTRA: what the
+    first sample beyond the colours is
+    """
 
     WIDTH = 0x0100
     HEIGHT = 0x0101
+    PHOTOMETRIC = 0x0106
     ORIENTATION = 0x0112
+    SAMPLES = 0x0115
+    PLANES = 0x011C
+    EXTRA = 0x0152
+
+
+# What EXTRA says of a sample: that the colours are multiplied by it, or are to be.
+PREMULTIPLIED, ALPHA = 1, 2
+# Photometric interpretation of four inks.
+SEPARATED = 5
+# Samples that make a colour, by the photometric interpretation; one of all others.
+COLOURS = {2: 3, SEPARATED: 4, 6: 3}
+# TIFF's name of a whole number of 16 bits.
+SHORT = 3
+# The end of what a scan of a JPEG holds: a marker that neither stands for a byte 0xFF nor restarts
+# the decoder.
+END_OF_SCAN = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 
 
 @dataclass(frozen=True)
@@ -53,15 +77,22 @@ class Header:
     """What a file says of itself.
 
     kind: the kind of file
-    pages: how many pictures it holds
+    end: the number of bytes that belong to it
     is_opaque: whether it is known to have one page and no alpha
-    orientation: EXIF's, 1 to 8, of a PNG; 1 for other kinds, which OpenCV turns itself
+    tags: EXIF's whole numbers, or those of each page of a TIFF
+    orientations: where a TIFF says how its pages are turned: the offsets of these entries
     """
 
     kind: Literal["PNG", "JPEG", "TIFF", "BMP"]
-    pages: int = 1
+    end: int
     is_opaque: bool = False
-    orientation: int = 1
+    tags: tuple[dict[int, int], ...] = ({},)
+    orientations: tuple[int, ...] = ()
+
+    def orientation(self, index: int) -> int:
+        """How a page is turned, 1 to 8; what is no such number says nothing."""
+        value = self.tags[index].get(Tag.ORIENTATION, 1)
+        return value if 1 <= value <= 8 else 1
 
 
 def is_picture(data: bytes) -> bool:
@@ -90,15 +121,17 @@ def read_header(data: bytes, max_pixels: int) -> Header:
 
 def png_header(data: bytes, max_pixels: int) -> Header:
     """The header of a PNG."""
-    # Decoders fill what is missing with grey and do not tell.
-    if b"IEND" not in data[-64:]:
-        raise ImageError("the PNG is cut short: it has no IEND chunk. Copy the file again.")
     width, height = struct.unpack_from(">II", data, 16)
     check_size(width, height, max_pixels)
     is_opaque = data[25] in OPAQUE_PNG_TYPES
-    frames = orientation = 1
+    frames = 1
+    tags: dict[int, int] = {}
     position = len(PNG_START)
-    while position + 8 <= len(data):
+    kind = b""
+    while kind != b"IEND":
+        # Decoders fill what is missing with grey and do not tell.
+        if position + 12 > len(data):
+            raise ImageError("the PNG is cut short: it has no IEND chunk. Copy the file again.")
         size, kind = struct.unpack_from(">I4s", data, position)
         content = position + 8
         if kind == b"acTL":
@@ -106,71 +139,100 @@ def png_header(data: bytes, max_pixels: int) -> Header:
         elif kind == b"tRNS":
             is_opaque = False
         elif kind == b"eXIf":
-            exif = data[content : content + size]
-            if exif[:4] in TIFF_BYTE_ORDERS:
-                tags = next(tiff_directories(exif), {})
-                orientation = tags.get(Tag.ORIENTATION, 1)
+            tags = exif_tags(data[content : content + size])
         # A checksum of four bytes follows the content.
         position = content + size + 4
     if frames > 1:
         raise ImageError(f"is an animation of {frames} frames. Export one picture.")
-    return Header("PNG", is_opaque=is_opaque, orientation=orientation)
+    return Header("PNG", position, is_opaque, (tags,))
+
+
+def exif_tags(exif: bytes) -> dict[int, int]:
+    """The whole numbers of the first directory of EXIF."""
+    if exif[:4] not in TIFF_BYTE_ORDERS:
+        return {}
+    tags, _ = next(tiff_directories(exif), ({}, 0))
+    return tags
 
 
 def jpeg_header(data: bytes, max_pixels: int) -> Header:
     """The header of a JPEG."""
-    if b"\xff\xd9" not in data[-4096:]:
-        raise ImageError("the JPEG is cut short: it has no end marker. Copy the file again.")
+    is_sized, scans = False, 0
+    tags: dict[int, int] = {}
     position = 2
-    while True:
+    while (marker := data[position + 1]) != JPEG_END:
         if data[position] != 0xFF:
             raise ImageError(DAMAGED_HEADER)
-        marker = data[position + 1]
+        content = position + 4
         if marker == 0xFF:
             # A marker may be preceded by any number of bytes 0xFF.
             position += 1
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            continue
+        position += 2 + struct.unpack_from(">H", data, position + 2)[0]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             # The start of a frame, which holds the picture's size.
-            height, width = struct.unpack_from(">HH", data, position + 5)
+            if is_sized:
+                raise ImageError("the JPEG is damaged: it begins twice. Copy the file again.")
+            height, width = struct.unpack_from(">HH", data, content + 1)
             check_size(width, height, max_pixels)
-            break
-        else:
-            position += 2 + struct.unpack_from(">H", data, position + 2)[0]
-    scans = data.count(b"\xff\xda")
-    if scans > MAX_JPEG_SCANS:
-        raise ImageError(
-            f"has {scans} scans, and at most {MAX_JPEG_SCANS} are read. Export the slice again."
-        )
-    return Header("JPEG", is_opaque=True)
+            is_sized = True
+        elif marker == 0xE1 and data[content : content + 6] == b"Exif\0\0" and not tags:
+            tags = exif_tags(data[content + 6 : position])
+        elif marker == 0xDA:
+            scans += 1
+            if not is_sized:
+                raise ImageError(DAMAGED_HEADER)
+            if scans > MAX_JPEG_SCANS:
+                raise ImageError(f"has more than {MAX_JPEG_SCANS} scans. Export the slice again.")
+            end = END_OF_SCAN.search(data, position)
+            if end is None:
+                raise ImageError("the JPEG is cut short: it has no end marker. Copy it again.")
+            position = end.start()
+    return Header("JPEG", position + 2, is_opaque=True, tags=(tags,))
 
 
 def bmp_header(data: bytes, max_pixels: int) -> Header:
     """The header of a BMP."""
     # The header of OS/2 1.x, of 12 bytes, has numbers of 16 bits.
-    numbers = "<ii"
-    if struct.unpack_from("<I", data, 14)[0] == 12:
-        numbers = "<HH"
+    numbers = "<HH" if struct.unpack_from("<I", data, 14)[0] == 12 else "<ii"
     width, height = struct.unpack_from(numbers, data, 18)
     # A height below 0 says that the rows run from top to bottom.
     check_size(width, abs(height), max_pixels)
-    return Header("BMP")
+    # Only a header of 56 bytes or more, with masks, can say that there is transparency.
+    has_masks = struct.unpack_from("<I", data, 14)[0] >= 56 and data[30] in (3, 6)
+    return Header("BMP", len(data), is_opaque=not (has_masks and any(data[66:70])))
 
 
 def tiff_header(data: bytes, max_pixels: int) -> Header:
     """The header of a TIFF."""
-    pages = 0
-    for tags in tiff_directories(data):
-        pages += 1
-        if pages > MAX_TIFF_PARTS:
+    pages, orientations = [], []
+    for tags, orientation in tiff_directories(data):
+        pages.append({tag: tags[tag] for tag in Tag if tag in tags})
+        orientations += [orientation] if orientation else []
+        if len(pages) > MAX_TIFF_PARTS:
             raise ImageError(
                 f"has more than {MAX_TIFF_PARTS} pages. Export the page that is meant."
             )
         check_size(tags.get(Tag.WIDTH, 0), tags.get(Tag.HEIGHT, 0), max_pixels)
-    return Header("TIFF", pages)
+    return Header("TIFF", len(data), False, tuple(pages), tuple(orientations))
 
 
-def tiff_directories(data: bytes) -> Iterator[dict[int, int]]:
-    """The whole numbers of each directory of a TIFF, by their tag. EXIF is written so too.
+def unturned(data: bytes, orientations: tuple[int, ...]) -> bytes:
+    """A TIFF whose pages say that they are not turned, so that no decoder turns them.
+
+    OpenCV would mirror inside each tile.
+    """
+    changed = bytearray(data)
+    number, order = ("Q" if data[2:4] in BIG_TIFF else "I"), TIFF_BYTE_ORDERS[data[:4]]
+    for entry in orientations:
+        struct.pack_into(f"{order}HH{number}H", changed, entry, Tag.ORIENTATION, SHORT, 1, 1)
+    return bytes(changed)
+
+
+def tiff_directories(data: bytes) -> Iterator[tuple[dict[int, int], int]]:
+    """The whole numbers of each directory of a TIFF, by their tag, and where its orientation is.
+
+    EXIF is written so too. A directory without an orientation has it at 0.
 
     Raises `struct.error` or `IndexError` where the data are damaged or cut short.
     """
@@ -185,14 +247,16 @@ def tiff_directories(data: bytes) -> Iterator[dict[int, int]]:
         if count > MAX_TIFF_PARTS:
             raise IndexError(f"{count} tags")
         entry = position + struct.calcsize(count_format)
-        tags = {}
+        tags, orientation = {}, 0
         for _ in range(count):
             tag, value_type = struct.unpack_from(order + "HH", data, entry)
             if value_type in WHOLE_NUMBERS:
                 number_format = order + WHOLE_NUMBERS[value_type]
                 tags[tag] = struct.unpack_from(number_format, data, entry + value_offset)[0]
+            if tag == Tag.ORIENTATION:
+                orientation = entry
             entry += entry_bytes
-        yield tags
+        yield tags, orientation
         position = struct.unpack_from(offset_format, data, entry)[0]
 
 
@@ -239,29 +303,28 @@ LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "
 
 
 def decode_raster(
-    data: bytes, header: Header, page: int | None
+    data: bytes, header: Header, index: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The (H, W, 3) pixels of a file, red first, the right way up, transparent ones over black.
+    """The (H, W, 3) pixels of a file as they are stored, red first, transparent ones over black.
 
-    page: which page of a TIFF, from 1; needed when there are several
+    index: which page of a TIFF, from 0
     Raises `ImageError` if the file cannot be decoded.
     """
     import cv2
 
-    index = chosen_index("page", page, header.pages)
-    buffer = np.frombuffer(data, np.uint8)
+    if header.orientations:
+        data = unturned(data, header.orientations)
+    buffer = np.frombuffer(data, np.uint8, header.end)
+    opaque = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     with native_stderr() as log:
         try:
             if header.is_opaque:
-                # OpenCV applies EXIF's orientation here.
-                pixels = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
+                pixels = cv2.imdecode(buffer, opaque)
             elif header.kind != "TIFF":
                 pixels = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
             else:
                 _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(index, index + 1))
-                pixels = None
-                if len(pages):
-                    pixels = pages[0]
+                pixels = pages[0] if len(pages) else None
         except cv2.error as error:
             reason = " ".join(error.err.split())
             raise ImageError(f"cannot be decoded: {reason}. Export the slice again.") from None
@@ -278,12 +341,23 @@ def decode_raster(
     if header.is_opaque:
         return pixels
     if pixels.ndim == 2:
-        rgb = cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB)
-    elif pixels.shape[2] == 3:
-        rgb = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
-    else:
-        rgb = over_black(pixels)
-    return upright(rgb, header.orientation)
+        return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB)
+    tags = header.tags[index]
+    is_deep = pixels.dtype == np.uint16
+    # OpenCV takes both for pixels of three colours in a row.
+    if is_deep and (tags.get(Tag.PLANES) == 2 or tags.get(Tag.PHOTOMETRIC) == SEPARATED):
+        raise ImageError(
+            "holds inks, or planes of colours, of 16 bits. Export the slice as RGB in one plane."
+        )
+    if pixels.shape[2] == 3:
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    # Of 8 bits libtiff multiplies the colours itself.
+    is_alpha = is_deep and tags.get(Tag.EXTRA) == ALPHA
+    if header.kind == "BMP":
+        is_alpha = bool(pixels[..., 3].any())
+    if is_alpha or header.kind == "PNG":
+        return over_black(pixels)
+    return np.ascontiguousarray(pixels[..., 2::-1])
 
 
 def over_black(

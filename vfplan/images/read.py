@@ -14,8 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, InputError, SettingError
+from vfplan.findings import Finding, doubt, note
+from vfplan.fixture import Fixture
 from vfplan.images.dataset import is_dicom
-from vfplan.images.raster import decode_raster, is_picture, read_header
+from vfplan.images.raster import (
+    ALPHA,
+    COLOURS,
+    PREMULTIPLIED,
+    Header,
+    Tag,
+    chosen_index,
+    decode_raster,
+    is_picture,
+    read_header,
+    upright,
+)  # fmt: skip
 from vfplan.io.files import naming_place, opened_file, read_whole
 
 # Bytes of an image file. OpenCV's decoders take no more.
@@ -43,6 +56,10 @@ class PlannedImage:
         (4, 3) mapping [u v 1] to the patient's LPS frame [m]; DICOM only, `None` when unknown.
     instance
         DICOM's SOP instance UID; empty for other files.
+    orientation
+        EXIF's, 1 to 8, by which the picture was turned; 1 where it was not.
+    findings
+        What was read otherwise than a person may expect.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
@@ -50,6 +67,8 @@ class PlannedImage:
     sha256: str = ""
     T_patient_image: NDArray[np.float64] | None = None
     instance: str = ""
+    orientation: int = 1
+    findings: tuple[Finding, ...] = ()
 
     @property
     def width_px(self) -> int:
@@ -94,7 +113,7 @@ def is_picture_file(path: str | Path) -> bool:
 def read_image(
     path: str | Path, *, frame: int | None = None,
     pixel_spacing_mm: tuple[float, float] | None = None, imager_spacing: bool = False,
-    max_megapixels: float = MAX_MEGAPIXELS,
+    max_megapixels: float = MAX_MEGAPIXELS, pixels: str | None = None,
 ) -> PlannedImage:  # fmt: skip
     """Read a planned slice.
 
@@ -111,6 +130,9 @@ def read_image(
         Accept DICOM's ImagerPixelSpacing, which is measured at the detector, not in the patient.
     max_megapixels
         A larger picture is refused before it is decoded, in millions of pixels.
+    pixels
+        "as-stored" does not turn the picture as EXIF says, for pixels that were counted by a
+        program that did not either; "as-shown" or `None` turns it.
 
     Raises
     ------
@@ -143,8 +165,46 @@ def read_image(
             spacing_mm = pixel_spacing_mm
         return PlannedImage(rgb, spacing_mm, sha256, T_patient_image, instance)
     with naming_place(where):
-        rgb = decode_raster(data, read_header(data, max_pixels), frame)
-    return PlannedImage(rgb, pixel_spacing_mm, sha256)
+        header = read_header(data, max_pixels)
+        index = chosen_index("page", frame, len(header.tags))
+        rgb = decode_raster(data, header, index)
+    orientation = 1 if pixels == "as-stored" else header.orientation(index)
+    findings = raster_findings(header, index, len(data), orientation)
+    used_bits = int(rgb.max()).bit_length()
+    if rgb.dtype == np.uint16 and 0 < used_bits < 16:
+        rgb = rgb << (16 - used_bits)
+        text = f"The picture uses {used_bits} of its 16 bits, and was stretched to all."
+        findings.append(note("range-stretched", "extract", text))
+    return PlannedImage(
+        upright(rgb, orientation), pixel_spacing_mm, sha256,
+        orientation=orientation, findings=tuple(findings),
+    )  # fmt: skip
+
+
+def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:
+    """What a picture's header says that a person may not expect."""
+    findings = []
+    if orientation != 1:
+        text = f"The picture is turned by its EXIF tag (orientation {orientation})."
+        findings.append(note("picture-turned", "extract", text))
+    if header.end < size:
+        text = f"{size - header.end} bytes follow the end of the picture, and were not read."
+        findings.append(note("data-behind-end", "extract", text))
+    tags = header.tags[index]
+    has_extra = tags.get(Tag.SAMPLES, 1) > COLOURS.get(tags.get(Tag.PHOTOMETRIC, 0), 1)
+    if has_extra and tags.get(Tag.EXTRA) not in (PREMULTIPLIED, ALPHA):
+        text = (
+            "The TIFF has a sample beside its colours and does not say what it means. The colours "
+            "were taken as they are. Compare them with the picture, or export it as RGB."
+        )
+        findings.append(doubt("extra-sample", "extract", text))
+    return findings
+
+
+def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
+    """The slice of a bundle, read as it was when its curve was taken; raises as `read_image`."""
+    chosen = fixture.provenance.settings
+    return read_image(path, frame=chosen.get("frame"), pixels=chosen.get("pixels"))
 
 
 def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:

@@ -11,6 +11,7 @@ semicolons or tabs, numbers may have a decimal comma, as spreadsheets in most of
 from __future__ import annotations
 
 import bz2
+import codecs
 import csv
 import io
 import math
@@ -23,6 +24,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, BinaryIO, cast
 
@@ -68,6 +70,12 @@ GZIP_OR_ZLIB = zlib.MAX_WBITS | 32
 # The units of a length of time, with their names in `timedelta`.
 UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 
+# How UTF-16 begins.
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+
+# How a line begins that is no row: a remark, or Excel's word on its separator.
+REMARK = re.compile("\ufeff?[ \t]*(#|sep=)", re.IGNORECASE)
+
 # Digits, a point, an exponent. Python and NumPy would also take 1_000, nan and digits of other
 # scripts, and other readers take 0x10 and 1d3.
 _DECIMAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
@@ -97,17 +105,13 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         text = "cannot be read: there is no such file. Check its name"
         raise kind(text, where=str(path), code="file-missing") from None
     except (OSError, ValueError) as error:
-        reason = error
-        if isinstance(error, OSError):
-            reason = error.strerror
+        reason = error.strerror if isinstance(error, OSError) else error
         text = f"cannot be read: {reason}. Check the file and its permissions"
         raise kind(text, where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a device or a pipe"
-        if stat.S_ISDIR(mode):
-            what = "a directory"
+        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         text = f"cannot be read: it is {what}, not a file. Name a file"
         raise kind(text, where=str(path), code="not-a-file")
     return open(descriptor, "rb")
@@ -121,9 +125,7 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
     with opened_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
         # One byte more, because the file may grow while it is read.
-        data = b""
-        if size <= max_bytes:
-            data = file.read(size + 1)
+        data = file.read(size + 1) if size <= max_bytes else b""
     if max(size, len(data)) > max_bytes:
         raise kind(
             f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
@@ -375,9 +377,7 @@ class Table:
         a decimal or a thousands separator
         """
         text = row.cells[column]
-        what = column
-        if label:
-            what = f"{column} of {label}"
+        what = f"{column} of {label}" if label else column
         place = f"{self.where}, line {row.line}"
         if "," in text and self.separator != ",":
             if "." in text or text.count(",") > 1:
@@ -388,6 +388,12 @@ class Table:
                 )  # fmt: skip
             text = text.replace(",", ".")
         return parse_number(text, what, place, self.kind)
+
+    def numbers(self, columns: tuple[str, ...]) -> NDArray[np.float64]:
+        """(N, K) the numbers in some columns; raises as `number` and `check_decimals`."""
+        self.check_decimals(columns)
+        numbers = [[self.number(row, column) for column in columns] for row in self.rows]
+        return np.array(numbers).reshape(-1, len(columns))
 
     def check_decimals(self, columns: tuple[str, ...]) -> None:
         """Refuse a table whose numbers have decimal commas here and decimal points there."""
@@ -410,14 +416,17 @@ def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tupl
 def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
-    encoding = "utf-8-sig"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encoding = "utf-16"
+    return decode_text(data, str(path), kind), sha256
+
+
+def decode_text(data: bytes, where: str, kind: type[InputError]) -> str:
+    """Bytes as text: UTF-8, or UTF-16 with a byte order mark; raises the kind of error given."""
+    encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig"
     try:
-        return data.decode(encoding), sha256
+        return data.decode(encoding)
     except UnicodeDecodeError:
         text = "is not UTF-8 or UTF-16 text. Save it as CSV UTF-8"
-        raise kind(text, where=str(path), code="not-text") from None
+        raise kind(text, where=where, code="not-text") from None
 
 
 def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
@@ -427,16 +436,16 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
         another length
     """
     lines = text.splitlines()
-    header_line = next((line for line in lines if line.strip()), "")
-    number = 1
-    if header_line:
-        number = lines.index(header_line) + 1
+    header_line = next((line for line in lines if line.strip() and not REMARK.match(line)), "")
+    number = lines.index(header_line) + 1 if header_line else 1
     separator = _separator_of(header_line, f"{where}, line {number}", kind)
     rows = split_rows(text, where, kind, separator)
+    while rows and REMARK.match(rows[0][1][0]):
+        del rows[0]
     if not rows:
         raise kind("is empty. Give a table with a header", where=where, code="table-empty")
     first_line, names = rows[0]
-    header = tuple(name.strip() for name in names)
+    header = tuple(name.strip() for name in without_blank_end(names, 1))
     folded = [name.casefold() for name in header]
     for name, key in zip(header, folded, strict=True):
         if key and folded.count(key) > 1:
@@ -444,6 +453,10 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
             raise kind(text, where=f"{where}, line {first_line}", code="column-doubled")
     table_rows = []
     for line, cells in rows[1:]:
+        cells = without_blank_end(cells, len(header))
+        # A label may begin like a remark; a row has as many cells as the header.
+        if REMARK.match(cells[0]) and len(cells) != len(header):
+            continue
         advice = "Give each row as many"
         if separator == "," and len(cells) > len(header):
             advice = "Put semicolons between the columns where numbers have a decimal comma"
@@ -451,6 +464,13 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
         stripped = [cell.strip() for cell in cells]
         table_rows.append(Row(line, dict(zip(header, stripped, strict=True))))
     return Table(header, first_line, tuple(table_rows), separator, where, kind)
+
+
+def without_blank_end(cells: list[str], count: int) -> list[str]:
+    """The cells of a row without the blank ones at its end, of which `count` stay."""
+    while len(cells) > count and not cells[-1].strip():
+        cells = cells[:-1]
+    return cells
 
 
 def require_length(
@@ -507,9 +527,7 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
         number = None
     if number is None or not math.isfinite(number):
         is_infinite = str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity")
-        wanted = "a number"
-        if is_infinite:
-            wanted = "a finite number"
+        wanted = "a finite number" if is_infinite else "a number"
         raise kind(f"{what} is {repr(value)[:60]}. Give {wanted}", where=where, code="no-number")
     if abs(number) > MAX_NUMBER:
         text = f"{what} is {value!r}. Give at most {MAX_NUMBER:g}"
@@ -588,8 +606,10 @@ def open_number_table(
     """
     listed = ", ".join(wanted)
     line, first = 0, b"\n"
+    open_stream = partial(_utf8_stream, open_stream)
     with open_stream() as stream:
-        while first and not first.strip():
+        # Without a header a remark may be one that was meant: it names columns and their units.
+        while first and (not first.strip() or (not header_optional and is_remark(first))):
             first = stream.readline(MAX_LINE_BYTES + 1)
             line += 1
     place = f"{where}, line {line}"
@@ -610,6 +630,7 @@ def open_number_table(
             where=where, code="too-many-columns", numbers={"columns": len(columns)},
         )  # fmt: skip
     header_lines = line
+    columns = without_blank_end(columns, 1)
     if header_optional:
         with suppress(ValueError):
             parse_decimal(columns[0].replace(",", "."))
@@ -624,6 +645,21 @@ def open_number_table(
             text = f"column {column!r} occurs {count} times. Leave one"
             raise kind(text, where=place, code="column-doubled")
     return NumberTable(open_stream, where, kind, tuple(columns), separator, header_lines)
+
+
+def is_remark(line: bytes) -> bool:
+    """Whether a line of a table is no row."""
+    return REMARK.match(line.decode("utf-8", "replace")) is not None
+
+
+def _utf8_stream(open_stream: Callable[[], BinaryIO]) -> BinaryIO:
+    """An open file of text as UTF-8; UTF-16 is known by its mark."""
+    stream = open_stream()
+    is_utf16 = stream.read(2) in UTF16_MARKS
+    stream.seek(0)
+    if is_utf16:
+        return cast("BinaryIO", codecs.EncodedFile(stream, "utf-8", "utf-16", "replace"))
+    return stream
 
 
 def parse_block(
@@ -649,14 +685,18 @@ def parse_block(
                 return values
     # Parse line by line: slower, passes over blank lines, and names the first bad line.
     lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=line)
-    rows = [parse_line(table, row, number) for number, row in lines if row.strip()]
+    rows = [
+        parse_line(table, row, number)
+        for number, row in lines
+        if row.strip() and not REMARK.match(row)
+    ]
     return np.array(rows, dtype=np.float64).reshape(-1, len(table.columns))
 
 
 def parse_line(table: NumberTable, text: str, line: int) -> list[float]:
     """The numbers of one line; raises the table's kind of error for the first that is none."""
     place = f"{table.where}, line {line}"
-    cells = text.split(table.separator)
+    cells = without_blank_end(text.split(table.separator), len(table.columns))
     require_length(cells, table.columns, place, table.kind)
     row = []
     for column, cell in zip(table.columns, cells, strict=True):

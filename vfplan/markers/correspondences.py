@@ -222,9 +222,7 @@ def join(
             "to be done if you mean it so."
         )
         findings += (note("markers-not-common", "register", text),)
-    sigma = None
-    if target.sigma is not None:
-        sigma = target.sigma[target_rows]
+    sigma = target.sigma[target_rows] if target.sigma is not None else None
     return Correspondences(
         tuple(labels), source.positions[rows], source.frame, target.positions[target_rows], sigma,
         target.frame, inputs, findings,
@@ -233,9 +231,7 @@ def join(
 
 def label_of(text: object, what: str, where: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
-    label = ""
-    if text is not None:
-        label = str(text).strip()
+    label = str(text).strip() if text is not None else ""
     if not label:
         raise MarkerError(
             f"{what} has no label. Give every marker one", where=where, code="label-missing"
@@ -285,6 +281,12 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
         robot_choices.append((f"x_{unit}", f"y_{unit}", f"z_{unit}"))
         sigma_choices.append((f"sigma_{unit}",))
         sigma_choices.append((f"sigma_x_{unit}", f"sigma_y_{unit}", f"sigma_z_{unit}"))
+    if {"x", "y"} <= columns.keys() and "z" not in columns:
+        raise MarkerError(
+            "X and Y without Z seem to be ImageJ's, which does not say whether they are pixels. "
+            "Name the columns u_px,v_px, once (0, 0) is the centre of the first pixel",
+            where=place, code="imagej-table",
+        )  # fmt: skip
     robot = choose_columns(columns, robot_choices, place)
     sigma = choose_columns(columns, sigma_choices, place)
     for plain_name, name in columns.items():
@@ -325,9 +327,7 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
                         where=f"{where}, line {row.line}", code="sigma-range",
                         numbers={"label": label},
                     )  # fmt: skip
-            sigma_unit = unit
-            if sigma != ("sigma",):
-                sigma_unit = sigma[0].rsplit("_", 1)[-1]
+            sigma_unit = sigma[0].rsplit("_", 1)[-1] if sigma != ("sigma",) else unit
             spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
         positions = raw / PER_METRE[unit]
         sides.append(
@@ -529,9 +529,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
             lines.append(stripped)
 
     is_slicer4 = "markups fiducial file version" in header
-    columns = SLICER3_COLUMNS
-    if is_slicer4:
-        columns = FCSV_COLUMNS
+    columns = FCSV_COLUMNS if is_slicer4 else SLICER3_COLUMNS
     system = header.get("coordinatesystem", None if is_slicer4 else "RAS")
     stated = header.get("columns", ",".join(columns))
     if [name.strip() for name in stated.split(",")][: len(columns)] != columns:
@@ -551,9 +549,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     for number, (_, row) in enumerate(rows, start=1):
         cells = dict(zip(columns, row, strict=False))
         label = cells.get("label")
-        what = "of it"
-        if label:
-            what = f"of marker {label.strip()!r}"
+        what = f"of marker {label.strip()!r}" if label else "of it"
         place = f"{where}, point {number}"
         xyz = [parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError)
                for axis in "xyz"]  # fmt: skip

@@ -21,18 +21,34 @@ from vfplan.planning.tolerance import sample_curve
 if TYPE_CHECKING:
     from vfplan.curve.extraction import Extraction
     from vfplan.images.read import PlannedImage
+    from vfplan.vectors.curve import VectorDrawing
 
 # Settings that only a pen's drawing can follow.
 PEN_SETTINGS = (
     "colour", "method", "roi", "max_gap_px", "exclude", "start", "end", "accept_width"
 )  # fmt: skip
 
+# Settings that only a vector curve can follow.
+VECTOR_SETTINGS = ("curve_origin", "curve_type")
+
 # Settings that only an image can follow.
-IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
+IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels", "pixels")
 
 # Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
 # has a ratio of 5, while pixels of slices are nearly square.
 MAX_SPACING_RATIO = 2.0
+
+# Largest difference of Slicer's two types of curve without a doubt, in contact radii.
+MAX_TYPE_DIFFERENCE = 0.1
+
+# A small contact radius [m], where none is known yet.
+SMALL_RADIUS_M = 1e-3
+
+# The doubt about pixels of a program that may not have turned a picture as EXIF says.
+UNTURNED = (
+    "The pixels may have been counted in a program that does not turn pictures by their EXIF tag. "
+    "Compare them with the picture, and say it: --pixels as-shown or --pixels as-stored"
+)
 
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5
@@ -59,7 +75,7 @@ class ExtractResult:
 
 def extract(
     source: str | Path | PlannedImage, settings: ExtractSettings | None = None, *,
-    curve: str | Path | None = None,
+    curve: str | Path | None = None, contact_radius: float = SMALL_RADIUS_M,
 ) -> ExtractResult:  # fmt: skip
     """Read a planned slice and extract its curve.
 
@@ -73,6 +89,9 @@ def extract(
         A vector curve drawn on the slice, instead of a pen's: Slicer's `.mrk.json` or `.fcsv` (a
         DICOM slice says where it lies), ImageJ's `.roi`, a CSV `u_px,v_px` or `X,Y`, or a DICOM
         presentation state.
+    contact_radius
+        What the tool will keep from the curve [m]; Slicer's types of curve may differ by a share
+        of it.
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
@@ -86,14 +105,11 @@ def extract(
     is_vector_alone = not is_read and Path(source).suffix.lower() in SUFFIXES
     if curve is not None or is_vector_alone:
         _refuse_settings(settings, PEN_SETTINGS)
-    elif settings.curve_origin is not None:
-        raise SettingError(
-            "curve_origin has no effect without a vector curve. Leave it out",
-            code="setting-without-effect",
-        )
+    else:
+        _refuse_settings(settings, VECTOR_SETTINGS, "without a vector curve")
     if is_vector_alone:
         _refuse_settings(settings, IMAGE_SETTINGS)
-        return vector_alone(source, settings)
+        return vector_alone(source, settings, contact_radius)
 
     image = source if is_read else read_slice(source, settings)
 
@@ -106,12 +122,12 @@ def extract(
         given = {name: getattr(settings, name) for name in (*PEN_SETTINGS, "stroke")}
         extraction = extract_curve(image, **{k: v for k, v in given.items() if v is not None})
     else:
-        extraction, inputs["curve"] = read_vectors(image, curve, settings)
+        extraction, inputs["curve"] = read_vectors(image, curve, settings, contact_radius)
     if settings.density_per_mm is not None:
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
 
-    findings = tuple(extraction.findings)
+    findings = (*image.findings, *extraction.findings)
     if settings.pixel_spacing_mm is not None:
         along_u, along_v = settings.pixel_spacing_mm
         if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
@@ -135,7 +151,7 @@ def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
     image = read_image(
         path, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
-        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS, pixels=settings.pixels,
     )  # fmt: skip
     largest = max_number("/image/pixel_spacing")
     for spacing in image.pixel_spacing_mm or ():
@@ -147,41 +163,68 @@ def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
     return image
 
 
-def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
-    """A setting that a vector curve leaves without effect would be taken for one that had it."""
+def _refuse_settings(
+    settings: ExtractSettings, names: tuple[str, ...], curve: str = "on a vector curve"
+) -> None:
+    """A setting that a curve leaves without effect would be taken for one that had it."""
     for name in names:
         value = getattr(settings, name)
         if (value or None) != getattr(ExtractSettings(), name):
             raise SettingError(
-                f"{name} {value!r} has no effect on a vector curve. Leave it out",
+                f"{name} {value!r} has no effect {curve}. Leave it out",
                 code="setting-without-effect",
             )
 
 
 def read_vectors(
-    image: PlannedImage, path: str | Path, settings: ExtractSettings
+    image: PlannedImage,
+    path: str | Path,
+    settings: ExtractSettings,
+    contact_radius: float = SMALL_RADIUS_M,
 ) -> tuple[Extraction, str]:
     """A vector curve on its slice, and the SHA-256 of its file."""
     from vfplan.curve.extraction import vector_stroke
     from vfplan.vectors.curve import check_drawn_on
     from vfplan.vectors.read import onto_slice, read_vector_curve
 
-    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     placed = onto_slice(curve, image.T_patient_image, str(path))
     extraction = vector_stroke(placed.stroke(1.0), image, str(path))
-    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    findings = vector_findings(curve, contact_radius)
     doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
     findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
+    if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:
+        findings.append(doubt("pixels-unturned", "extract", f"{path}: {UNTURNED}"))
     return replace(extraction, findings=tuple(findings)), curve.sha256
 
 
-def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
+def vector_findings(curve: VectorDrawing, contact_radius: float) -> list[Finding]:
+    """What a vector curve's file leaves open."""
+    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    if curve.type_difference_m > MAX_TYPE_DIFFERENCE * contact_radius:
+        findings.append(curve_type_doubt(curve.type_difference_m, "extract"))
+    return findings
+
+
+def curve_type_doubt(difference_m: float, stage: str) -> Finding:
+    """That a file of Slicer does not say which type of curve it shows."""
+    text = (
+        f"Slicer's file does not say whether the curve is a spline or straight lines, which differ "
+        f"by up to {1e3 * difference_m:.2g} mm. A spline was taken. Look up Curve Type in Slicer's "
+        "Markups module, and say it: --curve-type spline or --curve-type linear"
+    )
+    return doubt("slicer-curve-type", stage, text)
+
+
+def vector_alone(
+    path: str | Path, settings: ExtractSettings, contact_radius: float
+) -> ExtractResult:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
     from vfplan.vectors.curve import FINE_M
     from vfplan.vectors.read import read_vector_curve
 
     started = time.perf_counter()
-    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     is_in_image = curve.points.shape[1] == 2
     if is_in_image and settings.density_per_mm is not None:
         raise SettingError(
@@ -200,7 +243,7 @@ def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
         points = np.column_stack([points, np.zeros(len(points))])
         described = {"length_px": stroke.length}
     described |= {"closed": stroke.closed, "points": len(points)}
-    findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
+    findings = tuple(vector_findings(curve, contact_radius))
     provenance = Provenance.now({"curve": curve.sha256}, settings)
     fixture = Fixture(frame, points, provenance, curve=Curve.of([stroke]), findings=findings)
     report: dict[str, Any] = {
@@ -266,6 +309,8 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     """What `extract --json` reports of a curve, but for the time it took."""
     spacing = image.pixel_spacing_mm
     size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
+    if image.orientation != 1:
+        size["orientation"] = image.orientation
     report: dict[str, Any] = {"image": size}
     if extraction.method != "vector":
         report["mask_pixels"] = int(extraction.mask.sum())

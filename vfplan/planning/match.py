@@ -392,6 +392,4 @@ def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
             code="column-missing",
         )
     columns = tuple(table.header[names.index(name)] for name in COLUMNS)
-    table.check_decimals(columns)
-    places = [[table.number(row, column) for column in columns] for row in table.rows]
-    return np.array(places, float).reshape(-1, 3), sha256
+    return table.numbers(columns), sha256

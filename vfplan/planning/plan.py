@@ -28,7 +28,7 @@ from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, size_doubt
 from vfplan.io.files import now_utc
-from vfplan.planning.extraction import ExtractResult, extract
+from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.planning.tolerance import (
@@ -124,7 +124,10 @@ def plan(
         A gate does not hold, or a guide leads into what is forbidden.
     """
     refuse_wrong_order(image, markers, markers2)
-    extracted = extract(image, extraction, curve=curve)
+    settings = settings or FixtureSettings()
+    extracted = extract(
+        image, extraction, curve=curve, contact_radius=settings.contact_radius
+    )  # fmt: skip
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return PlanResult(registered.fixture, extracted, registered)
 
@@ -231,6 +234,9 @@ def register(
     record.findings += overridden(recipe or asked, asked)
     matched = match(unregistered, markers, markers2, settings, image, record)
     curve, registration = matched.curve, matched.registration
+    was_turned = any(finding.code == "picture-turned" for finding in unregistered.findings)
+    if was_turned and "pixels" not in unregistered.provenance.settings:
+        record.doubt("pixels-unturned", "register", f"{markers}: {UNTURNED}")
     if touched is not None:
         registration = refine(curve, registration, touched, tip_radius, record)
 

@@ -63,6 +63,9 @@ class ExtractSettings:
     curve_origin
         "centre" or "corner": where on a pixel the whole numbers of an ImageJ vector curve lie, if
         its file leaves it open; `None`: as the file says.
+    curve_type
+        "spline" or "linear": what Slicer draws through the points of its curve, which only its
+        scene says; `None`: its default, a spline, with a doubt where a line differs.
     pixel_spacing_mm
         (along u, along v); `None`: what the file says.
     density_per_mm
@@ -73,6 +76,9 @@ class ExtractSettings:
         Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
     max_megapixels
         A larger picture is refused, in millions of pixels; `None`: 64.
+    pixels
+        "as-shown" or "as-stored": whether the files of markers and curves count the pixels of the
+        picture as EXIF turns it, or as they are stored; `None`: as shown, with a doubt.
 
     Raises
     ------
@@ -112,6 +118,10 @@ class ExtractSettings:
         None, "Count ImageJ's X,Y from the centre or from the corner of a pixel. Needed if the "
         "file does not say it.", choices=("centre", "corner"),
     )  # fmt: skip
+    curve_type: Literal["spline", "linear"] | None = setting(
+        None, "What Slicer draws through the points of a curve; only its scene says it.  [default: "
+        "spline, with a doubt if a line differs]", choices=("spline", "linear"),
+    )  # fmt: skip
     pixel_spacing_mm: tuple[float, float] | None = setting(
         None, "Size of a pixel along u and v [mm], in place of the size in the file.",
         form="MM[,MM]", from_option=lambda spacing: spacing * (2 // len(spacing)),
@@ -131,6 +141,10 @@ class ExtractSettings:
     max_megapixels: float | None = setting(
         None, "Read pictures of up to this many million pixels.  [default: 64]", form="N", above=0
     )
+    pixels: Literal["as-shown", "as-stored"] | None = setting(
+        None, "Say how the other files count pixels if EXIF turns the picture: as shown, or as "
+        "stored.  [default: as-shown, with a doubt]", choices=("as-shown", "as-stored"),
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         """Refuse a density of no points, before any work is done; raises `SettingError`."""

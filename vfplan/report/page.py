@@ -172,9 +172,10 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
 
     # What a reader wants first: where it happened, and with what force.
     if image is not None and _has_depth(replayed):
-        from vfplan.images.read import read_image
+        from vfplan.images.read import read_slice_of
 
-        on_slice = picture(slice_depth(replayed, read_image(image)), "depth on the slice")
+        planned_slice = read_slice_of(replayed.fixture, image)
+        on_slice = picture(slice_depth(replayed, planned_slice), "depth on the slice")
         body.append(section("On the slice", on_slice))
     else:
         body.append(section("In space", _in_space(replayed, image)))
@@ -287,7 +288,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:
     """The review sheet of the fixture, or how to get it if its slice was not given."""
-    from vfplan.images.read import read_image
+    from vfplan.images.read import read_slice_of
     from vfplan.review.sheet import draw_sheet
     from vfplan.review.sheet_input import of_fixture
 
@@ -296,7 +297,7 @@ def review_sheet(replayed: Replay, image: Path | None) -> str:
     if fixture.provenance.inputs.get("image") is not None:
         if image is None:
             return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
-        planned_slice = read_image(image)
+        planned_slice = read_slice_of(replayed.fixture, image)
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
     text = ""
     for sheet in draw_sheet(of_fixture(fixture, name, image=planned_slice)).page_pngs():
@@ -309,13 +310,13 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
-        from vfplan.images.read import read_image
+        from vfplan.images.read import read_slice_of
         from vfplan.view3d import offscreen_window
 
         if offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
-                planned_slice = read_image(image) if image is not None else None
+                planned_slice = read_slice_of(replayed.fixture, image) if image else None
                 view3d.draw_view(
                     replayed.fixture,
                     path,

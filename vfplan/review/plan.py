@@ -22,7 +22,7 @@ from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.images.read import MAX_BYTES, PlannedImage
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences, read_markers
-from vfplan.planning.extraction import PEN_SETTINGS, extract, read_slice
+from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
@@ -391,7 +391,7 @@ def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> N
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     recipe = recalled(ExtractSettings, fixture.provenance.settings)
     # Where the bundle does not record the pen, the page needs to know it.
-    names = {*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"} & set(given)
+    names = {*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS} & set(given)
     without_effect = [
         name for name in given
         if name in names - ({"colour"} if recipe is None else set())
@@ -444,7 +444,9 @@ def _of_slice(
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
         geometry = geometry_of_slice(image, extraction, ink)
     else:
-        drawn = extract(image, extraction, curve=curve_path)
+        drawn = extract(
+            image, extraction, curve=curve_path, contact_radius=planning.contact_radius
+        )  # fmt: skip
         strokes = tuple(MendedStroke.of(stroke) for stroke in drawn.extraction.strokes)
         geometry = Geometry(strokes, None, drawn.findings)
         inputs = drawn.fixture.provenance.inputs
@@ -548,7 +550,7 @@ def _slice_of(
     fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
-    image = read_slice(slice_path, extraction)
+    image = read_slice(slice_path, extraction_of(fixture, extraction))
     known = fixture.provenance.inputs.get("image")
     if known != image.sha256:
         text = (

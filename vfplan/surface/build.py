@@ -17,6 +17,7 @@ from vfplan.errors import SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
+from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
 from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, level_surface
 from vfplan.surface.outline import Contours, SlicedVolume, Stack, slice_contours
@@ -50,6 +51,8 @@ class SurfaceSettings:
         half times the usual one.
     contact_radius, point_radius, stiffness
         As in `Rendering` [m, m, N/m].
+    curve_type
+        As in `ExtractSettings`.
     """
 
     tolerance_m: float = 1e-4
@@ -58,6 +61,7 @@ class SurfaceSettings:
     contact_radius: float = 5e-3
     point_radius: float = 0.0
     stiffness: tuple[float, ...] = (1000.0,)
+    curve_type: str | None = None
 
     @property
     def step_m(self) -> float:
@@ -117,7 +121,8 @@ def surface(
     settings = settings or SurfaceSettings()
     started = time.perf_counter()
     step = settings.step_m
-    contours = read_contours([Path(source) for source in sources], structure, colour)
+    paths = [Path(source) for source in sources]
+    contours = read_contours(paths, structure, colour, settings.curve_type)
     sliced = slice_contours(contours, settings.max_spacing_m)
     levels = [level_surface(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
     # One mesh of all runs of slices, in the patient.
@@ -150,6 +155,8 @@ def surface(
             f" mm; the tolerance is {report['tolerance_mm']:g} mm. Give a smaller --tolerance."
         )
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
+    if contours.type_difference_m > MAX_TYPE_DIFFERENCE * settings.contact_radius:
+        findings += (curve_type_doubt(contours.type_difference_m, "surface"),)
     return Surface(replace(fixture, findings=findings), sliced, report, findings)
 
 
@@ -166,9 +173,7 @@ def report_of(
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
-    volume_mm3 = None
-    if not edges:
-        volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6)
+    volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6) if not edges else None
     a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return {

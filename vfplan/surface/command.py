@@ -17,9 +17,11 @@ from vfplan.cli.options import (
     option,
     options_in_order,
     output_option,
+    setting_option,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
 
@@ -35,6 +37,7 @@ from vfplan.settings import settings_from_options
     option("--max-spacing", "max_spacing_m", type=MM,
            help="Interpolate between slices that are this far apart [mm].  [default: 1.5 times "
            "the usual distance]"),
+    setting_option(ExtractSettings, "curve_type"),
     option("--colour", **COLOUR, help="Colour of the planning pen, on drawn slices."),
     option("--stiffness", type=STIFFNESS, default="1000",
            help="Stiffness K [N/m]: one number, or one for each axis."),
@@ -66,9 +69,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
 
             draw_surface(result, picture)
     edges = result.report["open_edges"]
-    verdict = "meshed, closed"
-    if edges:
-        verdict = f"meshed, with {edges} open edges"
+    verdict = f"meshed, with {edges} open edges" if edges else "meshed, closed"
     return CommandResult(
         result.report, f"{surface_text(result.report)}\nwrote {output}",
         findings=result.findings, verdict=verdict,

@@ -296,6 +296,8 @@ class Contours:
     empty: Array = field(default_factory=lambda: np.empty((0, 3)))
     # What a person should know.
     remarks: tuple[str, ...] = ()
+    # How far Slicer's two types of curve differ [m], where neither was chosen.
+    type_difference_m: float = 0.0
 
 
 def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> Structure:

@@ -42,8 +42,9 @@ MAX_BYTES = MAX_TEXT_BYTES
 
 
 def read_contours(
-    sources: list[Path], structure: str | None = None, colour: str = "red"
-) -> Contours:
+    sources: list[Path], structure: str | None = None, colour: str = "red",
+    curve_type: str | None = None,
+) -> Contours:  # fmt: skip
     """The outlines of one structure.
 
     Parameters
@@ -54,6 +55,8 @@ def read_contours(
         Its name or number in a source that holds several.
     colour
         The pen's, on drawn slices.
+    curve_type
+        As in `read_vector_curve`.
 
     Raises
     ------
@@ -76,7 +79,12 @@ def read_contours(
     if first.is_dir():
         return read_drawn_slices(first, colour)
     if are_curves:
-        return read_slicer_curves(sources)
+        return read_slicer_curves(sources, curve_type)
+    if curve_type is not None:
+        raise InputError(
+            "is no curve of Slicer. Leave --curve-type out.",
+            where=where, code="setting-without-effect",
+        )  # fmt: skip
 
     with opened_file(first) as file:
         head = file.read(HEAD_BYTES)
@@ -164,9 +172,7 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
         f"{others} contours are open or single points and are left out. Close them if they are "
         "outlines."
     )
-    remarks = ()
-    if others:
-        remarks = (remark,)
+    remarks = (remark,) if others else ()
     return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
 
 
@@ -211,9 +217,7 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
         if kind == "FRACTIONAL":
             borders = volumes.rings_of_share(pixels / largest_share)
         else:
-            label = 1
-            if kind == "LABELMAP":
-                label = chosen.number
+            label = chosen.number if kind == "LABELMAP" else 1
             borders, is_smooth = volumes.rings_of_mask(pixels == label)
             stairs += not is_smooth
         for border in borders:
@@ -311,7 +315,7 @@ def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:
     return np.array([float(x) for x in corner]) * 1e-3, axes
 
 
-def read_slicer_curves(paths: list[Path]) -> Contours:
+def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Contours:
     """Every ClosedCurve of one or more `.mrk.json` files.
 
     Raises `InputError` where a file holds none, an open curve, or is damaged.
@@ -320,6 +324,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     from vfplan.vectors.curve import FINE_M, VectorDrawing
 
     rings = []
+    difference_m = 0.0
     digest = hashlib.sha256()
     for path in paths:
         where = str(path)
@@ -330,9 +335,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             types = {str(markup.get("type")) for markup in markups}
             if types != {"ClosedCurve"}:
                 types.discard("ClosedCurve")
-                content = "nothing"
-                if types:
-                    content = repr(min(types)[:32])
+                content = repr(min(types)[:32]) if types else "nothing"
                 raise InputError(
                     f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
                 )
@@ -348,8 +351,16 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             if len(points) < 3:
                 text = f"a curve has {len(points)} points. Give at least 3."
                 raise InputError(text, where=where, code="outline-empty")
-            rings.append(VectorDrawing(points, True, True, "").stroke(FINE_M).points)
-    return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
+            curve = VectorDrawing(
+                points, True, "straight" if curve_type == "linear" else "slicer", ""
+            )
+            if curve_type is None:
+                difference_m = max(difference_m, curve.distance_from_straight())
+            rings.append(curve.stroke(FINE_M).points)
+    return Contours(
+        tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()},
+        type_difference_m=difference_m,
+    )  # fmt: skip
 
 
 def read_drawn_slices(folder: Path, colour: str) -> Contours:
@@ -414,8 +425,6 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
         f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
         "forgotten."
     )
-    remarks = ()
-    if slices_without_drawing:
-        remarks = (remark,)
+    remarks = (remark,) if slices_without_drawing else ()
     inputs = {"slices": digest.hexdigest()}
     return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)

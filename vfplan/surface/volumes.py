@@ -103,9 +103,7 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
     keeps_parts = len(smooth_borders) == len(borders)
     first = np.array([rows[0], columns[0]])
-    rings = borders
-    if keeps_parts:
-        rings = smooth_borders
+    rings = smooth_borders if keeps_parts else borders
     return [ring + first - PAD_PX for ring in rings], keeps_parts
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
-from vfplan.geometry.lines import arc_lengths, ring_of
+from vfplan.geometry.lines import arc_lengths, ring_of, step_lengths
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -32,6 +32,11 @@ FINE_M = 2.5e-4
 MEETING_STEPS = 0.75
 # Number of steps along the curve within which two points are neighbours and do not meet.
 NEIGHBOUR_STEPS = 4
+# How a file says that its points are joined: by straight lines; by a spline that no one names; or
+# by the one of 3D Slicer, VTK's cardinal spline over the number of the point, whose ends rest.
+Joined = Literal["straight", "spline", "slicer"]
+# Places between two points by which the length of a spline is estimated.
+PLACES_A_PIECE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +49,8 @@ class VectorDrawing:
         (M, 2) control points or vertices (u, v) [px], or (M, 3) in the patient's LPS frame [m].
     closed
         Whether the last point joins the first.
-    smooth
-        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ).
+    joined
+        What runs through the points.
     sha256
         SHA-256 of the file's bytes, lower-case hex.
     warnings
@@ -53,22 +58,27 @@ class VectorDrawing:
     drawn_on
         The DICOM images that it says it was drawn on, each with its frames; none where it does
         not say.
+    type_difference_m
+        How far Slicer's two types of curve differ [m], where neither was chosen.
     """
 
     points: NDArray[np.float64]
     closed: bool
-    smooth: bool
+    joined: Joined
     sha256: str
     warnings: tuple[str, ...] = ()
     drawn_on: dict[str, list[int]] = field(default_factory=dict)
+    type_difference_m: float = 0.0
 
     def stroke(self, step: float) -> Stroke:
         """The curve as a stroke whose points are `step` apart in arc length, ends included.
 
         Raises `CurveError` where these are more than a bundle holds.
         """
-        chords = arc_lengths(self.points, self.closed)
-        steps = chords[-1] / step
+        # A spline is longer than its chords.
+        rough = self.at(self._parameters(PLACES_A_PIECE))
+        lengths = step_lengths(rough).reshape(-1, PLACES_A_PIECE).sum(1)
+        steps = lengths.sum() / step
         if not steps < MAX_POINTS:
             raise CurveError(
                 f"is a curve of {steps:.3g} points, and at most {MAX_POINTS} fit into a "
@@ -76,8 +86,7 @@ class VectorDrawing:
                 code="vector-too-long",
                 numbers={"points": float(steps), "points_max": MAX_POINTS},
             )
-        at = np.linspace(0, chords[-1], max(64, 8 * round(steps)) + 1)
-        line = self.at(at)
+        line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
         arc = arc_lengths(line, False)
         even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
         line = _interpolate(even, arc, line)
@@ -85,22 +94,34 @@ class VectorDrawing:
 
     def distance_from_straight(self) -> float:
         """The largest distance of the spline from straight lines between its points; their unit."""
-        chords = arc_lengths(self.points, self.closed)
-        quarters = np.arange(1, 4)[:, None] / 4
-        at = (chords[:-1] + quarters * np.diff(chords)).ravel()
-        straight = _interpolate(at, chords, ring_of(self.points, self.closed))
-        return float(np.linalg.norm(self.at(at) - straight, axis=1).max())
-
-    def at(self, chords: NDArray) -> NDArray[np.float64]:
-        """(K, 2|3) points at lengths along the chords between the curve's points."""
         ring = ring_of(self.points, self.closed)
-        knots = arc_lengths(self.points, self.closed)
-        if not self.smooth or len(ring) < 3:
-            return _interpolate(chords, knots, ring)
+        curve = self.at(self._parameters(PLACES_A_PIECE)).reshape(-1, ring.shape[1])[:-1]
+        start = np.repeat(ring[:-1], PLACES_A_PIECE, axis=0)
+        chord = np.repeat(np.diff(ring, axis=0), PLACES_A_PIECE, axis=0)
+        along = ((curve - start) * chord).sum(1) / np.maximum((chord**2).sum(1), 1e-300)
+        off = curve - start - np.clip(along, 0, 1)[:, None] * chord
+        return float(np.linalg.norm(off, axis=1).max())
+
+    def at(self, parameters: NDArray) -> NDArray[np.float64]:
+        """(K, 2|3) points at float numbers of the curve's points."""
+        ring = ring_of(self.points, self.closed)
+        numbers = np.arange(len(ring))
+        if self.joined == "straight" or len(ring) < 3:
+            return _interpolate(parameters, numbers, ring)
         from scipy.interpolate import CubicSpline
 
-        ends = "periodic" if self.closed else "natural"
-        return CubicSpline(knots, ring, bc_type=ends)(chords)
+        ends = "periodic" if self.closed else "clamped"
+        if self.joined == "slicer":
+            return CubicSpline(numbers, ring, bc_type=ends)(parameters)
+        chords = arc_lengths(self.points, self.closed)
+        spline = CubicSpline(chords, ring, bc_type="periodic" if self.closed else "natural")
+        return spline(np.interp(parameters, numbers, chords))
+
+    def _parameters(self, counts: Any) -> NDArray[np.float64]:
+        """Float numbers of points that cut each piece into so many parts, ends included."""
+        pieces = len(self.points) - (not self.closed)
+        ends = np.concatenate([[0], np.cumsum(np.broadcast_to(counts, pieces))])
+        return np.interp(np.arange(ends[-1] + 1), ends, np.arange(pieces + 1))
 
 
 def without_repeated_end(points: NDArray) -> tuple[NDArray, bool]:
@@ -143,9 +164,10 @@ def meeting_warnings(curve: VectorDrawing, where: str) -> list[str]:
     """A warning where a curve crosses, touches or doubles itself."""
     is_pixels = curve.points.shape[1] == 2
     unit, step, scale = ("px", 1.0, 1.0) if is_pixels else ("mm", FINE_M, 1e3)
-    if not arc_lengths(curve.points, curve.closed)[-1] / step < MAX_POINTS:
+    try:
+        places = curve.stroke(step).points
+    except CurveError:
         return []  # The curve is refused where it is sampled.
-    places = curve.stroke(step).points
     meets = find_meetings(places, curve.closed, step)
     if not meets.any():
         return []
@@ -183,8 +205,8 @@ def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.flo
     return np.column_stack([np.interp(at, knots, column) for column in points.T])
 
 
-# The types of graphic that are lines, and whether each is curved between its points.
-IS_SMOOTH = {"POLYLINE": False, "INTERPOLATED": True}
+# The types of graphic that are lines, and what joins their points.
+JOINED: dict[str, Joined] = {"POLYLINE": "straight", "INTERPOLATED": "spline"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,13 +216,13 @@ class Annotation:
     name: what it is, for messages
     drawn_on: the images' SOP instance UIDs, each with its frames, from 1; empty where all are meant
     points: a line's (M, 2) points (u, v) [px]; `None` for a graphic that is no line
-    smooth: whether a line is curved between its points
+    joined: what joins a line's points
     """
 
     name: str
     drawn_on: dict[str, list[int]]
     points: NDArray[np.float64] | None = None
-    smooth: bool = False
+    joined: Joined = "straight"
 
 
 def read_annotations(data: bytes, where: str) -> list[Annotation]:
@@ -214,9 +236,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
             "vfplan.vectors.curve:read_graphics", where, file=file, where=where, kind=CurveError
         )
         for head in answers:
-            points = None
-            if head.pop("is_line"):
-                points = next(answers)[0] - CORNER_PX
+            points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
             annotations.append(Annotation(points=points, **head))
     return annotations
 
@@ -240,7 +260,7 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                 units = str(graphic.get("GraphicAnnotationUnits", ""))[:16]
                 count = graphic.get("NumberOfGraphicPoints", 0)
                 name = f"{kind} of {count} points, layer {layer!r}"
-                if kind not in IS_SMOOTH or units != "PIXEL":
+                if kind not in JOINED or units != "PIXEL":
                     others.append(f"{name}, in {units} units")
                     continue
                 coordinates = np.array(graphic.GraphicData, np.float64)
@@ -250,7 +270,7 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                         "Export the presentation state again.",
                         code="vector-unreadable",
                     )
-                head = {"name": name, "drawn_on": drawn_on, "smooth": IS_SMOOTH[kind]}
+                head = {"name": name, "drawn_on": drawn_on, "joined": JOINED[kind]}
                 lines.append(({"is_line": True, **head}, coordinates.reshape(-1, 2)))
         modality = str(dataset.get("Modality", ""))[:16]
     if not lines:
@@ -290,9 +310,7 @@ def read_presentation(
     not_read = "".join(f"; not read: {annotation.name}" for annotation in others)
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
-    count = "1 curve"
-    if len(lines) != 1:
-        count = f"{len(lines)} curves"
+    count = f"{len(lines)} curves" if len(lines) != 1 else "1 curve"
     if number is None and len(annotations) > 1:
         raise CurveError(
             f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
@@ -320,8 +338,8 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     drawn, warnings = read_presentation(data, number, where)
     points, closed = without_repeated_end(drawn.points)
     points = distinct_points(points, closed)
-    curve = VectorDrawing(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
-    if not curve.smooth:
+    curve = VectorDrawing(points, closed, drawn.joined, "", warnings, drawn.drawn_on)
+    if curve.joined == "straight":
         return curve
     warning = (
         f"{where}: DICOM leaves open how points are joined. A spline was laid through them, "

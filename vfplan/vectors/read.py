@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
 from vfplan.geometry import CORNER_PX
 from vfplan.images.dataset import is_dicom
-from vfplan.io.files import MAX_TEXT_BYTES, naming_place, parse_decimal, read_whole, split_rows
+from vfplan.io.files import MAX_TEXT_BYTES, decode_text, naming_place, parse_table, read_whole
 from vfplan.markers.correspondences import fcsv_points, lps_points, markups_of
 from vfplan.vectors.curve import (
     VectorDrawing,
@@ -32,6 +32,7 @@ from vfplan.vectors.curve import (
 )  # fmt: skip
 
 PixelOrigin = Literal["centre", "corner"]
+CurveType = Literal["spline", "linear"]
 # Where ImageJ's zero may lie on the first pixel.
 ORIGINS = ("centre", "corner")
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
@@ -46,12 +47,13 @@ NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
-WANTED = "Give a .mrk.json, .fcsv, .roi, CSV or DICOM"
+SLICER_SUFFIXES = (".json", ".fcsv")
 
 
 def read_vector_curve(
-    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None
-) -> VectorDrawing:
+    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None,
+    curve_type: CurveType | None = None,
+) -> VectorDrawing:  # fmt: skip
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
     A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
@@ -66,6 +68,9 @@ def read_vector_curve(
         open (a `X,Y` table does).
     number
         Which of several graphics of a DICOM presentation state, from 1.
+    curve_type
+        What Slicer draws through the points of its curves; its file does not say it. `None`:
+        Slicer's default, a spline.
 
     Raises
     ------
@@ -85,6 +90,11 @@ def read_vector_curve(
         raise SettingError(
             f"curve_origin is {origin!r}. Give centre or corner", code="origin-unknown"
         )
+    if curve_type is not None and Path(path).suffix.lower() not in SLICER_SUFFIXES:
+        raise SettingError(
+            f"curve_type {curve_type!r} has no effect on a file that is not Slicer's. Leave it out",
+            code="setting-without-effect",
+        )
     is_number = isinstance(number, int)
     if dicom and is_number and (number is True or number < 1):
         text = f"stroke is {number!r}. Give a whole number from 1"
@@ -102,6 +112,10 @@ def read_vector_curve(
                 curve = read_presentation_curve(data, number, where)
             else:
                 curve = read_by_suffix(data, Path(path).suffix.lower(), origin, where)
+            if curve.joined == "slicer" and curve_type is None:
+                curve = replace(curve, type_difference_m=curve.distance_from_straight())
+            elif curve_type == "linear":
+                curve = replace(curve, joined="straight")
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
     warnings = (*curve.warnings, *meeting_warnings(curve, where))
@@ -143,23 +157,15 @@ def read_by_suffix(
     """A curve of any other file, by how its name ends."""
     if suffix == ".roi" or is_roi(data):
         points, closed, warnings = read_roi(data, origin, where)
-        return VectorDrawing(distinct_points(points, closed), closed, False, "", warnings)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise CurveError(f"is not text. {WANTED}", code="vector-not-text") from None
-    if suffix in (".json", ".fcsv"):
+        return VectorDrawing(distinct_points(points, closed), closed, "straight", "", warnings)
+    text = decode_text(data, where, CurveError)
+    if suffix in SLICER_SUFFIXES:
         refuse_origin(origin, "Slicer's curves")
-        read_slicer = read_control_points
-        if suffix == ".json":
-            read_slicer = read_markups
+        read_slicer = read_markups if suffix == ".json" else read_control_points
         return read_slicer(text, where)
     return read_table(text, origin, where)
 
 
-# Largest distance [m] of a spline from straight lines without a warning, where a file names
-# neither.
-SPLINE_WARNING_M = 1e-4
 # Slicer's names of curves, and whether they are closed.
 SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 
@@ -176,44 +182,45 @@ def read_markups(text: str, where: str) -> VectorDrawing:
             numbers={"curves": len(curves)},
         )
     closed = SLICER_CURVES[curves[0]["type"]]
-    points = distinct_points(lps_points(curves[0], where), closed)
-    return VectorDrawing(points, closed, True, "")
+    return slicer_curve(lps_points(curves[0], where), closed)
+
+
+def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
+    """A curve of 3D Slicer; its spline counts points, so those that are there twice stay."""
+    distinct_points(points, closed)
+    return VectorDrawing(points, closed, "slicer", "")
 
 
 def read_control_points(text: str, where: str) -> VectorDrawing:
     """A Slicer `.fcsv`, which says no more of its points than their order."""
     control_points = np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3)
-    points, closed = without_repeated_end(control_points)
-    curve = VectorDrawing(distinct_points(points, closed), closed, True, "")
-    distance = curve.distance_from_straight()
-    if distance <= SPLINE_WARNING_M:
-        return curve
-    warning = (
-        f"{where}: does not say how its points are joined. A spline was laid through them, up to "
-        f"{distance * 1e3:.1f} mm from straight lines. Save a .mrk.json Curve to say what is meant"
-    )
-    return replace(curve, warnings=(warning,))
+    return slicer_curve(*without_repeated_end(control_points))
 
 
 def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawing:
-    """A CSV with the columns u_px,v_px, or with ImageJ's X,Y."""
-    rows = [row for _, row in split_rows(text, where, MarkerError)]
-    header = []
-    if rows:
-        header = [name.strip() for name in rows[0]]
-    if is_xy_table(header):
-        points = read_xy_table(rows, origin)
-    elif header == ["u_px", "v_px"]:  # With a label as well it is a list of markers.
+    """A CSV with the columns u_px,v_px, or with ImageJ's X,Y, with or without row numbers."""
+    table = parse_table(text, where, MarkerError)
+    columns = tuple(name for name in table.header if name)
+    if columns == ("u_px", "v_px"):  # With a label as well it is a list of markers.
         refuse_origin(origin, "u_px,v_px")
-        points = parse_pixels(rows[1:])
-    else:
+        origin = "centre"
+    elif columns != ("X", "Y"):
+        is_area = columns[:2] == ("X", "Y")
         raise CurveError(
-            f"is no image, and as a curve its header is {','.join(header)[:60]!r}. Give "
-            "u_px,v_px or ImageJ's X,Y",
+            f"is no image, and as a curve its header is {','.join(columns)[:60]!r}"
+            f"{', as of every pixel of an area' if is_area else ''}. Give u_px,v_px or ImageJ's "
+            "X,Y of a curve",
             code="table-header",
         )
-    points, closed = without_repeated_end(points)
-    return VectorDrawing(distinct_points(points, closed), closed, False, "")
+    elif origin is None:
+        raise CurveError(
+            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently. "
+            f"{NAME_ORIGIN} (a line's and an area's)",
+            code="origin-unknown",
+        )
+    points, closed = without_repeated_end(table.numbers(columns))
+    points = _from_centres(distinct_points(points, closed), origin)
+    return VectorDrawing(points, closed, "straight", "")
 
 
 def is_roi(data: bytes) -> bool:
@@ -274,35 +281,6 @@ def read_roi(
     return _from_centres(points, counted_from), closed, warnings
 
 
-def is_xy_table(header: list[str]) -> bool:
-    """Whether a table's header is that of ImageJ's coordinates, with or without row numbers."""
-    return [name for name in header if name][:2] == ["X", "Y"]
-
-
-def read_xy_table(rows: list[list[str]], origin: PixelOrigin | None) -> NDArray[np.float64]:
-    """The (M, 2) points (u, v) [px] of ImageJ's X,Y coordinates, whose header is `rows[0]`.
-
-    Raises `CurveError` where it is a table of every pixel, or where `origin` is `None`: the table
-    does not tell lines from areas; or as `parse_pixels`.
-    """
-    header = [name.strip() for name in rows[0]]
-    if header not in (["X", "Y"], ["", "X", "Y"]):
-        raise CurveError(
-            f"its columns are {','.join(header)[:60]!r}, as of every pixel of an area. Give "
-            "a curve's X,Y",
-            code="table-of-an-area",
-        )
-    if origin is None:
-        raise CurveError(
-            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently. "
-            f"{NAME_ORIGIN} (a line's and an area's)",
-            code="origin-unknown",
-        )
-    first = len(header) - 2
-    points = parse_pixels([row[first:] for row in rows[1:]])
-    return _from_centres(points, origin)
-
-
 def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
     """Raise `SettingError` where an origin is given for a file that leaves none open."""
     if origin is not None:
@@ -310,17 +288,6 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
             f"curve_origin {origin!r} has no effect on {what}. Leave it out",
             code="origin-without-effect",
         )
-
-
-def parse_pixels(rows: list[list[str]]) -> NDArray[np.float64]:
-    """The (M, 2) numbers of a table's rows; raises `CurveError` where one has other than two."""
-    try:
-        points = [(parse_decimal(x), parse_decimal(y)) for x, y in rows]
-    except ValueError as error:
-        raise CurveError(
-            f"holds a row without two numbers: {error}. Correct the row", code="row-not-two-numbers"
-        ) from None
-    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:

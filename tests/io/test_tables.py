@@ -1,0 +1,68 @@
+"""Every small table is read by one reader: separators, decimals, encodings, remarks, blank ends."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from refusals import refuses
+
+from vfplan.errors import CurveError, InputError, MarkerError
+from vfplan.io.files import open_number_table
+from vfplan.markers.correspondences import read_sides
+from vfplan.session.events import POSE_COLUMNS, read_poses
+from vfplan.vectors.read import read_vector_curve
+
+NUMBERS = np.array([[40.5, 60.25], [44, 64.75], [48.125, 69]])
+ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-be")
+# Separator and decimal mark, as spreadsheets pair them.
+MARKS = ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","))
+FORMS = list(product(MARKS, ENCODINGS, ("\n", "\r\n"), ("", "remarks", "blank ends")))
+
+
+def written(path, header, rows, marks, encoding, newline, extra):
+    separator, decimal = marks
+    lines = [[*header], *([str(cell).replace(".", decimal) for cell in row] for row in rows)]
+    if extra == "blank ends":
+        lines = [[*line, ""] for line in lines]
+    lines = [separator.join(line) for line in lines]
+    if extra == "remarks":
+        lines = ["# by hand, on Monday", *lines[:2], "# the rest is sure", *lines[2:], ""]
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    path.write_bytes((mark + newline.join(lines)).encode(encoding))
+    return path
+
+
+@pytest.mark.parametrize("form", FORMS, ids=repr)
+def test_a_table_reads_alike_in_every_form(tmp_path, form):
+    rows = NUMBERS.tolist()
+    curve = written(tmp_path / "c.csv", ("u_px", "v_px"), rows, *form)
+    assert np.array_equal(read_vector_curve(curve).points, NUMBERS)
+    labelled = [[f"#{k}", *row] for k, row in enumerate(rows)]
+    marks = written(tmp_path / "m.csv", ("label", "u_px", "v_px"), labelled, *form)
+    (side,) = read_sides(marks)
+    assert side.labels == ("#0", "#1", "#2")
+    assert np.array_equal(side.positions, NUMBERS)
+    session = written(tmp_path / "s.csv", ("a", "b"), rows, *form)
+    table = open_number_table(lambda: session.open("rb"), "s", InputError, ("a", "b"))
+    assert np.array_equal(np.concatenate(list(table.blocks(("a", "b")))), NUMBERS)
+    moves = [[k, *row, 0.0, 1, 0, 0, 0] for k, row in enumerate(rows)]
+    poses = read_poses(written(tmp_path / "p.csv", POSE_COLUMNS, moves, *form))
+    assert np.array_equal(poses.pose[:, :2], NUMBERS)
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [("label,u_px,v_px\n# x1,1,2\nx2,1,2", "no-number"), ("Name,X,Y\nx1,1,2\n", "imagej-table")],
+)
+def test_what_may_mean_two_things_is_refused(tmp_path, text, code):
+    (tmp_path / "m.csv").write_text(text.replace("# x1,1", "# x1,one"))
+    with refuses(MarkerError, code):
+        read_sides(tmp_path / "m.csv")
+
+
+def test_a_curve_of_bytes_that_are_no_text_is_refused(tmp_path):
+    (tmp_path / "c.csv").write_bytes(b"u_px,v_px\n1,\xb5\n")
+    with refuses(CurveError, "not-text"):
+        read_vector_curve(tmp_path / "c.csv")
