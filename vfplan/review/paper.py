@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.palette import BRIDGED, CLOUD, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -54,6 +54,8 @@ LINE_COLOUR: Colour = colour_of(CLOUD)
 BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
 MARGIN_COLOUR: Colour = colour_of(HIP)
 BAND_COLOUR: Colour = colour_of(PROXY)
+WALL_COLOUR: Colour = colour_of(CONTACT)
+GUIDE_COLOUR: Colour = colour_of(HIP)
 
 # Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel.
 SHIFT = 4
@@ -296,6 +298,23 @@ def draw_cased(
     """Draw a line with a white edge on either side, which shows on dark and on light ground."""
     draw_line(canvas, points, WHITE, thickness + 3, closed)
     draw_line(canvas, points, colour, thickness, closed)
+
+
+def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> None:
+    """Draw a cased arrow; none that is shorter than a pixel."""
+    length = float(np.hypot(*(tip - start)))
+    if length < 1:
+        return
+    along = (tip - start) / length
+    across = np.array([-along[1], along[0]])
+    head = min(14.0, length)
+    shaft = np.array([start, tip - 0.7 * head * along])
+    base = tip - head * along
+    corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
+    draw_line(canvas, shaft, WHITE, 7)
+    draw_line(canvas, corners, WHITE, 4, True)
+    draw_line(canvas, shaft, colour, 3)
+    cv2.fillConvexPoly(canvas, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
 
 
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:

@@ -5,6 +5,7 @@ A bundle without a slice, from three sides at one scale.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import nice_length
+from vfplan.display import MM, nice_length
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import runs
+from vfplan.geometry.lines import arc_lengths, runs, values_at
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
+from vfplan.review.rendered import Outline, outlines_of
 from vfplan.review.sheet_input import SheetInput, ends_of
 
 # Side [px of the page] of a view: two stand side by side.
@@ -50,6 +52,14 @@ class View:
         flat = (points - self.middle)[:, [self.across, self.upward]] * self.scale * (1, -1)
         return flat + VIEW_PX / 2 - 0.5
 
+    @property
+    def plane(self) -> paper.Array:
+        """(3, 3) from (u, v, 1) of the view to the place [m] in the middle of what it shows."""
+        plane = np.zeros((3, 3))
+        plane[self.across, 0], plane[self.upward, 1] = 1 / self.scale, -1 / self.scale
+        plane[:, 2] = self.middle - plane @ (VIEW_PX / 2 - 0.5, VIEW_PX / 2 - 0.5, 0)
+        return plane
+
     def depth(self, points: paper.Array) -> paper.Array:
         """(M,) how far points lie towards the viewer."""
         return points[:, self.toward] * self.sign
@@ -72,17 +82,26 @@ def draw_views(sheet: paper.Paper, content: SheetInput, y: float) -> tuple[float
     low = np.vstack(everything).min(axis=0)
     high = np.vstack(everything).max(axis=0)
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
+    # Each view cuts what is rendered in its middle.
+    middle = (low + high) / 2
+    cut = (content.points_m.min(axis=0) + content.points_m.max(axis=0)) / 2
+    outlines: list[Outline] = []
     for number, (words, *axes) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN
         if column == 1:
             x = MARGIN + paper.CONTENT_WIDTH - VIEW_PX
         view_y = round(y) + row * (VIEW_PX + 60)
-        view = View(*axes, (low + high) / 2, scale)
+        view = View(*axes, np.where(np.arange(3) == axes[2], cut, middle), scale)
         sheet.text(x, view_y, words, STRONG)
         words = f"{'xyz'[view.across]} to the right, {'xyz'[view.upward]} upwards"
         sheet.text(x + 330, view_y, words, BODY, GREY)
-        box = sheet.picture(x, view_y + 34, _geometry(view, content))
+        canvas = _geometry(view, content)
+        if content.fixture is not None:
+            for outline in outlines_of(content.fixture, view.plane, (VIEW_PX, VIEW_PX)):
+                draw_rendered(canvas, outline, lambda points: points, ())
+                outlines.append(outline)
+        box = sheet.picture(x, view_y + 34, canvas)
         sheet.frame(box)
         _draw_marks(sheet, box, view, content)
         # The length of a bar, below on the left.
@@ -93,6 +112,12 @@ def draw_views(sheet: paper.Paper, content: SheetInput, y: float) -> tuple[float
         paper.draw_line(sheet.canvas, np.array([start, end]), BLACK, 4)
         sheet.text(start[0], start[1] - 8 - BODY.line_height, f"{length:g} {unit}", BODY)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
+    rows = rendered_legend(outlines)
+    if rows:
+        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", cut, strict=True))
+        heading = "In the middle of each view"
+        free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
+        free_y = sheet.paragraph(free_x, free_y, f"Cut at {place} mm.", VIEW_PX, BODY, GREY) + 10
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
 
@@ -243,7 +268,13 @@ def draw_picture(
     sheet.frame(box)
 
     canvas = sheet.canvas[panel.y : panel.y + panel.height, panel.x : panel.x + panel.width]
+    ends = [panel.place(end.place) for stroke in content.strokes for end in ends_of(stroke)]
+    # The casings first: outline and line may lie close together.
+    for outline in content.outlines:
+        draw_rendered(canvas, outline, panel.place, ends)
     region = _draw_outline(canvas, content, panel)
+    for outline in content.outlines:
+        draw_rendered(canvas, outline, panel.place, ends, is_cased=False)
     drawn_bands = _draw_bands(canvas, content, panel)
     enlargement = _residual_enlargement(content, panel)
     _draw_markers(canvas, content, panel, enlargement)
@@ -289,6 +320,70 @@ def _draw_outline(canvas: paper.Pixels, content: SheetInput, panel: Panel) -> pa
         canvas, np.where(bridges > 0, outline, 0).astype(np.uint8), paper.BRIDGE_COLOUR, 0, 0
     )
     return region
+
+
+# The colour of what the robot renders: the tool is kept off a wall, and held in a guide's tube.
+RENDERED_COLOUR = {"wall": paper.WALL_COLOUR, "guide": paper.GUIDE_COLOUR}
+
+# What a line means, its colour, and whether it has dashes.
+LegendRow = tuple[str, paper.Colour, bool]
+
+# What the legend says of it.
+RENDERED_IN_WORDS: dict[str, LegendRow] = {
+    "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR, False),
+    "guide": ("Green line with ticks: the tip is held within it; arrow: its pull",
+              paper.GUIDE_COLOUR, False),
+}  # fmt: skip
+
+# Distance between the ticks of a guide, their length, and that of the arrow of its pull [px of the
+# page]. They stand on the side on which the guide pushes back.
+TICK_STEP, TICK_LENGTH, PULL_LENGTH = 16.0, 7.0, 70.0
+
+
+def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
+    """What the legend says of these outlines, once for each kind."""
+    return [RENDERED_IN_WORDS[kind] for kind in sorted({outline.kind for outline in outlines})]
+
+
+def draw_rendered(
+    canvas: paper.Pixels, outline: Outline, place: Any, ends: Iterable[paper.Array],
+    is_cased: bool = True,
+) -> None:  # fmt: skip
+    """Draw where the engine pushes, but for what lies close to an end of the line.
+
+    `place` takes pixels of the slice to the canvas, and `ends` are places on the canvas.
+    """
+    casing, drawn = (np.zeros(canvas.shape[:2], np.uint8) for _ in range(2))
+    for line in map(place, outline.lines):
+        parts = [line]
+        if outline.kind == "guide":
+            arc = arc_lengths(line, False)
+            at = values_at(line, np.interp(np.arange(0, arc[-1], TICK_STEP), arc, range(len(arc))))
+            along = np.gradient(at, axis=0) if len(at) > 1 else np.zeros_like(at)
+            along /= np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+            outward = TICK_LENGTH * np.column_stack([-along[:, 1], along[:, 0]])
+            parts += list(np.stack([at, at + outward], axis=1))
+        for part in parts:
+            paper.draw_line(casing, part, 255, 5)
+            paper.draw_line(drawn, part, 255, 2)
+    for layer in (casing, drawn):
+        for end in ends:
+            paper.draw_disc(layer, end, FREE_RADIUS + 4, 0)
+    if is_cased:
+        paper.blend(canvas, casing, WHITE, 0, 0)
+    paper.blend(canvas, drawn, RENDERED_COLOUR[outline.kind], 0, 0)
+    if outline.pull is not None and outline.lines:
+        # Beside the tube, so that the ink stays free.
+        start, along = outline.pull
+        start, line = place(start), place(np.vstack(outline.lines))
+        across = np.array([-along[1], along[0]])
+        off = (line - start) @ across
+        is_beside = np.abs((line - start) @ along) < PULL_LENGTH
+        reach = off[is_beside & (np.hypot(*(line - start).T) < 3 * np.abs(off).min() + 40)]
+        reach = float(reach.max()) if len(reach) else 0.0
+        middle = start + (reach + TICK_LENGTH + 14) * across
+        tail, tip = middle - PULL_LENGTH / 2 * along, middle + PULL_LENGTH / 2 * along
+        paper.draw_arrow(canvas, tail, tip, RENDERED_COLOUR[outline.kind])
 
 
 def _draw_bands(canvas: paper.Pixels, content: SheetInput, panel: Panel) -> set[str]:
@@ -337,19 +432,7 @@ def _draw_markers(
         if marker.residual_px is None:
             continue
         residual = np.asarray(marker.residual_px) * panel.zoom * enlargement
-        length = float(np.hypot(*residual))
-        if length < 1:
-            continue
-        along = residual / length
-        across = np.array([-along[1], along[0]])
-        tip, head = centre + residual, min(14.0, length)
-        shaft = np.array([centre, tip - 0.7 * head * along])
-        base = tip - head * along
-        corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
-        paper.draw_line(canvas, shaft, WHITE, 7)
-        paper.draw_line(canvas, corners, WHITE, 4, True)
-        paper.draw_line(canvas, shaft, BLACK, 3)
-        cv2.fillConvexPoly(canvas, paper.fixed_point(corners), BLACK, cv2.LINE_AA, paper.SHIFT)
+        paper.draw_arrow(canvas, centre, centre + residual, BLACK)
 
 
 def _kept_visible(
@@ -428,9 +511,8 @@ def _draw_legend(
     line = "the curve"
     if content.pen:
         line = f"the line of the pen ({content.pen})"
-    rows: list[tuple[str, paper.Colour, bool]] = [
-        (f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)
-    ]
+    rows: list[LegendRow] = [(f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)]
+    rows += rendered_legend(content.outlines)
     if any(stroke.bridged.any() for stroke in content.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if "margin" in drawn_bands:
@@ -448,7 +530,17 @@ def _draw_legend(
         if enlargement != 1:
             length = f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
-    sheet.text(x, y, "On the picture", paper.HEADING)
+    y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
+    if content.account:
+        y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
+    return y + 10
+
+
+def draw_legend_rows(
+    sheet: paper.Paper, heading: str, rows: list[LegendRow], x: float, y: float, width: float
+) -> float:
+    """A sample of each line beside what it means; returns where the next thing begins."""
+    sheet.text(x, y, heading, paper.HEADING)
     y += paper.HEADING.line_height + 4
     for words, colour, is_dashed in rows:
         middle = y + BODY.line_height / 2
@@ -459,6 +551,4 @@ def _draw_legend(
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
         y = sheet.paragraph(x + 56, y, words, width - 56, BODY) + 6
-    if content.account:
-        y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
-    return y + 10
+    return y

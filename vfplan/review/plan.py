@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.sheet_input import labels_left_out, strokes_on_slice
+from vfplan.review.rendered import Outline, outlines_of
+from vfplan.review.sheet_input import labels_left_out, plane_of, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -196,6 +198,14 @@ class Plan:
                 findings.append(doubt("slice-not-shown", "extract", text))
             self._made["outcome"] = replace(outcome, findings=tuple(findings))
         return self._made["outcome"]
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """What the robot would render, on the slice."""
+        fixture, image = self.outcome.fixture, self.source.image
+        plane = None if fixture is None else plane_of(fixture, image)
+        size = image.width_px, image.height_px
+        return () if plane is None else outlines_of(fixture, plane, size)
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings

@@ -24,6 +24,7 @@ from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
+from vfplan.review.rendered import rendered_values
 
 # Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
@@ -142,8 +143,10 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        findings, why_not = plan.findings, plan.why_not
+        findings, why_not, fixture = plan.findings, plan.why_not, plan.outcome.fixture
         return state | {
+            "rendered": None if fixture is None else rendered_values(fixture),
+            "outline_px": [line.round(2).tolist() for o in plan.outlines for line in o.lines],
             "findings": [finding.as_dict() for finding in findings],
             "warnings": [finding.text for finding in findings],
             "why_not": why_not,

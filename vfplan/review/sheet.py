@@ -27,7 +27,8 @@ from vfplan.images.read import as_uint8
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
-from vfplan.review.picture import COLUMN_WIDTH, draw_picture, draw_views
+from vfplan.review.picture import COLUMN_WIDTH, draw_picture, draw_rendered, draw_views
+from vfplan.review.rendered import described, kind_of
 from vfplan.review.sheet_input import WORDS_OF_ENTRY, LineEnd, SheetInput, ends_of
 
 # Pixels of the page to one of the slice in an inset.
@@ -147,10 +148,17 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
 
 def list_lines(content: SheetInput, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
+    lines = []
+    if content.fixture is not None and content.fixture.rendering is not None:
+        heading = f"The robot renders a {kind_of(content.fixture)}"
+        lines = text_lines(heading, width, HEADING, is_head=True)
+        for heading, words in described(content.fixture):
+            lines += text_lines(f"{heading}: {words}", width, BODY)
     heading = "Findings"
     if not content.findings:
         heading = "Findings: none"
-    lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
+    above = 20 if lines else 0
+    lines += text_lines(heading, width, HEADING, above=above, is_head=bool(content.findings))
     for number, finding in enumerate(content.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head = f"F{number}  {kind}: {finding.code}"
@@ -281,16 +289,27 @@ def insets_of(content: SheetInput) -> list[Inset]:
     for number, finding in enumerate(content.findings, 1):
         if finding.place_px is not None and not _is_enlarged(finding.place_px, insets):
             insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))
-    if content.tre95_m is not None and content.metres_per_px is not None:
-        # Where the registration's error may be largest, enlarged so that the band fits in.
+    if content.metres_per_px is not None and (content.tre95_m is not None or content.outlines):
+        # Where the registration's error may be largest, enlarged so that all of it fits in.
         points = np.concatenate([stroke.points for stroke in content.strokes])
-        worst = int(np.argmax(content.tre95_m))
-        half_m = max(content.tre95_m[worst], content.margin_m or 0.0)
+        bound_m = np.zeros(1) if content.tre95_m is None else content.tre95_m
+        worst = int(np.argmax(bound_m))
+        half_m = max(bound_m[worst], content.margin_m or 0.0, reach_of(content))
         zoom = ZOOM
         while zoom > 1 and half_m / content.metres_per_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
-        insets.append(Inset("Error and margin, true scale", points[worst], zoom, has_band=True))
+        insets.append(Inset("Error and outline, true scale", points[worst], zoom, has_band=True))
     return insets
+
+
+def reach_of(content: SheetInput) -> float:
+    """How far from the line the robot pushes [m]; 0 where it renders nothing."""
+    if not content.outlines:
+        return 0.0
+    guidance, rendering = content.fixture.guidance, content.fixture.rendering
+    if guidance is not None:
+        return guidance.radius
+    return rendering.contact_radius + rendering.point_radius
 
 
 def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) -> bool:
@@ -334,6 +353,8 @@ def _described(inset: Inset, content: SheetInput) -> tuple[str, str]:
         return where, "with the line drawn"
     if inset.is_raised:
         return where, "contrast raised"
+    if inset.has_band and content.tre95_m is None:
+        return where, "what the robot renders"
     if inset.has_band:
         return where, f"95 %: ±{float(content.tre95_m.max()) * 1e3:.2f} mm"
     if content.metres_per_px is None:
@@ -367,7 +388,9 @@ def draw_inset(
     enlarged[rows[is_stripe], columns[is_stripe]] = GREY
     if inset.has_line:
         for stroke in content.strokes:
-            paper.draw_cased(enlarged, _within(inset, stroke), paper.LINE_COLOUR, 2, stroke.closed)
+            paper.draw_cased(
+                enlarged, _within(inset, stroke.points), paper.LINE_COLOUR, 2, stroke.closed
+            )
     if inset.has_band:
         _draw_band(enlarged, inset, content)
     size = enlarged.shape[0]
@@ -385,10 +408,10 @@ def draw_inset(
     return box
 
 
-def _within(inset: Inset, stroke: Stroke) -> paper.Array:
-    """(M, 2) the points of a line in an inset [px of the page]."""
+def _within(inset: Inset, points: paper.Array) -> paper.Array:
+    """(M, 2) places of the slice in an inset [px of the page]."""
     u, v, _, _ = inset.window
-    return (stroke.points - (u, v) + 0.5) * inset.zoom - 0.5
+    return (points - (u, v) + 0.5) * inset.zoom - 0.5
 
 
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -412,8 +435,14 @@ def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -
     """Draw the line, the 95 % band and the margin at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / content.metres_per_px
+    for outline in content.outlines:
+        draw_rendered(enlarged, outline, lambda points: _within(inset, points), ())
+    if content.tre95_m is None:
+        for stroke in content.strokes:
+            points = _within(inset, stroke.points)
+            paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
     for stroke, is_bound, half_m in content.bands():
-        points = _within(inset, stroke)
+        points = _within(inset, stroke.points)
         paper.draw_distance(enlarged, points, half_m * to_page, stroke.closed, is_bound)
         if is_bound and stroke.is_ordered:
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import Geometry, extraction_of
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Marker
+from vfplan.review.rendered import Outline, kind_of, onto_plane, outlines_of
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
@@ -103,6 +105,10 @@ class SheetInput:
         (heading, text) in the order in which they stand beside the picture.
     reviewed
         Who approved it and when, in words; empty where nobody has.
+    fixture
+        What is rendered; `None` where nothing is.
+    plane
+        (3, 3), takes (u, v, 1) of the slice into the frame of the fixture [m].
     points_m, triangles
         (N, 3) and (K, 3): the geometry of a bundle that shows no slice.
     frame
@@ -131,6 +137,15 @@ class SheetInput:
     frame: str = "robot_base"
     missing_slice: bool = False
     pen: str = ""
+    fixture: Fixture | None = None
+    plane: Array | None = None
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """What the robot renders, on the slice; none where it is unknown how that lies."""
+        if self.fixture is None or self.plane is None or self.rgb is None:
+            return ()
+        return outlines_of(self.fixture, self.plane, self.rgb.shape[1::-1])
 
     def bands(self) -> Iterator[tuple[Stroke, bool, Array]]:
         """Margin and 95 % bound along each stroke: whether it is the bound, and (M,) [m]."""
@@ -151,8 +166,11 @@ class SheetInput:
     @property
     def verdict(self) -> str:
         """The title of the sheet: what a person has to look at, and then to do."""
+        kind = ""
+        if self.fixture is not None and self.fixture.rendering is not None:
+            kind = f"A {kind_of(self.fixture)}. "
         if self.missing_slice:
-            return "The slice is missing: this sheet shows no end of the line"
+            return f"{kind}The slice is missing: this sheet shows no end of the line"
         if self.reviewed and not self.unanswered:
             return f"Approved by {self.reviewed}"
         then = "approve"
@@ -165,7 +183,7 @@ class SheetInput:
         places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
         if self.rgb is None:
             places = "the three views"
-        return f"Look at {places}, then {then}"
+        return f"{kind}Look at {places}, then {then}"
 
 
 def facts_of(
@@ -178,7 +196,6 @@ def facts_of(
         ("Markers", _markers_in_words(fixture)),
         ("Error of the registration", _error_in_words(record, fixture)),
         ("Margin", _margin_in_words(record, fixture)),
-        ("The wall", _wall_in_words(fixture)),
     ]
     return tuple((heading, words) for heading, words in facts if words)
 
@@ -260,29 +277,6 @@ def _margin_in_words(record: SheetInput, fixture: Fixture) -> str:
     return ""
 
 
-def _wall_in_words(fixture: Fixture) -> str:
-    rendering = fixture.rendering
-    if rendering is None:
-        return ""
-    drawn = "line"
-    if fixture.curve is None:
-        drawn = "points"
-    what = drawn
-    if fixture.mesh is not None:
-        what = "surface"
-    radius = rendering.contact_radius + rendering.point_radius
-    stiffness = stiffness_in_words(rendering.stiffness)
-    return f"{radius * 1e3:.2f} mm from the {what} to the tool's centre; {stiffness}"
-
-
-def stiffness_in_words(stiffness: NDArray[np.float64]) -> str:
-    """The stiffness of the wall, one number where it is the same along all axes."""
-    x, y, z = stiffness
-    if x == y == z:
-        return f"{x:g} N/m"
-    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
-
-
 def of_plan(plan: PlanResult, title: str) -> SheetInput:
     """What the sheet of a new plan shows."""
     return of_fixture(
@@ -323,12 +317,14 @@ def of_fixture(
     if image is not None:
         check_slice(fixture, image)
     inputs = fixture.provenance.inputs
-    axes = _pixel_axes(fixture, image)
+    plane = plane_of(fixture, image)
     record = SheetInput(
         title=title,
         digest=digest_of(fixture, slice_shown=image is not None),
         findings=fixture.findings,
         frame=fixture.frame,
+        fixture=fixture,
+        plane=plane,
     )
     if fixture.reviewed is not None:
         record = replace(record, reviewed=f"{fixture.reviewed.by}, {fixture.reviewed.utc}")
@@ -336,8 +332,8 @@ def of_fixture(
         colour = fixture.provenance.settings.get("colour", ExtractSettings().colour)
         record = replace(record, pen=str(colour))
     # From where the robot sees the slice, where the bundle says how it lies.
-    if axes is not None and fixture.registration is not None:
-        record = replace(record, side=describe_side(-plane_normal(axes)))
+    if plane is not None and fixture.registration is not None:
+        record = replace(record, side=describe_side(-plane_normal(plane)))
     if image is None:
         record = replace(
             record,
@@ -364,10 +360,10 @@ def of_fixture(
         tre95_m = registration.tre95_curve_m(points)
     # The size of a pixel: by the markers, else as the image or the bundle says.
     metres_per_px = None
-    if axes is not None:
-        metres_per_px = _size_of(axes)
+    if plane is not None:
+        metres_per_px = _size_of(plane)
     spacing_mm = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
-    if axes is None and spacing_mm is not None:
+    if plane is None and spacing_mm is not None:
         metres_per_px = float(np.sqrt(spacing_mm[0] * spacing_mm[1])) * 1e-3
     record = replace(
         record,
@@ -405,7 +401,7 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     convert = to_pixels(fixture, image)
     units_per_px = 1.0
     if fixture.frame != "image":
-        units_per_px = _size_of(_pixel_axes(fixture, image))
+        units_per_px = _size_of(plane_of(fixture, image))
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
@@ -423,7 +419,7 @@ def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array],
     if fixture.frame == "image":
         return lambda points: points[:, :2]
     if fixture.frame == "patient_lps":
-        return _onto_plane(_place_in_patient(image))
+        return onto_plane(_place_in_patient(image))
     record = fixture.registration
     if record is None:
         raise InputError(
@@ -432,9 +428,9 @@ def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array],
             code="slice-unregistered",
         )
     if record.source_frame == "image":
-        return _onto_plane(record.T_robot_image)
+        return onto_plane(record.T_robot_image)
     back = np.linalg.inv(record.T_robot_image)
-    onto = _onto_plane(_place_in_patient(image))
+    onto = onto_plane(_place_in_patient(image))
     return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
 
 
@@ -446,12 +442,6 @@ def _place_in_patient(image: PlannedImage) -> Array:
             code="slice-unplaced",
         )
     return image.T_patient_image[:3]
-
-
-def _onto_plane(transform: Array) -> Callable[[Array], Array]:
-    """(M, 3) points of a plane to the (u, v) that a (3, 3) transform of [u v 1] brings there."""
-    back = np.linalg.pinv(transform[:3, :2])
-    return lambda points: (points - transform[:3, 2]) @ back.T
 
 
 def account_again(
@@ -475,34 +465,36 @@ def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
     return float(margin)
 
 
-def _pixel_axes(fixture: Fixture, image: PlannedImage | None) -> Array | None:
-    """(3, 2) steps of a pixel along u and v in the frame of the fixture [m]; `None` if unknown."""
+def plane_of(fixture: Fixture, image: PlannedImage | None) -> Array | None:
+    """(3, 3) from (u, v, 1) of the slice to the frame of the fixture [m]; `None` if unknown."""
     record = fixture.registration
     if record is not None and record.source_frame == "image":
-        return record.T_robot_image[:3, :2]
+        return record.T_robot_image
     if image is None or image.T_patient_image is None:
         return None
-    axes = image.T_patient_image[:3, :2]
+    plane = image.T_patient_image[:3]
     if record is not None:
-        axes = record.T_robot_image[:3, :3] @ axes
-    return axes
+        plane = record.T_robot_image[:3, :3] @ plane
+        plane[:, 2] += record.T_robot_image[:3, 3]
+    return plane
 
 
-def _size_of(axes: Array) -> float:
+def _size_of(plane: Array) -> float:
     """The geometric mean of a pixel's sides [m]."""
-    return float(np.sqrt(np.prod(np.linalg.svd(axes)[1])))
+    return float(np.sqrt(np.prod(np.linalg.svd(plane[:, :2])[1])))
 
 
 def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[Marker, ...]:
     """The markers where they lie on the slice, or where they project onto it."""
-    record, steps = fixture.registration, _pixel_axes(fixture, image)
-    if record is None or steps is None:
+    record, plane = fixture.registration, plane_of(fixture, image)
+    if record is None or plane is None:
         return ()
+    steps = plane[:, :2]
     if record.source_frame == "image":
         places = record.source
         reached = record.source @ steps.T + record.T_robot_image[:3, 2]
     else:
-        places = _onto_plane(image.T_patient_image[:3])(record.source)
+        places = onto_plane(image.T_patient_image[:3])(record.source)
         reached = record.source @ record.T_robot_image[:3, :3].T + record.T_robot_image[:3, 3]
     residuals_px = (record.target - reached) @ np.linalg.pinv(steps).T
     return tuple(

@@ -1,0 +1,336 @@
+"""What the robot will render: as an outline that its own engine gives, in values and in words.
+
+A wall has the outline at which the tool's centre stops, and a guide that of the tube in which the
+tip is held. Nothing here computes them from the drawn line: the engine that the bundle makes is
+asked where it pushes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.display import MM, millimetres
+from vfplan.engine.guide import Guide
+from vfplan.engine.proxy import ProxyEngine, best_rule
+from vfplan.errors import VfplanError
+from vfplan.fixture import Fixture, Rendering
+from vfplan.geometry.lines import plane_normal, runs
+from vfplan.planning.settings import LEAD_SPEED_M_S
+
+Array = NDArray[np.float64]
+Kind = Literal["wall", "guide"]
+
+# Nodes of the grid along the longer side of a picture, at least and at most. Between them the
+# outline is interpolated; a tool smaller than three steps wants a finer grid.
+GRID_NODES = (400, 1000)
+
+# Steps of the grid along a side of a block. A block far from the outline is asked about once.
+BLOCK = 16
+
+# Places along a guide, and directions around each of its ends, at which its engine is asked.
+GUIDE_PLACES, END_DIRECTIONS = 240, 16
+
+# How far beyond the tube the guide is asked, as a share of its radius: it then pushes back.
+BEYOND_TUBE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Where the engine pushes, cut by a plane: `lines` are (M, 2) places of its picture [px].
+
+    Of a guide the tip is held on the left of each line, seen with v downwards. `pull` is the place
+    and the unit direction of its pull; `None` where nothing pulls.
+    """
+
+    kind: Kind
+    lines: tuple[Array, ...]
+    pull: tuple[Array, Array] | None = None
+
+
+def kind_of(fixture: Fixture) -> Kind:
+    """Whether the robot keeps the tool off the line, or holds it there."""
+    return "wall" if fixture.guidance is None else "guide"
+
+
+def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[Outline, ...]:
+    """The outlines of a fixture in a plane; none where no engine renders it.
+
+    Parameters
+    ----------
+    fixture
+        What is rendered.
+    plane
+        (3, 3), takes (u, v, 1) [px] into the frame of the fixture [m].
+    size
+        Width and height of the picture [px].
+    """
+    if fixture.rendering is None:
+        return ()
+    outlines: list[Outline] = []
+    try:
+        if fixture.region is not None:
+            outlines.append(_of_wall(fixture.region, plane, size))
+        if fixture.guidance is not None:
+            outlines += _of_guide(fixture, plane)
+    except VfplanError:
+        return ()
+    return tuple(outlines)
+
+
+def _of_wall(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
+    """Where the tool's centre is as far from the region as the engine lets it come."""
+    from skimage.measure import find_contours
+
+    radius = region.contact_radius + region.point_radius
+    metres_per_px = float(np.linalg.norm(plane[:, :2], 2))
+    low, high = (max(size) / nodes for nodes in reversed(GRID_NODES))
+    step = float(np.clip(radius / metres_per_px / 3, low, high))
+    distance = ProxyEngine.of(region, offline=True).distance
+    columns, rows = (int(np.ceil(length / step / BLOCK)) + 1 for length in size)
+
+    def asked(nodes: Array) -> Array:
+        places = np.column_stack([nodes[:, ::-1] * step, np.ones(len(nodes))])
+        return distance(places @ plane.T) - radius
+
+    # From the middle of a block the distance changes by no more than the way.
+    blocks = np.indices((rows, columns)).reshape(2, -1).T * BLOCK + BLOCK / 2
+    beyond = asked(blocks).reshape(rows, columns).repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
+    near = np.argwhere(np.abs(beyond) <= (BLOCK / np.sqrt(2) + 2) * step * metres_per_px)
+    beyond[tuple(near.T)] = asked(near.astype(float))
+    contours = find_contours(beyond, 0.0)
+    return Outline("wall", tuple(contour[:, ::-1] * step for contour in contours))
+
+
+def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
+    """Where the guide brings a tip back that lies just outside of its tube."""
+    with warnings.catch_warnings():
+        # The bend that it warns of is a finding of the plan.
+        warnings.simplefilter("ignore")
+        guide = Guide.of(fixture, hold="at_once")
+    normal, axis = plane_normal(plane), fixture.ignore_axis
+    normal = normal / np.linalg.norm(normal)
+    onto_picture = onto_plane(plane, axis)
+    turns = np.linspace(0.0, np.pi, END_DIRECTIONS)[:, None]
+    for number, length in enumerate(guide.lengths_m):
+        closed = guide.closed[number]
+        places = guide.at(np.linspace(0.0, length, GUIDE_PLACES), number)
+        along = np.gradient(places, axis=0)
+        if closed:
+            along[[0, -1]] = places[1] - places[-2]
+        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+        side = np.cross(normal, along)
+        side /= np.maximum(np.linalg.norm(side, axis=1), 1e-12)[:, None]
+        # Along one side, around the end, back along the other side, and around the start.
+        paths = [(places, side), (places[::-1], -side[::-1])]
+        if not closed:
+            end = np.cos(turns) * side[-1] + np.sin(turns) * along[-1]
+            start = -np.cos(turns) * side[0] - np.sin(turns) * along[0]
+            around = [np.repeat(places[[k]], END_DIRECTIONS, axis=0) for k in (-1, 0)]
+            paths = [(np.vstack([places, around[0], places[::-1], around[1], places[:1]]),
+                      np.vstack([side, end, -side[::-1], start, side[:1]]))]  # fmt: skip
+        pull = _pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
+        tips = [at + (1 + BEYOND_TUBE) * guide.radius * away for at, away in paths]
+        lines = tuple(onto_picture(line) for path in tips for line in _held(guide, path))
+        yield Outline("guide", lines, pull)
+
+
+def _held(guide: Guide, tips: Array) -> Iterator[Array]:
+    """To where the guide brings each tip, in lines without the tips that it leaves free."""
+    answers = []
+    for tip in tips:
+        guide.reset(tip)
+        answers.append(guide.step(tip))
+    held = np.array([answer.held and answer.lateral_m > guide.radius for answer in answers])
+    proxies = np.array([answer.proxy for answer in answers])
+    for run in runs(held, False):
+        if len(run) > 1:
+            yield proxies[run]
+
+
+def _pull_of(
+    guide: Guide, place: Array, onto_picture: Callable[[Array], Array]
+) -> tuple[Array, Array] | None:
+    """A place of a picture and the direction in which the guide pulls a tip that rests there."""
+    guide.reset(place)
+    force = guide.run(np.repeat(place[None], 2, axis=0)).force[-1]
+    start, end = onto_picture(np.array([place, place + force * guide.radius]))
+    length = float(np.hypot(*(end - start)))
+    return (start, (end - start) / length) if length > 0 else None
+
+
+def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Array]:
+    """From places (M, 3) to the (u, v) that (3, 3) `plane` brings there, straight down onto it.
+
+    Or along `axis`, unless that lies in the plane.
+    """
+    back, normal = np.linalg.pinv(plane[:3, :2]), plane_normal(plane)
+    along = normal if axis is None else axis
+    if abs(along @ normal) < 0.05 * np.linalg.norm(along) * np.linalg.norm(normal):
+        along = normal
+
+    def onto(points: Array) -> Array:
+        beside = points - plane[:3, 2]
+        return (beside - np.outer(beside @ normal / (along @ normal), along)) @ back.T
+
+    return onto
+
+
+def rendered_values(fixture: Fixture) -> dict[str, Any]:
+    """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
+    values: dict[str, Any] = {"kind": kind_of(fixture), "frame": fixture.frame}
+    parts: list[Any] = [fixture.rendering, fixture.guidance, fixture.pieces]
+    for prefix, part in zip(("", "guide_", "pieces_"), parts, strict=True):
+        if part is not None:
+            values |= {prefix + name: value for name, value in vars(part).items()}
+    values |= {"points": fixture.points, "mesh": fixture.mesh,
+               "sample_radius": fixture.sample_radius}  # fmt: skip
+    if fixture.curve is not None:
+        values |= {"stroke": fixture.curve.stroke, "closed": fixture.curve.closed}
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON holds it."""
+    if not isinstance(value, np.ndarray):
+        return value
+    if value.size <= 3:
+        return value.tolist()
+    sha256 = hashlib.sha256(np.ascontiguousarray(value)).hexdigest()
+    return {"shape": list(value.shape), "sha256": sha256}
+
+
+def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
+    """What the robot renders in words: (heading, text), one a line; none of a bare curve."""
+    if fixture.rendering is None:
+        return ()
+    rendering = fixture.rendering
+    rows = [_wall_in_words(fixture, rendering), _guide_in_words(fixture)]
+    axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
+    if axis is not None:
+        numbers = ", ".join(f"{number:.4f}" for number in axis)
+        name = axis_in_words(axis)
+        name = f"{name} " if name in "xyz" else ""
+        infinite = f"along {name}({numbers}), where it gives no force"
+    rows += [("Infinite", infinite), ("Rule", _rule_in_words(fixture, rendering)),
+             ("Robot", _robot_in_words(fixture)), ("Place", _place_in_words(fixture))]  # fmt: skip
+    record = fixture.registration
+    if record is not None:
+        markers = [f"{label} {' '.join(f'{MM * x:.1f}' for x in place)}"
+                   for label, place in zip(record.labels, record.target, strict=True)]  # fmt: skip
+        rows.append(("Markers in front of the robot [mm]", ", ".join(markers)))
+    return tuple(row for row in rows if row is not None)
+
+
+def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str] | None:
+    if fixture.region is None:
+        return None
+    drawn = "line" if fixture.curve is not None else "points"
+    what = drawn if fixture.mesh is None else "surface"
+    if fixture.guidance is not None:
+        what = "strokes that do not guide"
+    radius = rendering.contact_radius + rendering.point_radius
+    words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
+    if rendering.point_radius:
+        words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
+    return "Wall", f"{words}; {stiffness_in_words(rendering.stiffness)}"
+
+
+def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
+    guidance = fixture.guidance
+    if guidance is None:
+        return None
+    what = "the line" if guidance.stroke is None else f"stroke {guidance.stroke}"
+    words = f"holds the tip within {millimetres(guidance.radius, 2)} of {what}; "
+    words += f"{guidance.stiffness:g} N/m beyond"
+    if guidance.lead_force:
+        goal = "end" if guidance.lead_force > 0 else "start"
+        speed = MM * (guidance.lead_speed or LEAD_SPEED_M_S)
+        words += f"; pulls with {abs(guidance.lead_force):g} N to the {goal}, up to {speed:g} mm/s"
+    else:
+        words += "; no pull"
+    if not fixture.curve.closed.all():
+        words += "; " + ("stops" if guidance.ends == "stop" else "lets go") + " at the ends"
+    return "Guide", words
+
+
+def _rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
+    """Which rule moves the proxy over what, and how exactly."""
+    count = f"{len(fixture.points)} points"
+    if fixture.pieces is not None and rendering.ignore_axis is not None:
+        count = f"{fixture.pieces.count} lines and arcs"
+    elif fixture.mesh is not None:
+        count += f", {len(fixture.mesh)} triangles"
+        if fixture.sample_radius is not None:
+            count += f", sampled every {millimetres(fixture.sample_radius, 4)}"
+    try:
+        rule = "guide" if fixture.region is None else best_rule(fixture)
+    except VfplanError as error:
+        rule = f"none, for {error.message}"
+    most = "as many iterations as the engine allows"
+    if rendering.max_iterations is not None:
+        most = f"at most {rendering.max_iterations} iterations a tick"
+    return f"{rule}, {count}; band {1e6 * rendering.band:.4g} µm; {most}"
+
+
+def _robot_in_words(fixture: Fixture) -> str:
+    verdict = fixture.stability
+    if verdict is None:
+        return "none: the stiffness was checked with no robot"
+    judged = "stable" if verdict.stable else "NOT STABLE"
+    return (
+        f"{verdict.robot}: {judged}, {verdict.k_n_per_m:g} N/m of at most "
+        f"{verdict.k_pass_n_per_m:.0f} N/m"
+    )
+
+
+def _place_in_words(fixture: Fixture) -> str:
+    """The frame, and the box around what is rendered."""
+    places = fixture.points
+    if fixture.pieces is not None and fixture.ignore_axis is not None:
+        places = fixture.pieces.vertices
+    ranges = zip("xyz", places.min(axis=0), places.max(axis=0), strict=True)
+    box = ", ".join(f"{axis} {MM * low:.2f} to {MM * high:.2f}" for axis, low, high in ranges)
+    return f"{fixture.frame}, {box} mm"
+
+
+def stiffness_in_words(stiffness: Array) -> str:
+    """The stiffness of the wall, one number where it is the same along all axes."""
+    x, y, z = stiffness
+    if x == y == z:
+        return f"{x:g} N/m"
+    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
+
+
+def axis_in_words(axis: Array) -> str:
+    """The axis of the frame that a direction follows within a degree, else its three numbers."""
+    largest = int(np.abs(axis).argmax())
+    if abs(axis[largest]) > np.cos(np.radians(1.0)):
+        return "xyz"[largest]
+    return f"({', '.join(f'{number:.3f}' for number in axis)})"
+
+
+def in_one_line(fixture: Fixture) -> str:
+    """What is rendered and who approved it, such as "wall, 1000 N/m, 5.00 mm, along z"."""
+    rendering, guidance = fixture.rendering, fixture.guidance
+    if rendering is None:
+        words = "a curve, which no robot renders yet"
+    else:
+        stiffness, radius = rendering.stiffness, rendering.contact_radius + rendering.point_radius
+        if guidance is not None:
+            stiffness, radius = np.full(3, guidance.stiffness), guidance.radius
+        axis = rendering.ignore_axis
+        words = f"{kind_of(fixture)}, {stiffness_in_words(stiffness)}, {millimetres(radius, 2)}, "
+        words += "in space" if axis is None else f"along {axis_in_words(axis)}"
+        if guidance is not None and guidance.lead_force:
+            words += f", pulls with {guidance.lead_force:g} N"
+    reviewed = fixture.reviewed
+    return f"{words}; " + (
+        "approved by nobody" if reviewed is None else f"approved by {reviewed.by}"
+    )
