@@ -24,7 +24,7 @@ from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
-from vfplan.review.rendered import rendered_values
+from vfplan.review.rendered import described, rendered_values
 
 # Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
@@ -146,6 +146,7 @@ class Session:
         findings, why_not, fixture = plan.findings, plan.why_not, plan.outcome.fixture
         return state | {
             "rendered": None if fixture is None else rendered_values(fixture),
+            "described": [] if fixture is None else described(fixture),
             "outline_px": [line.round(2).tolist() for o in plan.outlines for line in o.lines],
             "findings": [finding.as_dict() for finding in findings],
             "warnings": [finding.text for finding in findings],
