@@ -186,36 +186,38 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
 
 def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     """Draw the review sheet."""
-    from vfplan.review.sheet import write_sheet
+    from vfplan.review.rendered import rendered_values
+    from vfplan.review.sheet import verdict_of, write_sheet
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
-        content = sheet_of_bundle(arguments) if is_bundle else sheet_of_slice(arguments)
+        shown = sheet_of_bundle(arguments) if is_bundle else sheet_of_slice(arguments)
         with outputs(sheet_out) as (path,):
-            write_sheet(content, path)
-    if content.missing_slice:
+            write_sheet(shown, path)
+    if shown.is_slice_missing:
         words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
         following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
-    elif content.rgb is None:
+    elif shown.image is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
-        following = accept_command(source, content.digest)
+        following = accept_command(source, shown.digest)
     else:
         files = (source, arguments["markers"], arguments["markers2"])
         approved = sheet_out.with_name(f"{source.stem}-approved.h5")
         following = page_command(*files, output=approved, overwrites=False)
     return CommandResult(
-        {"digest": content.digest, "sheet": str(sheet_out)},
-        f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
-        verdict=content.verdict, next_step=f"look at {sheet_out}, then {following}",
+        {"digest": shown.digest, "sheet": str(sheet_out),
+         "rendered": rendered_values(shown.fixture)},
+        f"digest {shown.digest}\nwrote {sheet_out}", findings=shown.findings,
+        verdict=verdict_of(shown), next_step=f"look at {sheet_out}, then {following}",
     )  # fmt: skip
 
 
 def sheet_of_slice(arguments: dict[str, Any]) -> Any:
-    """The content of the sheet of a planned slice, with or without markers."""
+    """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
-    from vfplan.review import sheet_input
+    from vfplan.review.rendered import Shown
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
     if arguments["slice_path"] is not None:
@@ -224,24 +226,21 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         )
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
-        extracted = extract(source, settings, curve=curve)
-        return sheet_input.of_fixture(
-            extracted.fixture, source.name, image=extracted.image, extracted=extracted
-        )
+        return Shown.of(extract(source, settings, curve=curve), source.name)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return sheet_input.of_plan(planned, source.name)
+    return Shown.of(planned, source.name)
 
 
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
-    """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
+    """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
     from vfplan.images.read import read_image
     from vfplan.planning.plan import register
-    from vfplan.review import sheet_input
     from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
+    from vfplan.review.rendered import Shown, check_slice
 
     source, markers = arguments["source"], arguments["markers"]
     fixture = read_fixture(source)
@@ -254,16 +253,14 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
             pixel_spacing_mm=extraction.pixel_spacing_mm,
             imager_spacing=bool(extraction.imager_spacing),
         )  # fmt: skip
-        sheet_input.check_slice(fixture, image)
+        check_slice(fixture, image)
     settings = options.fixture_settings(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, settings)
-        return sheet_input.of_fixture(fixture, source.name, image=image)
+        return Shown.of(fixture, source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
         )
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
-    return sheet_input.of_fixture(
-        planned.fixture, source.name, image=image, registration=planned.registration
-    )
+    return Shown.of(planned.fixture, source.name, image=image, registration=planned.registration)

@@ -22,9 +22,9 @@ from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.review.rendered import Shown
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
-from vfplan.review.sheet_input import of_fixture
 
 TRUTH = np.array(json.loads((SAMPLES / "elbow_truth.json").read_text())["curve_px"])
 
@@ -242,7 +242,7 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     # The sheet of the bundle measures the pen's width anew, so that specks beside the line differ.
     bundle = tmp_path / "curve.h5"
     vfplan.write_fixture(extracted.fixture, bundle)
-    content = of_fixture(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
+    content = Shown.of(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
     large = [entry.pixels for entry in content.account if entry.pixels >= 12]
     assert large == [row[3] for row in wanted if row[3] >= 12]
 
@@ -431,7 +431,7 @@ def test_a_review_without_the_slice_asks_about_that(tmp_path):
     vfplan.write_fixture(fixture, kept)
     again = vfplan.read_fixture(kept)
     assert answered in again.findings
-    assert of_fixture(again, "kept.h5").digest == again.reviewed.digest
+    assert Shown.of(again, "kept.h5").digest == again.reviewed.digest
     # The next review asks again, unless it shows the slice.
     codes = [f.code for f in Session.open(kept).current.findings if f.is_open]
     assert codes == ["slice-not-shown"]

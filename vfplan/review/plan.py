@@ -27,8 +27,7 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.rendered import Outline, outlines_of
-from vfplan.review.sheet_input import labels_left_out, plane_of, strokes_on_slice
+from vfplan.review.rendered import Shown, labels_left_out, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -200,12 +199,16 @@ class Plan:
         return self._made["outcome"]
 
     @cached_property
-    def outlines(self) -> tuple[Outline, ...]:
-        """What the robot would render, on the slice."""
-        fixture, image = self.outcome.fixture, self.source.image
-        plane = None if fixture is None else plane_of(fixture, image)
-        size = image.width_px, image.height_px
-        return () if plane is None else outlines_of(fixture, plane, size)
+    def shown(self) -> Shown | None:
+        """What the page and the sheet show of it; `None` where there is no fixture."""
+        fixture, source, geometry = self.outcome.fixture, self.source, self.geometry
+        if fixture is None:
+            return None
+        return Shown(
+            source.path.name, replace(fixture, findings=self.findings),
+            source.image if source.slice_path is not None else None, geometry.strokes,
+            geometry.account, self.fit.registration,
+        )  # fmt: skip
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings

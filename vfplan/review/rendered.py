@@ -1,4 +1,7 @@
-"""What the robot will render: as an outline that its own engine gives, in values and in words.
+"""What a review shows: the plan on its slice, and what the robot will render of it.
+
+The page and the sheet are views of `Shown`. What is rendered stands there as an outline that its
+own engine gives, in values and in words.
 
 A wall has the outline at which the tool's centre stops, and a guide that of the tube in which the
 tip is held. Nothing here computes them from the drawn line: the engine that the bundle makes is
@@ -10,8 +13,9 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +23,20 @@ from numpy.typing import NDArray
 from vfplan.display import MM, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
-from vfplan.errors import VfplanError
-from vfplan.fixture import Fixture, Rendering
+from vfplan.errors import InputError, VfplanError
+from vfplan.findings import Finding
+from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
-from vfplan.planning.settings import LEAD_SPEED_M_S
+from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings
+from vfplan.registration.registration import Registration, describe_side, fit_registration
+from vfplan.review.acceptance import digest_of
+from vfplan.review.markers import Marker
+
+if TYPE_CHECKING:
+    from vfplan.curve.account import AccountEntry
+    from vfplan.images.read import PlannedImage
+    from vfplan.planning.extraction import ExtractResult
+    from vfplan.planning.plan import PlanResult
 
 Array = NDArray[np.float64]
 Kind = Literal["wall", "guide"]
@@ -57,6 +71,287 @@ class Outline:
 def kind_of(fixture: Fixture) -> Kind:
     """Whether the robot keeps the tool off the line, or holds it there."""
     return "wall" if fixture.guidance is None else "guide"
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A plan as every view shows it: the page, the sheet, and the lists of a command.
+
+    Parameters
+    ----------
+    name
+        What it is called, such as a file's name.
+    fixture
+        What would be written, with its findings and their answers.
+    image
+        The slice that the curve was drawn on; `None` where it is not at hand.
+    strokes
+        The lines on the slice [px].
+    account
+        Other ink, and where the line shows none, the largest first.
+    registration
+        The one that the fixture was made with, if the bundle's own markers give it again.
+    """
+
+    name: str
+    fixture: Fixture
+    image: PlannedImage | None = None
+    strokes: tuple[Stroke, ...] = ()
+    account: tuple[AccountEntry, ...] = ()
+    registration: Registration | None = None
+
+    @classmethod
+    def of(
+        cls, made: PlanResult | ExtractResult | Fixture, name: str, *,
+        image: PlannedImage | None = None, registration: Registration | None = None,
+    ) -> Shown:  # fmt: skip
+        """What was just planned, or a bundle that was read.
+
+        A bundle's curve is carried back onto its slice, where that is given, and the account of
+        other ink is made again there.
+
+        Raises
+        ------
+        InputError
+            The image is not the one that the curve was drawn on, or nobody knows how it lies.
+        """
+        from vfplan.planning.extraction import ExtractResult
+
+        extracted = made if isinstance(made, ExtractResult) else None
+        if not isinstance(made, ExtractResult | Fixture):
+            extracted, registration = made.extracted, made.registered.registration
+        if extracted is not None:
+            made, image = made.fixture, extracted.image
+        if image is None:
+            return cls(name, made)
+        check_slice(made, image)
+        if registration is None:
+            registration = _registration_again(made)
+        if extracted is not None:
+            measured = extracted.extraction
+            return cls(name, made, image, measured.strokes, measured.account, registration)
+        strokes = strokes_on_slice(made, image)
+        return cls(name, made, image, strokes, _account_again(made, image, strokes), registration)
+
+    @cached_property
+    def digest(self) -> str:
+        """By which it is accepted."""
+        return digest_of(self.fixture, slice_shown=self.image is not None)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a person should look at."""
+        return self.fixture.findings
+
+    @property
+    def is_slice_missing(self) -> bool:
+        """Whether the curve was drawn on a slice that is not at hand."""
+        return self.image is None and "image" in self.fixture.provenance.inputs
+
+    @property
+    def kind(self) -> Kind | None:
+        """What the robot renders; `None` of a curve that it does not render yet."""
+        return None if self.fixture.rendering is None else kind_of(self.fixture)
+
+    @cached_property
+    def plane(self) -> Array | None:
+        """(3, 3) from (u, v, 1) of the slice to the fixture's frame [m]; `None` if unknown."""
+        return plane_of(self.fixture, self.image)
+
+    @cached_property
+    def side(self) -> str | None:
+        """From where the robot sees the slice, such as "above (robot +z)"; `None` if unknown."""
+        if self.plane is None or self.fixture.registration is None:
+            return None
+        return describe_side(-plane_normal(self.plane))
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """What the robot renders, on the slice; none where it is unknown how that lies."""
+        source = self.image or self.fixture.image
+        if self.plane is None or source is None:
+            return ()
+        return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
+
+    @cached_property
+    def metres_per_px(self) -> float | None:
+        """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
+        if self.plane is not None:
+            return _size_of(self.plane)
+        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
+        spacing_mm = next(filter(None, spacings), None)
+        return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
+
+    @cached_property
+    def tre95_m(self) -> Array | None:
+        """(M,) the 95 % bound of the registration's error along all strokes' points [m]."""
+        if self.registration is None or not self.strokes:
+            return None
+        points = np.concatenate([stroke.points for stroke in self.strokes])
+        if self.registration.source.shape[1] == 3:
+            place = _place_in_patient(self.image)
+            points = points @ place[:, :2].T + place[:, 2]
+        return self.registration.tre95_curve_m(points)
+
+    @cached_property
+    def margin_m(self) -> float | None:
+        """What the plan added to the radius around each point; `None` where it added nothing."""
+        margin = self.fixture.provenance.settings.get("margin")
+        if margin == "tre95":
+            margin = None if self.tre95_m is None else self.tre95_m.max()
+        return None if margin is None else float(margin)
+
+    @cached_property
+    def markers(self) -> tuple[Marker, ...]:
+        """The markers on the slice, or where they lie in front of the robot if there is none."""
+        record, left_out = self.fixture.registration, labels_left_out(self.fixture)
+        if record is None or (self.image is not None and self.plane is None):
+            return ()
+        places, residuals_px = record.target, [None] * len(record.labels)
+        if self.image is not None:
+            T = record.T_robot_image
+            residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
+            residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
+            places = record.source
+            if record.source_frame != "image":
+                places = onto_plane(self.image.T_patient_image[:3])(places)
+        return tuple(
+            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
+                   residual_px=residual_px)
+            for label, place, residual_m, residual_px in zip(
+                record.labels, places, record.residuals_m, residuals_px, strict=True
+            )
+        )  # fmt: skip
+
+    @property
+    def bounds(self) -> Iterator[tuple[Stroke, Array]]:
+        """Each stroke with the 95 % bound of its points, (M,) [m]; none if that is unknown."""
+        if self.tre95_m is not None:
+            stops = np.cumsum([len(stroke.points) for stroke in self.strokes])[:-1]
+            yield from zip(self.strokes, np.split(self.tre95_m, stops), strict=True)
+
+
+def _account_again(
+    fixture: Fixture, image: PlannedImage, strokes: tuple[Stroke, ...]
+) -> tuple[AccountEntry, ...]:
+    """The account of a bundle, made again on its slice; none for a curve of vectors."""
+    from vfplan.review.geometry import Geometry, extraction_of
+    from vfplan.review.ink import SliceInk
+
+    if "curve" in fixture.provenance.inputs:
+        return ()
+    settings = extraction_of(fixture, ExtractSettings())
+    ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
+    return Geometry(strokes, ink).account
+
+
+def check_slice(fixture: Fixture, image: PlannedImage) -> None:
+    """Raise `InputError` unless the image is the one that the curve was drawn on."""
+    known = fixture.provenance.inputs.get("image")
+    if known is None:
+        text = "This bundle was not drawn on a slice. Leave --slice out."
+        raise InputError(text, code="slice-unknown")
+    if known != image.sha256:
+        raise InputError(
+            f"This is not the slice that the curve was drawn on: its SHA-256 begins with "
+            f"{image.sha256[:12]}, the bundle names {known[:12]}. Give the original file.",
+            code="slice-other",
+            numbers={"expected": known, "found": image.sha256},
+        )
+
+
+def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stroke, ...]:
+    """The strokes of a bundle in the pixels of its slice; a bare cloud is one without order.
+
+    The slice need not be given where the bundle itself says how its pixels lie.
+    """
+    convert = to_pixels(fixture, image)
+    is_image = fixture.frame == "image"
+    units_per_px = 1.0 if is_image else _size_of(plane_of(fixture, image))
+    drawn = fixture.strokes
+    if fixture.curve is None:
+        drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
+    strokes = []
+    for stroke in drawn:
+        sigma = None if stroke.sigma is None else stroke.sigma / units_per_px
+        strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
+    return tuple(strokes)
+
+
+def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array], Array]:
+    """From the frame of the fixture back to the pixels of its slice."""
+    if fixture.frame == "image":
+        return lambda points: points[:, :2]
+    if fixture.frame == "patient_lps":
+        return onto_plane(_place_in_patient(image))
+    record = fixture.registration
+    if record is None:
+        raise InputError(
+            "This bundle does not say how it was registered, so its curve cannot be drawn on the "
+            "slice. Leave --slice out.",
+            code="slice-unregistered",
+        )
+    if record.source_frame == "image":
+        return onto_plane(record.T_robot_image)
+    back = np.linalg.inv(record.T_robot_image)
+    onto = onto_plane(_place_in_patient(image))
+    return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
+
+
+def _place_in_patient(image: PlannedImage) -> Array:
+    if image.T_patient_image is None:
+        raise InputError(
+            "The slice does not say where it lies in the patient, so the curve cannot be drawn on "
+            "it. Give the DICOM file, or leave --slice out.",
+            code="slice-unplaced",
+        )
+    return image.T_patient_image[:3]
+
+
+def plane_of(fixture: Fixture, image: PlannedImage | None) -> Array | None:
+    """(3, 3) from (u, v, 1) of the slice to the frame of the fixture [m]; `None` if unknown."""
+    record = fixture.registration
+    if record is not None and record.source_frame == "image":
+        return record.T_robot_image
+    if image is None or image.T_patient_image is None:
+        return None
+    plane = image.T_patient_image[:3]
+    if record is not None:
+        plane = record.T_robot_image[:3, :3] @ plane
+        plane[:, 2] += record.T_robot_image[:3, 3]
+    return plane
+
+
+def _size_of(plane: Array) -> float:
+    """The geometric mean of a pixel's sides [m]."""
+    return float(np.sqrt(np.prod(np.linalg.svd(plane[:, :2])[1])))
+
+
+def labels_left_out(fixture: Fixture) -> list[str]:
+    """The labels of the markers that a robust registration did not use."""
+    return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+
+
+def _registration_again(fixture: Fixture) -> Registration | None:
+    """The registration that the bundle's markers give; `None` where that is not the bundle's own.
+
+    A bundle holds neither weights of markers nor the bound along its curve.
+    """
+    record = fixture.registration
+    if record is None:
+        return None
+    used = [label not in labels_left_out(fixture) for label in record.labels]
+    spacing_m = None
+    if record.source_frame == "image" and fixture.image and fixture.image.pixel_spacing_mm:
+        spacing_m = tuple(spacing / MM for spacing in fixture.image.pixel_spacing_mm)
+    try:
+        again = fit_registration(
+            record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m
+        )
+    except VfplanError:
+        return None
+    is_own = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
+    return again if is_own else None
 
 
 def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[Outline, ...]:

@@ -143,11 +143,13 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        findings, why_not, fixture = plan.findings, plan.why_not, plan.outcome.fixture
+        findings, why_not, shown = plan.findings, plan.why_not, plan.shown
         return state | {
-            "rendered": None if fixture is None else rendered_values(fixture),
-            "described": [] if fixture is None else described(fixture),
-            "outline_px": [line.round(2).tolist() for o in plan.outlines for line in o.lines],
+            "rendered": None if shown is None else rendered_values(shown.fixture),
+            "described": [] if shown is None else described(shown.fixture),
+            "outline_px": []
+            if shown is None
+            else [line.round(2).tolist() for outline in shown.outlines for line in outline.lines],
             "findings": [finding.as_dict() for finding in findings],
             "warnings": [finding.text for finding in findings],
             "why_not": why_not,
