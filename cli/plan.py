@@ -113,12 +113,12 @@ def vfplan_plan(
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
         write_fixture(planned.fixture, path)
         if sheet is not None:
+            from vfplan.review.rendered import Shown
             from vfplan.review.sheet import write_sheet
-            from vfplan.review.sheet_input import of_plan
 
-            content = of_plan(planned, output.name)
-            write_sheet(content, sheet)
-            data |= {"sheet": str(sheet_path), "digest": content.digest}
+            shown = Shown.of(planned, output.name)
+            write_sheet(shown, sheet)
+            data |= {"sheet": str(sheet_path), "digest": shown.digest}
         write_pictures(planned.extracted, mask, overlay)
         write_registration_picture(
             planned.registered, planned.extracted.fixture, planned.extracted.image, picture

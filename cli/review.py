@@ -200,7 +200,8 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
 
 def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     """Draw the review sheet."""
-    from vfplan.review.sheet import write_sheet
+    from vfplan.review.rendered import rendered_values
+    from vfplan.review.sheet import verdict_of, write_sheet
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
@@ -209,33 +210,34 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     page = page_command(*files, output=approved, overwrites=False)
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
         if is_bundle:
-            content = sheet_of_bundle(arguments)
+            shown = sheet_of_bundle(arguments)
         else:
             settings = settings_from_options(ExtractSettings, arguments)
             with pointing_to_page(page), drawing_refusal(source, settings, sheet_out):
-                content = sheet_of_slice(arguments)
+                shown = sheet_of_slice(arguments)
         with outputs(sheet_out) as (path,):
-            write_sheet(content, path)
-    if content.missing_slice:
+            write_sheet(shown, path)
+    if shown.is_slice_missing:
         words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
         following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
-    elif content.rgb is None:
+    elif shown.image is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
-        following = accept_command(source, content.digest)
+        following = accept_command(source, shown.digest)
     else:
         following = page
     return CommandResult(
-        {"digest": content.digest, "sheet": str(sheet_out)},
-        f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
-        verdict=content.verdict, next_step=f"look at {sheet_out}, then {following}",
+        {"digest": shown.digest, "sheet": str(sheet_out),
+         "rendered": rendered_values(shown.fixture)},
+        f"digest {shown.digest}\nwrote {sheet_out}", findings=shown.findings,
+        verdict=verdict_of(shown), next_step=f"look at {sheet_out}, then {following}",
     )  # fmt: skip
 
 
 def sheet_of_slice(arguments: dict[str, Any]) -> Any:
-    """The content of the sheet of a planned slice, with or without markers."""
+    """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
-    from vfplan.review import sheet_input
+    from vfplan.review.rendered import Shown
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
     if arguments["slice_path"] is not None:
@@ -244,25 +246,22 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         )
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
-        extracted = extract(source, settings, curve=curve)
-        return sheet_input.of_fixture(
-            extracted.fixture, source.name, image=extracted.image, extracted=extracted
-        )
+        return Shown.of(extract(source, settings, curve=curve), source.name)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return sheet_input.of_plan(planned, source.name)
+    return Shown.of(planned, source.name)
 
 
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
-    """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
+    """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
-    from vfplan.review import sheet_input
     from vfplan.review.geometry import extraction_of
     from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
+    from vfplan.review.rendered import Shown, check_slice
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]
@@ -272,18 +271,18 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     image = None
     if arguments["slice_path"] is not None:
         image = read_slice(arguments["slice_path"], extraction_of(fixture, extraction))
-        sheet_input.check_slice(fixture, image)
+        check_slice(fixture, image)
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)
-        return sheet_input.of_fixture(fixture, source.name, image=image)
+        return Shown.of(fixture, source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
         )
     settings = planning_of(fixture, given)
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
-    return sheet_input.of_fixture(
+    return Shown.of(
         with_verdict_by(fixture.provenance.settings, planned.fixture), source.name, image=image,
         registration=planned.registration,
     )  # fmt: skip

@@ -46,13 +46,17 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     given. The command refuses a bundle that nobody reviewed, or with findings that nobody answered
     (exit 1).
     """
+    from vfplan.bundle.read import read_fixture
     from vfplan.bundle.seal import sign
+    from vfplan.review.rendered import in_one_line
 
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
+        renders = in_one_line(read_fixture(path))
     signed_for = {"case": seal.case, "robot_serial": seal.robot_serial}
     return CommandResult(
-        {"output": str(output), **seal.describe()}, f"wrote {output}",
+        {"output": str(output), **seal.describe(), "renders": renders},
+        f"wrote {output}\n  renders     {renders}",
         verdict=f"signed with key {seal.key_id.hex()}",
         next_step=verify_command(output, public_key_of(key), **signed_for),
     )  # fmt: skip
@@ -64,6 +68,7 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
 def vfplan_verify(fixture, **arguments) -> CommandResult:
     """Check that FIXTURE.h5 is sound and signed by a trusted key (exit 4 if it is not)."""
     from vfplan.bundle.read import read_sealed
+    from vfplan.review.rendered import in_one_line
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
     reviewed = None
@@ -72,11 +77,13 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     data = {
         **seal.describe(),
         "ok": True,
+        "renders": in_one_line(signed),
         "not_compared": not_compared(seal.describe(), arguments),
         "findings": [finding.as_dict() for finding in signed.findings],
         "reviewed": reviewed,
     }
-    lines = [f"sound, signed by key {data['key_id']}", *seal_lines(data)]
+    lines = [f"sound, signed by key {data['key_id']}", f"  renders     {data['renders']}"]
+    lines += seal_lines(data)
     lines += finding_lines(data["findings"], reviewed)
     verdict = "signed by a trusted key"
     next_step = "load it on the robot"

@@ -32,7 +32,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     """
     from vfplan.bundle.read import read_sealed
     from vfplan.images.read import read_slice_of
-    from vfplan.review.sheet_input import check_slice
+    from vfplan.review.rendered import check_slice
     from vfplan.session.result import read_result, require_fixture
 
     if at_s is not None and (screenshot is None or result is None):

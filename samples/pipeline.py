@@ -30,8 +30,8 @@ def draw(folder: Path) -> dict[str, Any]:
     from vfplan.planning.plan import plan
     from vfplan.planning.settings import ExtractSettings
     from vfplan.replaying.replay import replay
+    from vfplan.review.rendered import Shown
     from vfplan.review.sheet import write_sheet
-    from vfplan.review.sheet_input import of_plan
     from vfplan.session.read import read_session
     from vfplan.session.result import write_result
 
@@ -44,7 +44,7 @@ def draw(folder: Path) -> dict[str, Any]:
     )
     fixture = result.fixture
     write_fixture(fixture, folder / "fixture.h5")
-    write_sheet(of_plan(result, "fixture.h5"), folder / "fixture-sheet.png")
+    write_sheet(Shown.of(result, "fixture.h5"), folder / "fixture-sheet.png")
 
     replayed = replay(fixture, read_session(str(sample / "elbow_session.csv")))
     write_result(replayed, folder / "result.h5")

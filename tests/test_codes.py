@@ -50,7 +50,7 @@ from vfplan.registration.registration import fit_registration
 from vfplan.registration.touch import refine_by_touch
 from vfplan.replaying.changing import ChangingFixture, load_exchange
 from vfplan.replaying.findings import run_findings
-from vfplan.review import markers, sheet_input, strokes
+from vfplan.review import markers, rendered, strokes
 from vfplan.review.geometry import route_over
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
@@ -224,8 +224,8 @@ CALLS = {
     "ink-no-line": lambda d: route_over(ink(np.ones((3, 3), bool))),
     "ink-forks": lambda d: route_over(ink(CROSS)),
     "no-drawn-curve": lambda d: Session.open(stored(d, SMALL)),
-    "slice-unregistered": lambda d: sheet_input.to_pixels(SMALL, None),
-    "slice-unplaced": lambda d: sheet_input.to_pixels(
+    "slice-unregistered": lambda d: rendered.to_pixels(SMALL, None),
+    "slice-unplaced": lambda d: rendered.to_pixels(
         replace(SOLID, frame="patient_lps"), as_is(T_patient_image=None)),
     "markers-not-for-robot": lambda d: markers.fit_of(
         as_is(target_frame="patient_lps"), None, None),

@@ -53,6 +53,10 @@ def test_verify_names_the_key(desk, vfplan_cli):
     assert run.json["ok"]
     assert bytes.fromhex(run.json["key_id"]) in read_keys(desk / "alice.pub")
     assert (run.json["case"], run.json["robot_serial"]) == ("C1", "R7")
+    # What it renders and who approved it, in one line.
+    stiffness = "1000 N/m along x, 1000 along y, 800 along z"
+    assert run.json["renders"].startswith(f"wall, {stiffness}, 5.00 mm, along (")
+    assert run.json["renders"].endswith("approved by nobody")
 
 
 @pytest.mark.parametrize(("words", "names"), [

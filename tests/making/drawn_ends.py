@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from canvas import Canvas
 from drawing import anatomy
 from slices import SHAPE, drawn, part, tail
 
+from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
-from vfplan.fixture import Stroke
+from vfplan.fixture import Fixture, Provenance, Stroke
 from vfplan.review.markers import Marker
-from vfplan.review.sheet_input import SheetInput
+from vfplan.review.rendered import Shown
 
 
 @dataclass
@@ -49,12 +51,29 @@ def draw(seed, *, covered="end", tone=None, shape=SHAPE):
     return Drawn(canvas.image(None), line, width, tuple(map(int, box)) if box else None)
 
 
-def sheet_input(drawn, **more):
-    """The sheet's input of a drawn slice whose visible line was taken."""
+def shown_of(image, *strokes, **values):
+    """A slice with its lines, as a sheet shows them, and what else shall be on the sheet."""
+    points = np.pad(np.concatenate([stroke.points for stroke in strokes]), ((0, 0), (0, 1)))
+    sha256 = "ab" * 32
+    provenance = Provenance("2026-01-02T03:04:05Z", "vfplan", {"image": sha256})
+    fixture = Fixture("image", points, provenance)
+    return with_values(Shown("slice.png", fixture, PlannedImage(image, None, sha256), strokes),
+                       **values)  # fmt: skip
+
+
+def with_values(shown, **values):
+    """The same with values in place of those that follow from the plan."""
+    other = copy(shown)
+    if "findings" in values:
+        values["fixture"] = replace(shown.fixture, findings=values.pop("findings"))
+    vars(other).update(values)
+    return other
+
+
+def shown(drawn, **values):
+    """A drawn slice whose visible line was taken."""
     sigma = np.full(len(drawn.line), 0.1)
-    stroke = Stroke(drawn.line, False, sigma, width=drawn.width)
-    return SheetInput(title="drawn.png", digest="0" * 64, rgb=drawn.image, strokes=(stroke,),
-                      account=(), **more)  # fmt: skip
+    return shown_of(drawn.image, Stroke(drawn.line, False, sigma, width=drawn.width), **values)
 
 
 def markers(rng, shape, count):

@@ -34,7 +34,7 @@ def main(folder: Path) -> None:
         drawn = drawn_ends.draw(1000 + number, covered=str(covered), tone=rng.uniform(0, 255))
         name = f"{number:02}.png"
         cv2.imwrite(str(folder / "slices" / name), drawn.image[:, :, ::-1])
-        write_sheet(drawn_ends.sheet_input(drawn), folder / "sheets" / name)
+        write_sheet(drawn_ends.shown(drawn), folder / "sheets" / name)
         place = ("", "")
         if covered:
             end = drawn.line[0] if covered == "start" else drawn.line[-1]

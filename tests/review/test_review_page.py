@@ -499,12 +499,10 @@ def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, op
     assert hand.state("review.view.zoom") == pytest.approx(1.25)
     browser.key("f")
     assert hand.state("[review.view.x, review.view.y, review.view.zoom]") == whole
-    # The margin is a rim around what the tool's centre is kept out of.
-    width = "Number(document.querySelector('#bands .{}').getAttribute('stroke-width'))"
-    kinds = ("contact", "margin", "tre")
-    contact, margin, bound = (browser.run(width.format(kind)) * 0.25 for kind in kinds)
-    assert contact == pytest.approx(5.0, rel=1e-3)
-    assert margin - contact == pytest.approx(bound)
+    # What the tool's centre is kept out of is drawn as the engine of the robot gives it.
+    outline = "document.querySelector('#lines .rendered.wall')"
+    drawn = f"{outline}.getAttribute('points').split(' ').length"
+    assert browser.run(drawn) == len(hand.state("review.state.outline_px[0]"))
     # A box that was dragged is gone with its undo.
     browser.key("x")
     hand.drag((600, 60), (700, 160))

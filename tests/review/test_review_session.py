@@ -23,9 +23,9 @@ from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.review.rendered import Shown
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
-from vfplan.review.sheet_input import of_fixture
 
 TRUTH = np.array(json.loads((SAMPLES / "elbow_truth.json").read_text())["curve_px"])
 
@@ -243,7 +243,7 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     # The sheet of the bundle measures the pen's width anew, so that specks beside the line differ.
     bundle = tmp_path / "curve.h5"
     vfplan.write_fixture(extracted.fixture, bundle)
-    content = of_fixture(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
+    content = Shown.of(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
     large = [entry.pixels for entry in content.account if entry.pixels >= 12]
     assert large == [row[3] for row in wanted if row[3] >= 12]
 

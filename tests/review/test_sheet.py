@@ -24,8 +24,8 @@ from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.review.paper import DPI, FOOT, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet
-from vfplan.review.sheet_input import SheetInput, check_slice, of_fixture, of_plan
+from vfplan.review.rendered import Shown, check_slice, described
+from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -94,10 +94,6 @@ def ring(shape, radius=60.0):
     return np.array(shape[1::-1]) / 2 + radius * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
-def shown_of(image, *strokes, **more):
-    return SheetInput("slice.png", "0" * 64, rgb=image, strokes=strokes, account=(), **more)
-
-
 # ---- a covered end ----
 
 
@@ -105,7 +101,7 @@ def shown_of(image, *strokes, **more):
 @pytest.mark.parametrize("seed", range(5))
 def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
     drawn = drawn_ends.draw(seed, covered=covered, tone=(0, 255, 40, 200, 60)[seed])
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    sheet = draw_sheet(drawn_ends.shown(drawn))
     [inset, _] = insets(sheet, covered.capitalize())
     assert (inset.width, inset.height, inset.zoom) == (INSET_PX, INSET_PX, ZOOM)
     assert INSET_PX / DPI * 25.4 >= 40  # millimetres in print
@@ -147,7 +143,7 @@ def test_box_of_nearly_the_same_grey_shows_in_the_wider_view():
     share = coverage(ground.shape[:2], drawn.line, 3.0)
     image = to_uint8(blend(ground.astype(float), share, RED))
     image[end[1] - 14 : end[1] + 15, end[0] - 14 : end[0] + 15] = 94  # 4 of 256 greys
-    sheet = draw_sheet(shown_of(image, line_of(drawn.line)))
+    sheet = draw_sheet(drawn_ends.shown_of(image, line_of(drawn.line)))
     seen, u, v = seen_wider(sheet, "End")
     inside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 12].mean()
     beside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 17].mean()
@@ -159,7 +155,7 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
     u, v, width, height = drawn.box
     grey = drawn.image[..., 1].astype(float)
     assert abs(grey[v - 4 : v - 1, u : u + width].mean() - 110) < 10
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    sheet = draw_sheet(drawn_ends.shown(drawn))
     seen, first_u, first_v = seen_wider(sheet, "End")
     left, top = u - first_u, v - first_v
     inside = seen[max(top, 0) : top + height, max(left, 0) : left + width, 1]
@@ -170,7 +166,7 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
 
 def test_nothing_covers_the_ends_on_the_picture_itself():
     drawn = drawn_ends.draw(1, covered="")
-    plain = draw_sheet(drawn_ends.sheet_input(drawn))
+    plain = draw_sheet(drawn_ends.shown(drawn))
     picture = picture_of(plain)
     zoom = picture.width / drawn.image.shape[1]
     size = round(picture.width), round(picture.height)
@@ -202,7 +198,7 @@ def white_ground(*, patch):
 @pytest.mark.parametrize("patch", [None, 255])
 def test_cover_of_the_grey_around_it_is_told_in_words(patch):
     image, line = white_ground(patch=patch)
-    words = words_of(checked(shown_of(image, line_of(line))))
+    words = words_of(checked(drawn_ends.shown_of(image, line_of(line))))
     for end in ("start", "end"):  # the ground at the start is even too
         assert f"One grey ahead of the {end}" in words
     assert words.count("one grey ahead: look twice") == 2
@@ -210,7 +206,7 @@ def test_cover_of_the_grey_around_it_is_told_in_words(patch):
 
 def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
     image, line = white_ground(patch=252)
-    sheet = draw_sheet(shown_of(image, line_of(line)))
+    sheet = draw_sheet(drawn_ends.shown_of(image, line_of(line)))
     seen, u, v = seen_wider(sheet, "End")
     inside = seen[105 - v : 135 - v, 141 - u : 145 - u].mean()
     beside = seen[80 - v : 98 - v, 141 - u : 145 - u].mean()
@@ -218,14 +214,14 @@ def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
 
 
 def test_noise_ahead_of_an_end_is_not_called_one_grey():
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(1, covered="")))
+    sheet = draw_sheet(drawn_ends.shown(drawn_ends.draw(1, covered="")))
     assert not [box for box in sheet.boxes if box.words.startswith("One grey")]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_no_caption_lies_on_a_cover_at_an_end(seed):
     drawn = drawn_ends.draw(seed, covered=("start", "end")[seed % 2])
-    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    sheet = draw_sheet(drawn_ends.shown(drawn))
     picture = picture_of(sheet)
     zoom = picture.width / drawn.image.shape[1]
     for first, last in ((drawn.line[0], drawn.line[8]), (drawn.line[-1], drawn.line[-9])):
@@ -250,8 +246,10 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
     ]  # fmt: skip
     markers = drawn_ends.markers(rng, shape, int(rng.integers(4, 41)))
     more = {"findings": tuple(findings), "metres_per_px": 5e-4, "side": "above (robot +z)"}
-    shown = drawn_ends.sheet_input(drawn, markers=markers, **more)
-    shown = replace(shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30))))
+    shown = drawn_ends.shown(drawn, markers=markers, **more)
+    shown = drawn_ends.with_values(
+        shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30)))
+    )
     sheet = checked(shown)
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
@@ -278,15 +276,15 @@ def planned_sheet():
     """What the sheet of the sample shows with a margin and other ink: the longest column."""
     planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95"))
     other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
-    return replace(of_plan(planned, "elbow.h5"), account=(other_ink,))
+    return replace(Shown.of(planned, "elbow.h5"), account=(other_ink,))
 
 
-@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 1), (2, 1), (6, 2)])
-def test_a_sheet_with_few_findings_is_one_page(count, pages, planned_sheet):
+@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 2), (6, 2)])
+def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     text = "Number {}. Look at the place, and accept it or cut the curve there."
     findings = [doubt("ink-touches", "plan", text.format(k), place_px=(300.0 + 90 * k, 300.0))
                 for k in range(count)]  # fmt: skip
-    sheet = checked(replace(planned_sheet, findings=tuple(findings)))
+    sheet = checked(drawn_ends.with_values(planned_sheet, findings=tuple(findings)))
     assert len(sheet.page_pngs()) == pages
     # Heading, heads and texts stand together; all heads begin in the same column.
     texts = [box for box in sheet.boxes if box.kind == "text"]
@@ -299,9 +297,9 @@ def test_a_sheet_with_few_findings_is_one_page(count, pages, planned_sheet):
 @pytest.mark.parametrize("top", range(0, 400, 13))
 def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
     findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
-    content = SheetInput("f.h5", "0" * 64, findings=findings)
+    shown = Shown("f.h5", replace(bundles.minimal(), findings=findings))
     sheet = Paper()
-    draw_lists(sheet, content, FOOT - top)
+    draw_lists(sheet, shown, FOOT - top)
     for number, box in enumerate(sheet.boxes[:-1]):
         if box.words.startswith("F"):
             assert sheet.boxes[number + 1].page == box.page
@@ -312,7 +310,7 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     bridged = np.zeros(341, bool)
     bridged[100:110] = True
     bridged[200:290] = True  # 90 px are more than one inset shows
-    sheet = checked(shown_of(BLANK, line_of(points, bridged=bridged)))
+    sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, bridged=bridged)))
     assert [box.words for box in insets(sheet, "")] == [
         *(f"{end} of the line{wider}" for end in ("Start", "End") for wider in ("", ", wider")),
         "Bridge 1, 9 px", *(f"Bridge 2, 89 px, part {k} of 3" for k in (1, 2, 3)),
@@ -326,7 +324,7 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
 def test_line_without_ink_is_drawn_in_the_wider_view_alone():
     points = np.column_stack([np.linspace(60, 300, 241), np.full(241, 160.0)])
     vector = replace(line_of(points), sigma=None, width=None)
-    sheet = checked(shown_of(BLANK, vector))
+    sheet = checked(drawn_ends.shown_of(BLANK, vector))
     [close, wider] = insets(sheet, "End")
     assert not drawn_part(sheet, close).any()
     seen = drawn_part(sheet, wider).astype(int)
@@ -339,7 +337,7 @@ def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
     hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "hidden")
     ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
-    sheet = checked(replace(shown_of(BLANK, line_of(points)), account=(hidden, ink)))
+    sheet = checked(drawn_ends.shown_of(BLANK, line_of(points), account=(hidden, ink)))
     assert [box.words for box in insets(sheet, "")][4:] == ["1: line hidden"]
 
 
@@ -347,7 +345,7 @@ def test_closed_line_shows_its_start_and_a_bridge_across_it():
     points = ring((320, 380))
     bridged = np.zeros(len(points), bool)
     bridged[:8] = bridged[-8:] = True
-    sheet = checked(shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
+    sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
     names = [box.words for box in insets(sheet, "")]
     assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
 
@@ -356,7 +354,7 @@ def test_twelve_bridges_take_another_page():
     points = ring((600, 700), 220.0)
     bridged = np.arange(400) % 33 < 5
     image = np.full((600, 700, 3), 90, np.uint8)
-    sheet = checked(shown_of(image, line_of(points, closed=True, bridged=bridged)))
+    sheet = checked(drawn_ends.shown_of(image, line_of(points, closed=True, bridged=bridged)))
     assert len(insets(sheet, "Bridge")) == 12
     assert {box.page for box in insets(sheet, "Bridge")} == {0, 1}
 
@@ -367,10 +365,9 @@ def test_any_size_of_slice_fits(size):
     image = rng.integers(0, 120, (*size, 3), dtype=np.uint8)
     t = np.linspace(0.1, 0.9, 500)[:, None]
     line = line_of(t * (size[1], size[0]) + (0, 2) * np.sin(20 * t))
-    sheet = checked(
-        shown_of(image, line, markers=drawn_ends.markers(rng, size, 6), metres_per_px=1e-4,
-                 tre95_m=np.full(500, 2e-4))
-    )  # fmt: skip
+    more = {"metres_per_px": 1e-4, "tre95_m": np.full(500, 2e-4)}
+    markers = drawn_ends.markers(rng, size, 6)
+    sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
 
@@ -379,7 +376,7 @@ def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
     image = np.zeros((50, 60, 3), np.uint16)
     image[10:40, 10:50] = 4000
     image[20:30, 20:30] = 2000
-    sheet = draw_sheet(shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
+    sheet = draw_sheet(drawn_ends.shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
     [inset, _] = insets(sheet, "Start")
     assert set(np.unique(drawn_part(sheet, inset))) >= {0, 128, 255}
 
@@ -392,14 +389,13 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
                      for k, place in enumerate(places))  # fmt: skip
     markers = drawn_ends.markers(rng, drawn.image.shape, 40)
     ink = tuple(AccountEntry(k, *places[k], 500 + k, 0.01, 9.0, "ink") for k in range(1, 31))
-    shown = drawn_ends.sheet_input(drawn, findings=findings, markers=markers)
+    shown = drawn_ends.shown(drawn, findings=findings, markers=markers)
     on_sheet = words_of(checked(replace(shown, account=ink)))
     assert {word for word in on_sheet if word.isdecimal()} <= {str(k) for k in range(1, 13)}
     words = " ".join(on_sheet)
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
-    assert shown.unanswered == 100
-    assert "100" in shown.verdict
+    assert "100" in verdict_of(shown)
 
 
 def test_the_headline_counts_the_ends_to_look_at():
@@ -408,8 +404,8 @@ def test_the_headline_counts_the_ends_to_look_at():
     closed = line_of(ring((320, 380)), closed=True)
     for lines, counts in (((one,), (True, False)), ((one, two), (False, True)),
                           ((closed,), (False, False))):  # fmt: skip
-        shown = shown_of(BLANK, *lines)
-        assert ("both" in shown.verdict, "4" in shown.verdict) == counts
+        shown = drawn_ends.shown_of(BLANK, *lines)
+        assert ("both" in verdict_of(shown), "4" in verdict_of(shown)) == counts
         checked(shown)
 
 
@@ -420,7 +416,7 @@ def test_text_from_files_can_do_no_harm():
     places = drawn_ends.markers(rng, drawn.image.shape, len(names))
     given = tuple(replace(m, label=name) for m, name in zip(places, names, strict=True))
     finding = doubt("code" * 40, "plan", "word " * 200 + "y" * 400, answered_by="\x00" * 9)
-    checked(drawn_ends.sheet_input(drawn, markers=given, findings=(finding,)))
+    checked(drawn_ends.shown(drawn, markers=given, findings=(finding,)))
 
 
 # ---- a bundle ----
@@ -433,7 +429,7 @@ def test_bundle_without_a_slice_has_three_views(name):
     """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
     finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
-    sheet = checked(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
+    sheet = checked(Shown.of(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
@@ -441,16 +437,16 @@ def test_bundle_without_a_slice_has_three_views(name):
 
 
 def test_sheet_without_its_slice_says_so():
-    shown = of_fixture(bundles.whole(), "f.h5")
-    assert shown.missing_slice
-    assert "missing" in shown.verdict
-    assert not of_fixture(bundles.sheet(), "f.h5").missing_slice
+    shown = Shown.of(bundles.whole(), "f.h5")
+    assert shown.is_slice_missing
+    assert "missing" in verdict_of(shown)
+    assert not Shown.of(bundles.sheet(), "f.h5").is_slice_missing
 
 
 def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     fixture = bundles.whole()
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
-    shown = of_fixture(fixture, "f.h5", image=image)
+    shown = Shown.of(fixture, "f.h5", image=image)
     arc, circle = shown.strokes
     turn = np.linspace(0, np.pi, 40)
     truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
@@ -471,7 +467,7 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
     with refuses(InputError, "slice-other"):
-        of_fixture(bundles.whole(), "f.h5", image=image)
+        Shown.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
 
@@ -480,24 +476,24 @@ def test_another_slice_is_refused():
 def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
     fixture = bundles.sheet()
     rendering = replace(fixture.rendering, stiffness=np.array(stiffness))
-    shown = of_fixture(replace(fixture, rendering=rendering), "f.h5")
+    shown = Shown.of(replace(fixture, rendering=rendering), "f.h5")
     for value in stiffness:
-        assert f"{value:g}" in dict(shown.facts)["The wall"]
+        assert f"{value:g}" in dict(described(shown.fixture))["Wall"]
     assert any("N/m" in words for words in words_of(checked(shown)))
 
 
 def test_side_is_said_in_words():
     # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert of_fixture(bundles.whole(), "f.h5").side == "above (robot +z)"
+    assert Shown.of(bundles.whole(), "f.h5").side == "above (robot +z)"
     record = bundles.whole().registration
     turned = record.T_robot_image * [[1], [-1], [1]]
     below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert of_fixture(below, "f.h5").side == "below (robot -z)"
-    assert of_fixture(bundles.patient(), "f.h5").side is None
+    assert Shown.of(below, "f.h5").side == "below (robot -z)"
+    assert Shown.of(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():
-    image = Image.open(BytesIO(draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(0))).png()))
+    image = Image.open(BytesIO(draw_sheet(drawn_ends.shown(drawn_ends.draw(0))).png()))
     image.load()
     assert image.size[0] == PAGE_WIDTH
     assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)

@@ -289,8 +289,8 @@ def verdict_line(metrics: dict[str, Any]) -> str:
 def review_sheet(replayed: Replay, image: Path | None) -> str:
     """The review sheet of the fixture, or how to get it if its slice was not given."""
     from vfplan.images.read import read_slice_of
+    from vfplan.review.rendered import Shown
     from vfplan.review.sheet import draw_sheet
-    from vfplan.review.sheet_input import of_fixture
 
     fixture = replayed.fixture
     planned_slice = None
@@ -300,7 +300,7 @@ def review_sheet(replayed: Replay, image: Path | None) -> str:
         planned_slice = read_slice_of(replayed.fixture, image)
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
     text = ""
-    for sheet in draw_sheet(of_fixture(fixture, name, image=planned_slice)).page_pngs():
+    for sheet in draw_sheet(Shown.of(fixture, name, image=planned_slice)).page_pngs():
         text += _embedded(sheet, "review sheet of the fixture", "sheet")
     return text
 

@@ -8,8 +8,8 @@ strokes      a line that can be mended by its knots
 ink          the pen's ink near a path that a person drew
 markers      the markers, and what the registration says of them
 server       the page's server and the draft; the page itself is in `page`
-sheet_input  everything that a sheet shows, as one plain record, with the numbers in words
-sheet        the record as pages: facts, enlarged places, findings and other ink
+rendered     what a review shows, and what the robot renders of it: by its engine and in words
+sheet        the same as pages: facts, enlarged places, findings and other ink
 picture      the slice on the sheet, or a bundle without one from three sides
 paper        pages, letters, what stands where, and where captions go
 acceptance   answers, a name and the digest, stored in a bundle
@@ -17,6 +17,13 @@ acceptance   answers, a name and the digest, stored in a bundle
 
 from __future__ import annotations
 
-from vfplan.review.session import Session
+from typing import Any
 
-__all__ = ["Session"]
+
+def __getattr__(name: str) -> Any:
+    """`Session` when it is asked for: who signs and verifies needs `rendered` alone."""
+    if name == "Session":
+        from vfplan.review.session import Session
+
+        return Session
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

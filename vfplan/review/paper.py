@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.palette import BRIDGED, CLOUD, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -52,8 +52,9 @@ GREY: Colour = colour_of("#464646")
 # What each colour means on every sheet.
 LINE_COLOUR: Colour = colour_of(CLOUD)
 BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
-MARGIN_COLOUR: Colour = colour_of(HIP)
 BAND_COLOUR: Colour = colour_of(PROXY)
+WALL_COLOUR: Colour = colour_of(CONTACT)
+GUIDE_COLOUR: Colour = colour_of(HIP)
 
 # Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel.
 SHIFT = 4
@@ -172,8 +173,7 @@ class Paper:
     ) -> Box:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
         words = printable(words)
-        if page is None:
-            page = self.page
+        page = self.page if page is None else page
         self._texts[page].append((x, y, words, style, colour))
         box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
         self.boxes.append(box)
@@ -224,8 +224,6 @@ class Paper:
                 cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
                 blend(canvas, cover, colour, column, row)
             texts.clear()
-        if len(self._pages) == 1:
-            return self._pages[0]
         return np.vstack(self._pages)
 
 
@@ -272,9 +270,7 @@ def _font(points: float, bold: bool) -> Any:
     from PIL import ImageFont
 
     place = Path(find_spec("matplotlib").submodule_search_locations[0])
-    name = "DejaVuSans.ttf"
-    if bold:
-        name = "DejaVuSans-Bold.ttf"
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
 
 
@@ -298,6 +294,23 @@ def draw_cased(
     draw_line(canvas, points, colour, thickness, closed)
 
 
+def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> None:
+    """Draw a cased arrow; none that is shorter than a pixel."""
+    length = float(np.hypot(*(tip - start)))
+    if length < 1:
+        return
+    along = (tip - start) / length
+    across = np.array([-along[1], along[0]])
+    head = min(14.0, length)
+    shaft = np.array([start, tip - 0.7 * head * along])
+    base = tip - head * along
+    corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
+    draw_line(canvas, shaft, WHITE, 7)
+    draw_line(canvas, corners, WHITE, 4, True)
+    draw_line(canvas, shaft, colour, 3)
+    cv2.fillConvexPoly(canvas, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
+
+
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:
     """Draw a disc, or a ring if a thickness is given."""
     x, y = fixed_point(np.asarray(centre, dtype=float)).ravel().tolist()
@@ -310,13 +323,8 @@ def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
     return cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
 
 
-def draw_distance(
-    canvas: Pixels, points: Array, distance: Array, closed: bool, is_bound: bool
-) -> None:
-    """Draw the outline of what lies within a distance, (M,), of a line, (M, 2) [px of the page].
-
-    The 95 % bound has dashes, the margin has none.
-    """
+def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> None:
+    """Draw, in dashes, around what lies within (M,) distances of a line (M, 2) [px of the page]."""
     within = np.zeros(canvas.shape[:2], np.uint8)
     if closed:
         points, distance = np.vstack([points, points[:1]]), np.append(distance, distance[:1])
@@ -329,22 +337,13 @@ def draw_distance(
         if k:
             thickness = max(1, round(distance[k] + distance[k - 1]))
             draw_line(within, points[k - 1 : k + 1], 255, thickness)
-    height, width = within.shape
-    colour = MARGIN_COLOUR
-    if is_bound:
-        colour = BAND_COLOUR
     for contour in contours_of(within):
         outline = contour[:, 0]
-        x, y = outline.T
-        inner = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-        length = 14
-        if not is_bound:
-            length = len(outline)
-        for start in range(0, len(outline), length + 8):
-            dash = outline[start : start + length]
-            dash = dash[inner[start : start + length]]
+        inner = ((outline > 0) & (outline < size - 1)).all(axis=1)
+        for start in range(0, len(outline), 22):
+            dash = outline[start : start + 14][inner[start : start + 14]]
             if len(dash) > 1:
-                draw_line(canvas, dash.astype(float), colour, 2)
+                draw_line(canvas, dash.astype(float), BAND_COLOUR, 2)
 
 
 def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int, y: int) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridde
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.sheet_input import labels_left_out, strokes_on_slice
+from vfplan.review.rendered import Shown, labels_left_out, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 from vfplan.robot import Robot
 from vfplan.settings import MISFIT, incomplete_recipe, recalled, recorded, value_as
@@ -212,6 +213,18 @@ class Plan:
                     findings += differences(opened, fixture)
             self._made["outcome"] = replace(outcome, findings=tuple(findings))
         return self._made["outcome"]
+
+    @cached_property
+    def shown(self) -> Shown | None:
+        """What the page and the sheet show of it; `None` where there is no fixture."""
+        fixture, source, geometry = self.outcome.fixture, self.source, self.geometry
+        if fixture is None:
+            return None
+        return Shown(
+            source.path.name, replace(fixture, findings=self.findings),
+            source.image if source.slice_path is not None else None, geometry.strokes,
+            geometry.account, self.fit.registration,
+        )  # fmt: skip
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings

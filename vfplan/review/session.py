@@ -29,6 +29,7 @@ from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
+from vfplan.review.rendered import described, rendered_values
 
 # Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
@@ -155,8 +156,13 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        findings, why_not = plan.findings, self.why_not(by)
+        findings, why_not, shown = plan.findings, self.why_not(by), plan.shown
         return state | {
+            "rendered": None if shown is None else rendered_values(shown.fixture),
+            "described": [] if shown is None else described(shown.fixture),
+            "outline_px": []
+            if shown is None
+            else [line.round(2).tolist() for outline in shown.outlines for line in outline.lines],
             "findings": [finding.as_dict() for finding in findings],
             "warnings": [finding.text for finding in findings],
             "why_not": why_not,

@@ -12,6 +12,7 @@ an inset is marked by four small triangles outside of its frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
@@ -21,15 +22,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED
-from vfplan.fixture import Stroke
-from vfplan.geometry.lines import arc_lengths, runs
+from vfplan.display import MAX_NUMBERED, millimetres
+from vfplan.fixture import Fixture, Stroke
+from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import as_uint8
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
-from vfplan.review.picture import COLUMN_WIDTH, draw_picture, draw_views
-from vfplan.review.sheet_input import WORDS_OF_ENTRY, LineEnd, SheetInput, ends_of
+from vfplan.review.picture import (
+    COLUMN_WIDTH,
+    LineEnd,
+    draw_picture,
+    draw_rendered,
+    draw_views,
+    ends_of,
+)
+from vfplan.review.rendered import Shown, described, labels_left_out
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -52,6 +60,14 @@ INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
 
+
+# What the sheet calls an entry of the account.
+WORDS_OF_ENTRY = {
+    "ink": "",
+    "bridge": "gap in the line",
+    "hidden": "line hidden",
+    "gap": "gap in the line, or line hidden",
+}
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
@@ -88,13 +104,115 @@ def total_height(lines: Iterable[TextLine]) -> float:
     return sum(line.height for line in lines)
 
 
-def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: float) -> float:
+def verdict_of(shown: Shown) -> str:
+    """The title of the sheet: what is planned, what a person has to look at, and then to do."""
+    kind = f"A {shown.kind}. " if shown.kind else ""
+    unanswered, reviewed = len(shown.fixture.open_findings), shown.fixture.reviewed
+    if shown.is_slice_missing:
+        return f"{kind}The slice is missing: this sheet shows no end of the line"
+    if reviewed is not None and not unanswered:
+        return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
+    # No program can tell whether something covers an end.
+    ends = sum(len(stroke.end_points) for stroke in shown.strokes)
+    places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
+    places = "the three views" if shown.image is None else places
+    then = "approve"
+    if unanswered:
+        then = f"answer {unanswered} finding{'s' if unanswered > 1 else ''}"
+    return f"{kind}Look at {places}, then {then}"
+
+
+def facts_of(shown: Shown) -> list[tuple[str, str]]:
+    """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
+    facts = [
+        ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
+        ("Pixel", _pixel_in_words(shown)),
+        ("Markers", _markers_in_words(shown.fixture)),
+        ("Error of the registration", _error_in_words(shown)),
+        ("Margin", _margin_in_words(shown)),
+    ]
+    return [(heading, words) for heading, words in facts if words]
+
+
+def _geometry_in_words(shown: Shown) -> str:
+    parts = []
+    for stroke in shown.strokes:
+        if not stroke.is_ordered:
+            parts.append(f"{len(stroke.points)} pixels in no order")
+            continue
+        length = length_of(stroke.points, stroke.closed)
+        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
+        if shown.metres_per_px is not None:
+            words += f" = {length * shown.metres_per_px * 1e3:.1f} mm"
+        if stroke.width is not None:
+            words += f"; the pen is {stroke.width:.1f} px wide"
+        parts.append(words)
+    if not shown.strokes:
+        mesh = shown.fixture.mesh
+        of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
+        parts = [f"{len(shown.fixture.points)} points{of_mesh}"]
+    return ". ".join(parts)
+
+
+def _pixel_in_words(shown: Shown) -> str:
+    if shown.image is None or shown.metres_per_px is None:
+        return ""
+    # Where markers and image say different sizes, both stand there.
+    size = stated = f"{shown.metres_per_px * 1e3:.4g}"
+    record, image = shown.fixture.registration, shown.fixture.image
+    by_markers = record is not None and record.source_frame == "image"
+    if by_markers and image is not None and image.pixel_spacing_mm is not None:
+        stated = f"{math.sqrt(math.prod(image.pixel_spacing_mm)):.4g}"
+    if stated == size:
+        return f"{size} mm"
+    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
+
+
+def _markers_in_words(fixture: Fixture) -> str:
+    registration = fixture.registration
+    if registration is None:
+        return ""
+    left_out, labels = labels_left_out(fixture), registration.labels
+    used = [number for number, label in enumerate(labels) if label not in left_out]
+    worst = max(used, key=lambda number: registration.residuals_m[number])
+    count = f"{len(used)} of {len(labels)}" if len(used) < len(labels) else f"{len(used)}"
+    return (
+        f"{count}, {registration.model}; residual {registration.fre_rms_m * 1e3:.2f} mm rms, "
+        f"largest {registration.residuals_m[worst] * 1e3:.2f} mm at {labels[worst]}"
+    )
+
+
+def _error_in_words(shown: Shown) -> str:
+    fixture = shown.fixture
+    if fixture.frame == "image":
+        return "not registered yet"
+    if fixture.registration is None:
+        return ""
+    if shown.tre95_m is not None:
+        bound = float(shown.tre95_m.max())
+        pixels = f" ({bound / shown.metres_per_px:.1f} px)" if shown.metres_per_px else ""
+        return f"moves the line by at most {millimetres(bound, 2)}{pixels} (95 %)"
+    if fixture.registration.tre_m is None:
+        return "not known"
+    largest = float(fixture.registration.tre_m.max())
+    return f"{millimetres(largest, 2)} rms at most; the 95 % bound is not kept in the bundle"
+
+
+def _margin_in_words(shown: Shown) -> str:
+    if shown.margin_m is not None:
+        return f"{millimetres(shown.margin_m, 2)} on every side"
+    if "margin" in shown.fixture.provenance.settings:
+        return "the 95 % bound"
+    return "none" if shown.kind else ""
+
+
+def draw_facts(sheet: Paper, shown: Shown, x: float, y: float, width: float) -> float:
     """What to look for at the ends, and the numbers of the plan.
 
     Where there is room, a number stands beside its heading.
     """
-    facts = [] if content.rgb is None else _facts_of_ends(content)
-    for heading, words in (*facts, *content.facts):
+    of_ends = [] if shown.image is None else _facts_of_ends(shown)
+    for heading, words in (*of_ends, *facts_of(shown)):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
         heading_width = HEADING.width_of(f"{heading}  ")
@@ -106,19 +224,19 @@ def draw_facts(sheet: Paper, content: SheetInput, x: float, y: float, width: flo
     return y
 
 
-def _facts_of_ends(content: SheetInput) -> list[tuple[str, str]]:
+def _facts_of_ends(shown: Shown) -> list[tuple[str, str]]:
     """What to look for at an end, and at which end a cover would not show."""
     facts = []
-    for number, stroke in enumerate(content.strokes, 1):
+    for number, stroke in enumerate(shown.strokes, 1):
         for end in ends_of(stroke):
             if end.direction is None:
                 continue
             if not facts:
                 facts.append(("Look at each end", WHAT_TO_LOOK_FOR))
-            grey = grey_ahead(content, stroke, end)
+            grey = grey_ahead(shown, stroke, end)
             if grey is None:
                 continue
-            name = end.name if len(content.strokes) == 1 else f"{end.name} of line {number}"
+            name = end.name if len(shown.strokes) == 1 else f"{end.name} of line {number}"
             words = (
                 f"All pixels ahead of the {name} have one grey, {grey} of 255. A cover of that "
                 "grey has no border that could be seen. Compare with the slice before it was "
@@ -128,9 +246,9 @@ def _facts_of_ends(content: SheetInput) -> list[tuple[str, str]]:
     return facts
 
 
-def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
+def draw_lists(sheet: Paper, shown: Shown, y: float) -> float:
     """The findings and the other ink, over the whole width."""
-    lines = list_lines(content, paper.CONTENT_WIDTH)
+    lines = list_lines(shown, paper.CONTENT_WIDTH)
     for number, line in enumerate(lines):
         # A heading does not stand alone at the foot of a page.
         together = number
@@ -141,11 +259,18 @@ def draw_lists(sheet: Paper, content: SheetInput, y: float) -> float:
     return y
 
 
-def list_lines(content: SheetInput, width: float) -> list[TextLine]:
+def list_lines(shown: Shown, width: float) -> list[TextLine]:
     """The findings and the other ink, line by line."""
-    heading = "Findings" if content.findings else "Findings: none"
-    lines = text_lines(heading, width, HEADING, is_head=bool(content.findings))
-    for number, finding in enumerate(content.findings, 1):
+    lines = []
+    if shown.kind:
+        heading = f"The robot renders a {shown.kind}"
+        lines = text_lines(heading, width, HEADING, is_head=True)
+        for heading, words in described(shown.fixture):
+            lines += text_lines(f"{heading}: {words}", width, BODY)
+    heading = "Findings" if shown.findings else "Findings: none"
+    above = 20 if lines else 0
+    lines += text_lines(heading, width, HEADING, above=above, is_head=bool(shown.findings))
+    for number, finding in enumerate(shown.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head = f"F{number}  {kind}: {finding.code}"
         if finding.place_px is not None:
@@ -155,9 +280,9 @@ def list_lines(content: SheetInput, width: float) -> list[TextLine]:
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         lines += text_lines(words, width, BODY, indent=30)
-    if content.rgb is None:
+    if shown.image is None:
         return lines
-    account = content.account
+    account = shown.account
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
     for entry in account[:MAX_NUMBERED]:
@@ -210,7 +335,7 @@ class Inset:
         return u - size // 2, v - size // 2, size, size
 
 
-def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
+def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
     """The one grey, 0 to 255, of all pixels ahead of an end; `None` if there are several.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
@@ -218,7 +343,7 @@ def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
     """
     if end.direction is None or stroke.sigma is None:
         return None
-    rgb = as_uint8(content.rgb)
+    rgb = as_uint8(shown.image.rgb)
     half_width = (stroke.width or 0.0) / 2
     # The blur of the pen's own end reaches two pixels.
     centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
@@ -233,15 +358,15 @@ def grey_ahead(content: SheetInput, stroke: Stroke, end: LineEnd) -> int | None:
     return int(np.median(colours))
 
 
-def insets_of(content: SheetInput) -> list[Inset]:
+def insets_of(shown: Shown) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets = []
-    is_single = len(content.strokes) == 1
-    for number, stroke in enumerate(content.strokes, 1):
+    is_single = len(shown.strokes) == 1
+    for number, stroke in enumerate(shown.strokes, 1):
         name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
-            is_even = grey_ahead(content, stroke, end) is not None
+            is_even = grey_ahead(shown, stroke, end) is not None
             insets.append(
                 Inset(caption, end.place, note="one grey ahead: look twice" if is_even else "")
             )
@@ -249,7 +374,7 @@ def insets_of(content: SheetInput) -> list[Inset]:
             has_line = stroke.sigma is None
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, WIDER_ZOOM, is_raised=True, has_line=has_line))
-    for number, stroke in enumerate(content.strokes, 1):
+    for number, stroke in enumerate(shown.strokes, 1):
         of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
@@ -262,23 +387,34 @@ def insets_of(content: SheetInput) -> list[Inset]:
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
                 insets.append(Inset(caption, place))
-    for entry in content.account:
+    for entry in shown.account:
         place = np.array([entry.u, entry.v])
         if entry.what != "ink" and not _is_enlarged(place, insets):
             insets.append(Inset(f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", place))
-    for number, finding in enumerate(content.findings, 1):
+    for number, finding in enumerate(shown.findings, 1):
         if finding.place_px is not None and not _is_enlarged(finding.place_px, insets):
             insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))
-    if content.tre95_m is not None and content.metres_per_px is not None:
-        # Where the registration's error may be largest, enlarged so that the band fits in.
-        points = np.concatenate([stroke.points for stroke in content.strokes])
-        worst = int(np.argmax(content.tre95_m))
-        half_m = max(content.tre95_m[worst], content.margin_m or 0.0)
+    if shown.metres_per_px is not None and (shown.tre95_m is not None or shown.outlines):
+        # Where the registration's error may be largest, enlarged so that all of it fits in.
+        points = np.concatenate([stroke.points for stroke in shown.strokes])
+        bound_m = np.zeros(1) if shown.tre95_m is None else shown.tre95_m
+        worst = int(np.argmax(bound_m))
+        half_m = max(bound_m[worst], reach_of(shown))
         zoom = ZOOM
-        while zoom > 1 and half_m / content.metres_per_px * zoom > 0.4 * INSET_PX:
+        while zoom > 1 and half_m / shown.metres_per_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
-        insets.append(Inset("Error and margin, true scale", points[worst], zoom, has_band=True))
+        insets.append(Inset("Error and outline, true scale", points[worst], zoom, has_band=True))
     return insets
+
+
+def reach_of(shown: Shown) -> float:
+    """How far from the line the robot pushes [m]; 0 where it renders nothing."""
+    if not shown.outlines:
+        return 0.0
+    guidance, rendering = shown.fixture.guidance, shown.fixture.rendering
+    if guidance is not None:
+        return guidance.radius
+    return rendering.contact_radius + rendering.point_radius
 
 
 def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) -> bool:
@@ -289,7 +425,7 @@ def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) 
 
 
 def draw_insets(
-    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], content: SheetInput, y: float
+    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], shown: Shown, y: float
 ) -> tuple[float, float]:
     """Draw rows of insets; a row that does not fit begins a new page.
 
@@ -301,16 +437,16 @@ def draw_insets(
         last_row = y
         for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
             x = round(MARGIN + k * INSET_STEP)
-            for line, words in enumerate((inset.caption, *_described(inset, content))):
+            for line, words in enumerate((inset.caption, *_described(inset, shown))):
                 style = BODY if line else STRONG
-                shown = paper.shortened(words, INSET_PX, style)
-                sheet.text(x, y + line * BODY.line_height, shown, style)
-            draw_inset(sheet, inset, rgb, content, x, round(y + CAPTION_HEIGHT))
+                words = paper.shortened(words, INSET_PX, style)
+                sheet.text(x, y + line * BODY.line_height, words, style)
+            draw_inset(sheet, inset, rgb, shown, x, round(y + CAPTION_HEIGHT))
         y += ROW_HEIGHT
     return last_row, y
 
 
-def _described(inset: Inset, content: SheetInput) -> tuple[str, str]:
+def _described(inset: Inset, shown: Shown) -> tuple[str, str]:
     """How much an inset enlarges and where it lies, and what is to be known of it."""
     u, v = inset.place
     where = f"enlarged {inset.zoom} times, at ({u:.0f}, {v:.0f})"
@@ -320,15 +456,17 @@ def _described(inset: Inset, content: SheetInput) -> tuple[str, str]:
         return where, "with the line drawn"
     if inset.is_raised:
         return where, "contrast raised"
+    if inset.has_band and shown.tre95_m is None:
+        return where, "what the robot renders"
     if inset.has_band:
-        return where, f"95 %: ±{float(content.tre95_m.max()) * 1e3:.2f} mm"
-    if content.metres_per_px is None:
+        return where, f"95 %: ±{float(shown.tre95_m.max()) * 1e3:.2f} mm"
+    if shown.metres_per_px is None:
         return where, f"{INSET_PX // inset.zoom} px across"
-    return where, f"{INSET_PX // inset.zoom * content.metres_per_px * 1e3:.1f} mm across"
+    return where, f"{INSET_PX // inset.zoom * shown.metres_per_px * 1e3:.1f} mm across"
 
 
 def draw_inset(
-    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], content: SheetInput, x: int, y: int
+    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], shown: Shown, x: int, y: int
 ) -> Box:
     """Draw an inset with its frame at a place of the page."""
     window = inset.window
@@ -352,10 +490,12 @@ def draw_inset(
     is_stripe = (rows + columns) % 16 < 2
     enlarged[rows[is_stripe], columns[is_stripe]] = GREY
     if inset.has_line:
-        for stroke in content.strokes:
-            paper.draw_cased(enlarged, _within(inset, stroke), paper.LINE_COLOUR, 2, stroke.closed)
+        for stroke in shown.strokes:
+            paper.draw_cased(
+                enlarged, _within(inset, stroke.points), paper.LINE_COLOUR, 2, stroke.closed
+            )
     if inset.has_band:
-        _draw_band(enlarged, inset, content)
+        _draw_band(enlarged, inset, shown)
     size = enlarged.shape[0]
     box = sheet.picture(
         x, y, enlarged, kind="inset", words=inset.caption, window=window, zoom=inset.zoom
@@ -371,10 +511,10 @@ def draw_inset(
     return box
 
 
-def _within(inset: Inset, stroke: Stroke) -> paper.Array:
-    """(M, 2) the points of a line in an inset [px of the page]."""
+def _within(inset: Inset, points: paper.Array) -> paper.Array:
+    """(M, 2) places of the slice in an inset [px of the page]."""
     u, v, _, _ = inset.window
-    return (stroke.points - (u, v) + 0.5) * inset.zoom - 0.5
+    return (points - (u, v) + 0.5) * inset.zoom - 0.5
 
 
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -394,14 +534,18 @@ def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -> None:
-    """Draw the line, the 95 % band and the margin at true scale, over a paler slice."""
+def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, shown: Shown) -> None:
+    """Draw line, 95 % band and what the robot renders at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
-    to_page = inset.zoom / content.metres_per_px
-    for stroke, is_bound, half_m in content.bands():
-        points = _within(inset, stroke)
-        paper.draw_distance(enlarged, points, half_m * to_page, stroke.closed, is_bound)
-        if is_bound and stroke.is_ordered:
+    to_page = inset.zoom / shown.metres_per_px
+    for outline in shown.outlines:
+        draw_rendered(enlarged, outline, lambda points: _within(inset, points), ())
+    for stroke, half_m in shown.bounds:
+        points = _within(inset, stroke.points)
+        paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
+    for stroke in shown.strokes:
+        if stroke.is_ordered:
+            points = _within(inset, stroke.points)
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
 
 
@@ -426,56 +570,57 @@ class Sheet:
         return [_png(page) for page in np.split(self.pixels, count)]
 
 
-def write_sheet(content: SheetInput, path: Path) -> None:
+def write_sheet(shown: Shown, path: Path) -> None:
     """Write the sheet as a PNG; raises `OutputError`."""
-    write_whole(path, [draw_sheet(content).png()], overwrite=True)
+    write_whole(path, [draw_sheet(shown).png()], overwrite=True)
 
 
-def draw_sheet(content: SheetInput) -> Sheet:
+def draw_sheet(shown: Shown) -> Sheet:
     """Draw the sheet of what is to be reviewed."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     y = float(MARGIN)
-    if content.unanswered or content.missing_slice:
-        lines = len(paper.wrapped(content.verdict, paper.CONTENT_WIDTH - 32, paper.TITLE))
+    verdict = verdict_of(shown)
+    if shown.fixture.open_findings or shown.is_slice_missing:
+        lines = len(paper.wrapped(verdict, paper.CONTENT_WIDTH - 32, paper.TITLE))
         bar = slice(MARGIN - 10, MARGIN + lines * paper.TITLE.line_height + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
         y = sheet.paragraph(
-            MARGIN + 16, y, content.verdict, paper.CONTENT_WIDTH - 32, paper.TITLE, paper.WHITE
+            MARGIN + 16, y, verdict, paper.CONTENT_WIDTH - 32, paper.TITLE, paper.WHITE
         )
         y += 12
     else:
-        y = sheet.paragraph(MARGIN, y, content.verdict, paper.CONTENT_WIDTH, paper.TITLE)
-    words = f"Review sheet of {content.title}."
-    if content.side is not None:
-        words += f" The slice is seen from {content.side}."
+        y = sheet.paragraph(MARGIN, y, verdict, paper.CONTENT_WIDTH, paper.TITLE)
+    words = f"Review sheet of {shown.name}."
+    if shown.side is not None:
+        words += f" The slice is seen from {shown.side}."
     y = sheet.paragraph(MARGIN, y + 4, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
-    if content.rgb is None:
-        free_x, free_y, y = draw_views(sheet, content, y)
-        draw_facts(sheet, content, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
-        draw_lists(sheet, content, y)
+    if shown.image is None:
+        free_x, free_y, y = draw_views(sheet, shown, y)
+        draw_facts(sheet, shown, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
+        draw_lists(sheet, shown, y)
     else:
-        rgb = as_uint8(content.rgb)
-        bottom, column_y = draw_picture(sheet, content, rgb, y, COLUMN_X, COLUMN_WIDTH)
-        column_y = draw_facts(sheet, content, COLUMN_X, column_y + 10, COLUMN_WIDTH)
-        insets = insets_of(content)
-        last_row, y = draw_insets(sheet, insets, rgb, content, max(bottom, column_y) + 20)
+        rgb = as_uint8(shown.image.rgb)
+        bottom, column_y = draw_picture(sheet, shown, rgb, y, COLUMN_X, COLUMN_WIDTH)
+        column_y = draw_facts(sheet, shown, COLUMN_X, column_y + 10, COLUMN_WIDTH)
+        insets = insets_of(shown)
+        last_row, y = draw_insets(sheet, insets, rgb, shown, max(bottom, column_y) + 20)
         # Where the page ends below the insets, short lists stand in what the last row leaves free,
         # so that most sheets are one page.
         in_last_row = len(insets) % INSETS_IN_A_ROW
         x = MARGIN + in_last_row * INSET_STEP
-        lines = list_lines(content, paper.PAGE_WIDTH - MARGIN - x)
-        height_below = total_height(list_lines(content, paper.CONTENT_WIDTH))
+        lines = list_lines(shown, paper.PAGE_WIDTH - MARGIN - x)
+        height_below = total_height(list_lines(shown, paper.CONTENT_WIDTH))
         is_beside = in_last_row > 0 and total_height(lines) <= ROW_HEIGHT
         if is_beside and not sheet.has_space(y, height_below):
             for line in lines:
                 last_row = line.draw(sheet, x, last_row)
         else:
-            draw_lists(sheet, content, y)
+            draw_lists(sheet, shown, y)
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"
-        sheet.text(MARGIN, paper.FOOT, f"digest {content.digest}", BODY, page=page)
+        sheet.text(MARGIN, paper.FOOT, f"digest {shown.digest}", BODY, page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
     return Sheet(sheet.image(), tuple(sheet.boxes))

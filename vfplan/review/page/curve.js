@@ -21,7 +21,12 @@ export class Curve {
 
   render(state) {
     const bands = [];
-    const lines = [];
+    // What the robot renders, as its own engine gives it. A preview of a drag has none.
+    const kind = state.rendered?.kind;
+    const lines = (state.outline_px ?? []).flatMap((points) => [
+      line(points, false, "casing"),
+      line(points, false, `rendered ${kind}`),
+    ]);
     state.curve_px.forEach((points, k) => {
       const closed = state.closed[k];
       if (byId("show-bands").checked) bands.push(...this.bands(state, points, closed));
@@ -41,22 +46,15 @@ export class Curve {
     this.legend(state);
   }
 
-  // The bands at true scale: what the tool keeps away by, the margin around it, the 95 % bound.
+  // The 95 % bound at true scale.
   bands(state, points, closed) {
-    if (!state.mm_per_px) return [];
-    const reaches = [["contact", state.contact_m]];
-    if (state.margin_m) reaches.unshift(["margin", state.contact_m + state.margin_m]);
-    if (state.tre95_m) reaches.push(["tre", state.tre95_m]);
-    const bands = [];
-    for (const [kind, metres] of reaches) {
-      const width = (2e3 * metres) / state.mm_per_px;
-      const step = Math.max(1, Math.floor(width / 12)); // a broad band needs few points
-      const some = points.filter((_, k) => k % step === 0 || k === points.length - 1);
-      const band = line(some, closed, `band ${kind}`);
-      band.setAttribute("stroke-width", width);
-      bands.push(band);
-    }
-    return bands;
+    if (!state.mm_per_px || !state.tre95_m) return [];
+    const width = (2e3 * state.tre95_m) / state.mm_per_px;
+    const step = Math.max(1, Math.floor(width / 12)); // a broad band needs few points
+    const some = points.filter((_, k) => k % step === 0 || k === points.length - 1);
+    const band = line(some, closed, "band tre");
+    band.setAttribute("stroke-width", width);
+    return [band];
   }
 
   knots(state) {
@@ -267,11 +265,12 @@ export class Curve {
       ["edited", "placed by hand"],
       ["unseen-part", "not looked at yet"],
     ];
-    if (state.mm_per_px) {
-      if (state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)}`]);
-      rows.push(["contact", `the tool's centre is kept out of this, ${mm(state.contact_m)} on either side`]);
-      if (state.margin_m) rows.push(["margin", `and out of the margin around it, ${mm(state.margin_m)}`]);
+    if (state.mm_per_px && state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)}`]);
+    if (state.rendered) {
+      const words = { wall: "the tool's centre stops there", guide: "the tip is held within it" };
+      rows.push([`rendered ${state.rendered.kind}`, `${words[state.rendered.kind]}, as the robot's engine says`]);
     }
+    for (const [heading, words] of state.described ?? []) rows.push(["none", `${heading}: ${words}`]);
     const items = rows.map(([kind, words]) => make("li", {}, make("span", { class: `swatch ${kind}` }), words));
     byId("legend").replaceChildren(...items);
   }
