@@ -104,6 +104,8 @@ class Engine {
     /// leaves it unplaced: the first good one of a step is then its start.
     void reset(const Vec3& hip) noexcept {
         last_ = {};
+        last_.has_hip = is_within_range(hip);
+        last_.hip = hip;
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
             while (apply_next(*changes)) continue;
             changes->force_ramp.stop();
@@ -119,15 +121,13 @@ class Engine {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
                 if (!apply_next(*changes)) break;
         }
-        Step s = impl_->step(hip);
+        const bool jumps = has_jumped(hip);
+        Step s = impl_->step(jumps ? nowhere : hip);
+        if (jumps) s.status = jumped;
         if (changes) limit_force(*changes, s, hip);
-        if (previous_ && !(s.status & (inside | bad_hip))) changes->retire(previous_.release());
-        if (!(s.status & bad_hip)) {
-            last_.proxy = s.proxy;
-            last_.force = s.force;
-            last_.hip = hip;
-            last_.is_placed = true;
-        }
+        if (s.status & (bad_hip | jumped)) return s;
+        if (previous_ && !(s.status & inside)) changes->retire(previous_.release());
+        last_ = {s.proxy, s.force, hip, true, true};
         return s;
     }
 
@@ -201,8 +201,15 @@ class Engine {
   private:
     struct LastTick {
         Vec3 proxy, force, hip;
-        bool is_placed = false;
+        bool is_placed = false;  // there was a tick
+        bool has_hip = false;    // there was a tick or a reset
     };
+    static constexpr Vec3 nowhere{{unbounded, 0, 0}};  // an impl takes it for no HIP
+
+    bool has_jumped(const Vec3& hip) const noexcept {
+        return last_.has_hip && impl_->max_hip_step > 0 && is_within_range(hip) &&
+               norm(hip - last_.hip) > impl_->max_hip_step;
+    }
 
     detail::ImplPtr make_impl(const double* xyz, std::size_t n) const {
         Parameters p = parameters_;
@@ -251,7 +258,7 @@ class Engine {
     }
 
     void limit_force(detail::PendingChanges& changes, Step& s, const Vec3& hip) noexcept {
-        if (s.status & bad_hip) {
+        if (s.status & (bad_hip | jumped)) {
             s.proxy = last_.proxy;
             s.force = last_.force;
         } else if (last_.is_placed) {

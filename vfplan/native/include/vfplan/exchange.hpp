@@ -80,8 +80,11 @@ namespace detail {
 
 /// An engine behind its type.
 struct EngineImpl {
-    EngineImpl(double stiffness, double radius, double band) noexcept
-        : stiffness(stiffness), radius(radius), band(band) {}
+    explicit EngineImpl(const Parameters& p) noexcept
+        : stiffness(std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]})),
+          radius(p.R()),
+          band(p.band),
+          max_hip_step(p.max_hip_step) {}
     virtual ~EngineImpl() = default;
     virtual void reset(const Vec3& hip) noexcept = 0;
     /// The next tick starts with the proxy of another engine, which was outside of `previous`.
@@ -102,6 +105,7 @@ struct EngineImpl {
     double stiffness;            ///< the largest of K [N/m]
     double radius;               ///< R [m]
     double band;                 ///< [m]
+    double max_hip_step;         ///< [m]
     EngineImpl* next = nullptr;  ///< in the list of those that are retired
 };
 

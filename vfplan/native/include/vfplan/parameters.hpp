@@ -43,7 +43,9 @@ struct Parameters {
     std::optional<Vec3> ignore_axis;     ///< unit vector along which the fixture is infinite
     Rule rule = Rule::robust;
     Search search = Search::automatic;
-    int max_iterations = 16;  ///< of the robust rule, a tick
+    int max_iterations = 16;     ///< of the robust rule, a tick
+    double max_hip_step = 0.02;  ///< a HIP further than this from the last counts as no HIP [m];
+                                 ///< 0: none does
 
     double r1() const noexcept { return contact_radius - band; }
     double r2() const noexcept { return contact_radius + band; }
@@ -75,6 +77,7 @@ inline void check(const Parameters& p) {
     check_above("gain", p.gain, 0, 1, "");
     for (int k = 0; k < 3; ++k) check_above("stiffness", p.stiffness[k], 0, unbounded, " N/m");
     if (p.ignore_axis) check_axis(*p.ignore_axis);
+    check_from("max_hip_step", p.max_hip_step, 0, unbounded, " m");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
@@ -108,6 +111,8 @@ enum Status : std::uint8_t {
                       ///< - HIP)
     other_side = 32,  ///< with `inside`: no way out was found on the side where the proxy was
                       ///< before the exchange
+    jumped = 64,      ///< the HIP is further than max_hip_step from the last good one: as bad_hip,
+                      ///< until it is back or the engine is reset
 };
 
 /// What a rule says of a tick, in the space it works in.
