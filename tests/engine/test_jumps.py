@@ -43,7 +43,7 @@ def test_the_old_way_turned_the_wall_round():
 
 def test_a_jump_holds_until_the_tip_is_back_or_the_engine_is_reset():
     engine, hip = pressed("robust", 0.02)
-    away = hip + [0.05, 0, 0]
+    away = np.add(hip, [0.05, 0, 0])
     assert (engine.run(np.tile(away, (300, 1))).status == Status.JUMPED).all()
     assert engine.step([np.nan, 0, 0]).status == Status.BAD_HIP
     engine.reset(away)

@@ -51,8 +51,8 @@ class ProxyParameters(_core.Parameters):
 
     The native engine has the fields: `rule`, `contact_radius`, `band`, `point_radius`,
     `outer_radius` [m], `gain`, `stiffness` (3,) [N/m], `ignore_axis` (3,) or `None`,
-    `max_iterations`, `max_hip_step` and `search`; and what follows from them: `r1`, `r2`, and the distance `R` at
-    which the proxy rests on a point [m].
+    `max_iterations`, `max_hip_step` and `search`; and what follows from them: `r1`, `r2`, and the
+    distance `R` at which the proxy rests on a point [m].
     """
 
     @classmethod
@@ -391,4 +391,6 @@ def core_errors(kind: type[VfplanError]) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
+        if isinstance(error, VfplanError):
+            raise
         raise kind(str(error.args[0]).removeprefix("vfplan: ")) from None

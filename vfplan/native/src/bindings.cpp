@@ -14,6 +14,7 @@ void bind_guide(nb::module_& m);
 void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
 void bind_picture(nb::module_& m);
+void bind_controller(nb::module_& m);
 
 namespace {
 
@@ -366,4 +367,5 @@ NB_MODULE(_core, m) {
     bind_moving(m);
     bind_bundle(m);
     bind_picture(m);
+    bind_controller(m);
 }

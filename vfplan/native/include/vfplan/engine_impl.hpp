@@ -73,6 +73,10 @@ class RuleInSpace : public EngineImpl {
         // Field by field: a copy of the whole would wait until the fields have reached the cache.
         return {last_.proxy, last_.normal, last_.force, last_.state, last_.status};
     }
+    void set_stiffness(const Vec3& k) noexcept final {
+        stiffness_ = Stiffness{k};
+        stiffness = std::max({k[0], k[1], k[2]});
+    }
     bool planar() noexcept final { return D == 2; }
     double work_time() noexcept final { return rule_.work_time(); }
 

@@ -13,12 +13,13 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
-#include "vfplan/cloud/points.hpp"
-#include "vfplan/exchange.hpp"
+#include "vfplan/base/queue.hpp"
+#include "vfplan/base/vec.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan {
