@@ -18,7 +18,7 @@ LAYERS = [
     ["images", "session"],
     ["markers"],
     ["registration", "bundle", "reference", "scenes"],
-    ["curve", "vectors", "conformance"],
+    ["curve", "vectors", "conformance", "controller"],
     ["planning", "replaying"],
     ["stability"],
     ["figures", "view3d"],

@@ -29,6 +29,7 @@ _DEFINED = {
     "bundle.read": "read_fixture",
     "bundle.seal": "Trust read_keys",
     "bundle.write": "write_fixture",
+    "controller": "Command Controller",
     "curve.extraction": "Extraction extract_curve",
     "engine.governor": "Governor GovernorStatus",
     "engine.guide": "Guide GuideStep GuideTrace",

@@ -20,8 +20,8 @@
 #include <vector>
 
 #include "loop.hpp"
-#include "rendered.hpp"
-#include "vfplan/moving.hpp"
+#include "vfplan/controller.hpp"
+#include "vfplan/engine.hpp"
 
 namespace controller {
 
@@ -183,19 +183,12 @@ inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine
 
 class Changing {
   public:
-    Changing(Rendered& engine, std::vector<Posed> poses, std::vector<Event> events,
-             const vfplan::MovingLimits& limits)
-        : engine_(engine), poses_(std::move(poses)), events_(std::move(events)) {
-        if (!poses_.empty()) frame_.emplace(limits);
+    Changing(vfplan::Controller& controller, std::vector<Posed> poses, std::vector<Event> events)
+        : region_(controller.region()),
+          frame_(controller.frame()),
+          poses_(std::move(poses)),
+          events_(std::move(events)) {
         before_.reserve(events_.size());
-    }
-
-    /// Begins at the tip; a moving fixture does at its first pose.
-    void reset(const vfplan::Vec3& tip) {
-        if (!frame_) engine_.reset(tip);
-    }
-    vfplan::Step step(double t, const vfplan::Vec3& tip) noexcept {
-        return frame_ ? frame_->step(engine_, t, tip) : engine_.step(tip);
     }
 
     /// In simulated time: all that tick k, at t, begins with.
@@ -230,7 +223,9 @@ class Changing {
 
     /// What a log needs to be replayed: poses that the tick knew of, changes that it had taken up.
     [[nodiscard]] std::uint64_t seen() const noexcept { return frame_ ? frame_->seen() : 0; }
-    [[nodiscard]] std::uint64_t taken() const noexcept { return engine_.taken(); }
+    [[nodiscard]] std::uint64_t taken() const noexcept {
+        return region_ ? region_->changes_applied() : 0;
+    }
     /// Of the changes, the events that had begun.
     [[nodiscard]] std::size_t begun(std::uint64_t taken) const {
         return std::size_t(std::lower_bound(before_.begin(), before_.end(), taken) -
@@ -249,9 +244,8 @@ class Changing {
   private:
     void next() {
         Event& event = events_[before_.size()];
-        vfplan::Engine& region = engine_.region();
-        before_.push_back(region.changes_applied() + region.changes_pending());
-        hand_over(event, region, event.exchanges() ? &*event.engine : nullptr);
+        before_.push_back(region_->changes_applied() + region_->changes_pending());
+        hand_over(event, *region_, event.exchanges() ? &*event.engine : nullptr);
     }
 
     void serve(const std::stop_token& over, double period) {
@@ -274,17 +268,17 @@ class Changing {
                 frame_->pose(pose->time, pose->pose);
                 ++posed_;
             } else {  // the loop has all of the one before: what a tick takes up is then the file's
-                const auto idle = [&] { return engine_.region().changes_pending() == 0; };
+                const auto idle = [&] { return region_->changes_pending() == 0; };
                 if (!wait(double(event->tick) * period, idle)) return;
                 next();
             }
         }
     }
 
-    Rendered& engine_;
+    vfplan::Engine* region_;       // null for a guide, which no event changes
+    vfplan::MovingFrame* frame_;  // null for a fixture that stays
     std::vector<Posed> poses_;
     std::vector<Event> events_;
-    std::optional<vfplan::MovingFrame> frame_;
     std::size_t posed_ = 0;
     std::vector<std::uint64_t> before_;  // changes handed over before each event
     std::exception_ptr failed_;

@@ -13,10 +13,8 @@
 #include "hand.hpp"
 #include "loop.hpp"
 #include "options.hpp"
-#ifdef WITH_SIGNATURES
-#include "vfplan/bundle/trust.hpp"
-#endif
-#include "vfplan/governor.hpp"
+#include "vfplan/bundle/engine.hpp"
+#include "vfplan/controller.hpp"
 #include "vfplan/telemetry.hpp"
 
 namespace {
@@ -41,98 +39,71 @@ std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
     }
 }
 
-/// A governor that may let go of the fixture's whole spring. Limits that are not passive with this
-/// stiffness and the arm's mass are refused here.
-std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
-    if (!o.governor) return std::nullopt;
-    vfplan::GovernorLimits limits = *o.governor;
-    limits.stiffness = stiffness;
-    char option[64];
-    std::snprintf(option, sizeof option, "--governor %g,%g", limits.force_step, limits.force_max);
-    return as_option(option, [&] { return vfplan::Governor(limits); });
-}
-
 /// How the loop ended.
 struct Ending {
-    std::size_t missed = 0;               // deadlines
-    std::optional<std::size_t> bad_tick;  // whose position could not be rendered
-    int signal = 0;                       // that ended it
+    std::size_t missed = 0;  // deadlines
+    std::size_t tick = 0;    // in which the force began to fade
+    unsigned stopping = 0;   // why, as Command::stopping says it; 0 after all ticks
+    int signal = 0;          // that asked for it
 };
 
-/// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
-/// it allocates or waits. A signal or a bad position ends it after its tick.
-///
-/// The arm is simulated, so the loop goes on whatever else `status` says, and the log shows it. The
-/// loop of a real arm must also stop at `stale_pose` and `other_side` (docs/controller.md).
-Ending run(Changing& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
-           Form& form, std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender,
-           Log& log) {
+/// The loop: read the tip, render, show the tick, hand the force to the arm. Nothing in it
+/// allocates or waits. What stops it lets the force fade first. The log holds the ticks until then,
+/// for a replay knows of no fading.
+Ending run(vfplan::Controller& controller, Changing& changing, const Hand& hand, Form& form,
+           std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender, Log& log) {
     Tip tip{hand.start(), {}};
-    engine.reset(tip.position);
+    controller.reset(tip.position);
     Ending ending;
-    if (!simulated_time) engine.start(period);
+    if (!simulated_time) changing.start(period);
     Clock clock(period, simulated_time);
     for (std::size_t k = 0; k < ticks; ++k) {
         ending.missed += clock.wait();
         const double t = double(k) * period;
-        if (simulated_time) engine.due(k, t);
+        if (simulated_time) changing.due(k, t);
         const auto before = std::chrono::steady_clock::now();
-        vfplan::Step step = engine.step(t, tip.position);
-        const vfplan::Vec3 rendered = step.force;
-        if (governor) step.force = governor->step(rendered).force;
-        if (sender != nullptr) sender->publish(t, tip.position, step);
+        const vfplan::Command out = controller.step(tip.position, t);
+        const vfplan::Step shown{out.proxy, out.normal, out.force, out.state, out.status};
+        if (sender != nullptr) sender->publish(t, tip.position, shown);
         const std::chrono::duration<double, std::micro> took =
             std::chrono::steady_clock::now() - before;
-        log.add({t, tip.position, step, rendered, took.count(), engine.seen(), engine.taken()});
-        if (step.status & vfplan::bad_hip) ending.bad_tick = k;
+        if (!out.stopping) {
+            log.add({t, tip.position, shown, out.rendered, took.count(), changing.seen(),
+                     changing.taken()});
+            ending.tick = k + 1;
+        }
+        ending.stopping = out.stopping;
+        if (out.stop) break;
         ending.signal = stop_signal;
-        if (ending.bad_tick || ending.signal != 0) break;
-        std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
+        if (ending.signal != 0) controller.request_stop();
+        std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), out.force, period); }, form);
     }
-    engine.finish();
+    changing.finish();
     return ending;
 }
 
-/// The fixture, signed by one of the keys. Without keys it is undamaged, which says nothing about
-/// who made it: anybody who can write the file can seal another one.
-vfplan::bundle::Fixture read_signed(const Options& o, const std::string& path) {
-    if (o.unsigned_allowed) {
-        vfplan::bundle::Fixture fixture = vfplan::bundle::read_fixture(path);
+/// The fixture that meets the demands. Without keys it is undamaged, which says nothing about who
+/// made it: anybody who can write the file can seal another one.
+vfplan::bundle::Fixture load(const Options& o, const std::string& path) {
+    vfplan::bundle::Fixture fixture = vfplan::load(path, o.demand);
+    if (o.demand.keys.empty())
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
                      "anybody may have made it, for any patient. Sign it with `vfplan sign`.\n",
                      path.c_str());
-        return fixture;
-    }
-#ifdef WITH_SIGNATURES
-    vfplan::bundle::Trust trust;
-    trust.keys = vfplan::bundle::read_keys(o.keys);
-    trust.case_token = o.case_token;
-    trust.robot_serial = o.robot_serial;
-    trust.max_age = o.max_age;
-    return vfplan::bundle::read_fixture(path, trust);
-#else
-    throw UsageError("--keys: this controller was built without OpenSSL. Build it with OpenSSL.");
-#endif
+    return fixture;
 }
 
-/// A fixture as it may be rendered: signed if that is demanded, and without open findings.
-vfplan::bundle::Fixture read_approved(const Options& o, const std::string& path) {
-    vfplan::bundle::Fixture fixture = read_signed(o, path);
-    const std::size_t open = fixture.findings_unanswered;
-    if (open > 0 && !o.despite_findings) {
-        throw vfplan::bundle::BundleError(
-            "unsafe.findings", path,
-            "open findings of its planning: " + std::to_string(open) +
-                ". Answer them with `vfplan review`, or give --despite-findings.");
-    }
-    if (!fixture.reviewed && !o.unsigned_allowed) {
-        std::fprintf(stderr,
-                     "controller: warning: %s is signed, but nobody has reviewed its plan. Ask who "
-                     "signed it why.\n",
-                     path.c_str());
-    }
-    return fixture;
+/// The controller of a fixture; limits that are not passive are the option's mistake.
+vfplan::Controller govern(const vfplan::bundle::Fixture& fixture, const Options& o,
+                          const vfplan::ControllerSettings& settings) try {
+    return vfplan::Controller(fixture, o.demand, settings);
+} catch (const vfplan::OutOfRange& error) {
+    if (!error.name.starts_with("force_")) throw;
+    char option[64];
+    std::snprintf(option, sizeof option, "--governor %g,%g", settings.governor.force_step,
+                  settings.governor.force_max);
+    throw UsageError(option + (": " + reason(error)));
 }
 
 /// The engines that the events exchange, each by its own best rule where the first one's is exact;
@@ -152,18 +123,17 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
             hand_over(event, trial, nullptr);
             continue;
         }
-        const auto other = read_approved(o, event.bundle.string());
-        if (other.frame != "robot_base" || other.guidance)
-            throw FileError(event.where +
-                            ": no forbidden region in robot_base. Exchange it for one that is.");
+        const auto other = load(o, event.bundle.string());
+        if (other.guidance)
+            throw FileError(event.where + ": no forbidden region. Exchange it for one that is.");
         const bool exact = rule == vfplan::Rule::exact;
         const vfplan::Rule own = exact ? vfplan::bundle::best_rule(other) : rule;
         vfplan::Parameters p = vfplan::bundle::parameters(other, own);
         p.search = search;
-        Rendered made(other, p, use);
-        stiffness = std::max(stiffness, made.stiffness());
-        event.engine.emplace(std::move(made.region()));
-        hand_over(event, trial, &Rendered(other, p, vfplan::Use::replay).region());
+        stiffness = std::max(stiffness, p.stiffest());
+        event.engine.emplace(vfplan::bundle::make_engine(other, p, use));
+        vfplan::Engine another = vfplan::bundle::make_engine(other, p, vfplan::Use::replay);
+        hand_over(event, trial, &another);
         now = own;
     }
     return stiffness;
@@ -171,10 +141,7 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
 
 int control(const Options& o) {
     // Load, check, copy to plain arrays, close: no file meets the loop.
-    const vfplan::bundle::Fixture fixture = read_approved(o, o.fixture);
-    if (fixture.frame != "robot_base")
-        throw FileError(o.fixture + ": the fixture is in the frame " + fixture.frame +
-                        ", and the arm moves in robot_base. Register it first: vfplan register.");
+    const vfplan::bundle::Fixture fixture = load(o, o.fixture);
     auto poses = o.poses.empty() ? std::vector<Posed>{} : read_poses(o.poses);
     auto events = o.events.empty() ? std::vector<Event>{} : read_events(o.events);
     const bool changes = !poses.empty() || !o.events.empty();
@@ -193,29 +160,32 @@ int control(const Options& o) {
             "with --arcs, or give --rule robust, which takes its points.");
     const auto use = o.simulated_time ? vfplan::Use::replay : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
+    vfplan::ControllerSettings settings = o.settings;
+    settings.rule = p.rule;
+    settings.any_tick_time = o.simulated_time;
+    if (!poses.empty() && !settings.moving) settings.moving.emplace();
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
-        p.search = vfplan::Search::editable;
-    Rendered engine(fixture, p, use);
-    double stiffest = engine.stiffness();
+        settings.search = vfplan::Search::editable;
     if (!events.empty()) {
-        Rendered trial(fixture, p, vfplan::Use::replay);
-        stiffest =
-            std::max(stiffest, make_engines(events, o, p.rule, use, p.search, trial.region()));
+        vfplan::ControllerSettings any = settings;
+        any.any_tick_time = true;
+        vfplan::Controller trial(fixture, o.demand, any);
+        settings.max_stiffness =
+            make_engines(events, o, p.rule, use, settings.search, *trial.region());
     }
-    Changing changing(engine, std::move(poses), std::move(events),
-                      o.moving.value_or(vfplan::MovingLimits{}));
+    vfplan::Controller controller = govern(fixture, o, settings);
+    Changing changing(controller, std::move(poses), std::move(events));
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
-    auto governed = governor(o, stiffest);
     const auto sender = telemetry(o.telemetry);
     catch_stop_signals();
-    Log log(o.log, ticks, governed.has_value());
+    Log log(o.log, ticks, o.is_governed);
     if (changes) log.begun = [&](std::uint64_t taken) { return changing.begun(taken); };
     Form form = o.form;
     // Without page faults later. The system refuses it to a user without the right to.
     mlockall(MCL_CURRENT | MCL_FUTURE);
     const Ending ending =
-        run(changing, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
+        run(controller, changing, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();
     log.write();
     log.report(ending.missed);
@@ -224,20 +194,21 @@ int control(const Options& o) {
         std::printf("telemetry: %llu ticks dropped, %llu datagrams not taken by the system\n",
                     static_cast<unsigned long long>(sender->dropped()),
                     static_cast<unsigned long long>(sender->unsent()));
-    if (governed)
+    if (o.is_governed)
         std::printf("governor: gave up to %.4f mJ of %.4f mJ stored\n",
-                    1e3 * governed->energy_given(), 1e3 * governed->energy_stored());
+                    1e3 * controller.governor().energy_given(),
+                    1e3 * controller.governor().energy_stored());
     changing.check();
-    if (ending.bad_tick) {
-        std::cerr << o.fixture << ": the loop stopped in tick " << *ending.bad_tick
-                  << ", because the tip's place in the fixture was not finite, or beyond 1e6 m. "
-                     "Check the poses and where the tip starts.\n";
-        return 1;
-    }
     if (ending.signal != 0) {
         std::cerr << o.fixture << ": signal " << ending.signal
                   << " stopped the loop. Start it again for all of its ticks.\n";
         return 128 + ending.signal;
+    }
+    if (ending.stopping != 0) {
+        std::cerr << o.fixture << ": the loop stopped in tick " << ending.tick
+                  << ", because the tip's place in the fixture was not finite, beyond 1e6 m, or "
+                     "too far from the one before. Check the poses and where the tip starts.\n";
+        return 1;
     }
     return 0;
 }

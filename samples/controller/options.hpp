@@ -13,7 +13,7 @@
 
 #include "arm.hpp"
 #include "changing.hpp"
-#include "vfplan/governor.hpp"
+#include "vfplan/controller.hpp"
 
 namespace controller {
 
@@ -42,6 +42,7 @@ inline constexpr const char* usage =
     "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
     "  --max-age TIME                         how long ago it may have been signed: 90s, 30min,\n"
     "                                         12h or 2d\n"
+    "  --unreviewed                           take it though nobody has approved its plan\n"
     "  --despite-findings                     take it though findings of its planning are open\n"
     "  --help                                 this page\n"
     "exit: 0 done, 1 stopped at a bad position, 2 bad usage or log, 3 bad input, 4 a bundle that\n"
@@ -52,17 +53,22 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-    std::string fixture, log, telemetry, keys, poses, events;
-    std::optional<vfplan::MovingLimits> moving;
-    std::optional<std::string> case_token, robot_serial;
-    std::optional<std::chrono::seconds> max_age;
+    Options() {
+        // Without --governor what is commanded is what is rendered. An arm that is simulated goes
+        // on whatever else a tick says.
+        settings.governor.force_step = settings.governor.force_max = 1e6;
+        settings.governor.period = period;
+        settings.stop_at = vfplan::bad_hip | vfplan::jumped;
+    }
+
+    std::string fixture, log, telemetry, poses, events;
+    vfplan::Demand demand;
+    vfplan::ControllerSettings settings;
     Form form = Impedance{};
     std::optional<vfplan::Rule> rule;  // without one, the rule nearest to what the bundle holds
     double seconds = 5;
-    std::optional<vfplan::GovernorLimits> governor;
+    bool is_governed = false;
     bool simulated_time = false;
-    bool unsigned_allowed = false;
-    bool despite_findings = false;
 };
 
 /// The value of a name; refuses a name that is not among the allowed ones.
@@ -87,9 +93,8 @@ inline double duration(const std::string& value) {
     return seconds;
 }
 
-/// A time with its unit, as the commands of vfplan take it: 90s, 30min, 12h or 2d. The age of a
-/// signature is counted in whole seconds, so a part of a second is cut off.
-inline std::chrono::seconds age(const std::string& value) {
+/// A time with its unit, as the commands of vfplan take it: 90s, 30min, 12h or 2d [s].
+inline double age(const std::string& value) {
     const std::map<std::string, double> seconds_of{
         {"s", 1}, {"min", 60}, {"h", 3600}, {"d", 86400}};
     const double longest = 1e9 * seconds_of.at("d");  // [s] as for those commands
@@ -106,7 +111,7 @@ inline std::chrono::seconds age(const std::string& value) {
     if (!(seconds < longest))
         throw UsageError("--max-age " + value +
                          " is no time. Give one such as 90s, 30min, 12h or 2d.");
-    return std::chrono::seconds(std::int64_t(seconds));
+    return seconds;
 }
 
 /// As many numbers as the example has, separated by commas.
@@ -123,16 +128,6 @@ inline std::vector<double> numbers(const std::string& option, const std::string&
         throw UsageError(option + " " + value + " is not " + std::to_string(count) +
                          " numbers. Give them with commas between, as " + example + ".");
     return values;
-}
-
-/// The governor's limits, as STEP,MAX [N].
-inline vfplan::GovernorLimits governor_limits(const std::string& value) {
-    const std::vector<double> given = numbers("--governor", value, "1.2,20");
-    vfplan::GovernorLimits limits;
-    limits.force_step = given[0];
-    limits.force_max = given[1];
-    limits.period = period;
-    return limits;
 }
 
 /// Calls `use`; what it refuses is reported as a mistake in the option.
@@ -168,50 +163,57 @@ inline Options parse(const std::vector<std::string>& args) {
         else if (args[i] == "--telemetry")
             o.telemetry = value();
         else if (args[i] == "--keys")
-            o.keys = value();
+            o.demand.keys = {value()};
         else if (args[i] == "--case")
-            o.case_token = value();
+            o.demand.case_id = value();
         else if (args[i] == "--robot-serial")
-            o.robot_serial = value();
+            o.demand.robot_serial = value();
         else if (args[i] == "--max-age")
-            o.max_age = age(value());
+            o.demand.max_age_s = age(value());
         else if (args[i] == "--despite-findings")
-            o.despite_findings = true;
-        else if (args[i] == "--governor")
-            o.governor = governor_limits(value());
-        else if (args[i] == "--poses")
+            o.demand.accept_doubts = true;
+        else if (args[i] == "--unreviewed")
+            o.demand.accept_unreviewed = true;
+        else if (args[i] == "--governor") {
+            const std::vector<double> given = numbers("--governor", value(), "1.2,20");
+            o.settings.governor.force_step = given[0];
+            o.settings.governor.force_max = given[1];
+            o.is_governed = true;
+        } else if (args[i] == "--poses")
             o.poses = value();
         else if (args[i] == "--events")
             o.events = value();
         else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
-            if (!o.moving) o.moving.emplace();
+            auto& moving = o.settings.moving;
+            if (!moving) moving.emplace();
             const std::string option = args[i];
             if (option == "--pivot") {
                 const std::vector<double> v = numbers(option, value(), "0,0,0");
-                o.moving->pivot = {{v[0], v[1], v[2]}};
+                moving->pivot = {{v[0], v[1], v[2]}};
             } else {
                 const std::vector<double> v = numbers(option, value(), "0.1,0.25,1");
-                o.moving->max_age = v[0];
-                o.moving->max_speed = v[1];
-                o.moving->max_turn = v[2];
+                moving->max_age = v[0];
+                moving->max_speed = v[1];
+                moving->max_turn = v[2];
             }
-            as_option(option + " " + args[i], [&] { vfplan::MovingFrame frame(*o.moving); });
+            as_option(option + " " + args[i], [&] { vfplan::MovingFrame frame(*moving); });
         } else if (args[i] == "--simulated-time")
             o.simulated_time = true;
         else if (args[i] == "--unsigned")
-            o.unsigned_allowed = true;
+            o.demand.accept_unsigned = o.demand.accept_unreviewed = true;
         else if (o.fixture.empty() && !args[i].starts_with("--"))
             o.fixture = args[i];
         else
             throw UsageError(args[i] + " is not understood. Give one fixture and known options.");
     }
     if (o.fixture.empty()) throw UsageError("No fixture is named. Give FIXTURE.h5.");
-    if (o.moving && o.poses.empty())
+    if (o.settings.moving && o.poses.empty())
         throw UsageError("--pose-limits and --pivot need a fixture that moves. Give --poses too.");
-    if (o.keys.empty() && (o.case_token || o.robot_serial || o.max_age))
+    const vfplan::Demand& demand = o.demand;
+    if (demand.keys.empty() && (demand.case_id || demand.robot_serial || demand.max_age_s))
         throw UsageError(
             "--case, --robot-serial and --max-age read a signature. Give --keys KEYS.pub too.");
-    if (o.keys.empty() != o.unsigned_allowed)
+    if (demand.keys.empty() != demand.accept_unsigned)
         throw UsageError(
             "It is not said who may have made the fixture. Give either --keys KEYS.pub, who must "
             "have signed it, or --unsigned, which takes it from anybody.");

@@ -155,7 +155,9 @@ void edit(long n) {
 
 /// A row: kind 0: stamp, x y z, w x y z; kind 1: t, hip.
 void move(const char* in, const char* out) {
-    vfplan::Engine engine = sheet_engine(20, 0, {});
+    vfplan::Parameters p;
+    p.max_hip_step = 0;
+    vfplan::Engine engine = sheet_engine(20, 0, p);
     vfplan::MovingFrame frame({0.1, 0.25, 1, {{0, 0, 1e-3}}});
     std::FILE* from = std::fopen(in, "rb");
     std::FILE* to = std::fopen(out, "wb");

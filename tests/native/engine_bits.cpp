@@ -259,6 +259,7 @@ void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long
 void edit(long ticks, vfplan::Width width) {
     const scenes::Points sheet = scenes::sheet(81, 5e-4);
     vfplan::Parameters p;
+    p.max_hip_step = 0;
     p.band = 2e-5;
     p.search = vfplan::Search::editable;
     const auto size = static_cast<std::uint32_t>(sheet.size() / 3);

@@ -90,6 +90,7 @@ struct Scene {
 
     vfplan::Parameters parameters(vfplan::Rule rule) const {
         vfplan::Parameters p;
+        p.max_hip_step = 0;  // these paths leap
         p.rule = rule;
         p.point_radius = point_radius;
         p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;

@@ -124,6 +124,8 @@ class Governor:
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
                            torque_step="nm", torque_max="nm"):  # fmt: skip
             self._governor = _core.Governor(limits)
+        # As the core takes them.
+        self.limits = limits
         self.reset()
 
     @classmethod

@@ -77,14 +77,14 @@ class MovingFrame:
         SceneError
             No rigid transform, or one beyond 1e6 m.
         """
-        return self._frame.pose(_check_time(t), _check_rigid(base_from_fixture))
+        return self._frame.pose(check_time(t), check_rigid(base_from_fixture))
 
     def at(self, t: float) -> Vector:
         """The frame (4, 4) at `t` [s]; the identity before any pose.
 
         If `t` goes back, the frame stays where it is and is `stale`.
         """
-        return matrices(self._frame.at(_check_time(t)).reshape(1, 7))[0]
+        return matrices(self._frame.at(check_time(t)).reshape(1, 7))[0]
 
     def step(self, engine: Any, t: float, hip: ArrayLike) -> Any:
         """One tick, at `t` [s], of an engine or a `Guide` that is in the fixture's frame.
@@ -186,14 +186,14 @@ def matrices(poses: Vector) -> Vector:
     return out
 
 
-def _check_time(t: float) -> float:
+def check_time(t: float) -> float:
     """One time [s] as a float; raises `SceneError` for anything that is no finite number."""
     if not isinstance(t, Real) or not -MAX_TIME_S < t < MAX_TIME_S:
         raise SceneError(f"time is {t!r} s. Give a finite number.")
     return float(t)
 
 
-def _check_rigid(pose: ArrayLike) -> Vector:
+def check_rigid(pose: ArrayLike) -> Vector:
     """A rigid transform as (4, 4) float64; raises `SceneError` for anything else."""
     matrix = real_array(pose, "pose")
     if matrix.shape != (4, 4):

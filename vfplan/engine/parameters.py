@@ -51,8 +51,8 @@ class ProxyParameters(_core.Parameters):
 
     The native engine has the fields: `rule`, `contact_radius`, `band`, `point_radius`,
     `outer_radius` [m], `gain`, `stiffness` (3,) [N/m], `ignore_axis` (3,) or `None`,
-    `max_iterations` and `search`; and what follows from them: `r1`, `r2`, and the distance `R` at
-    which the proxy rests on a point [m].
+    `max_iterations`, `max_hip_step` and `search`; and what follows from them: `r1`, `r2`, and the
+    distance `R` at which the proxy rests on a point [m].
     """
 
     @classmethod
@@ -70,6 +70,7 @@ class ProxyParameters(_core.Parameters):
         *,
         max_iterations: int | None = None,
         search: Literal["auto", "grid", "brute"] = "auto",
+        max_hip_step: float = 0.0,
     ) -> ProxyParameters:
         """Check every setting, and choose those that were not given.
 
@@ -97,6 +98,9 @@ class ProxyParameters(_core.Parameters):
             Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
         search
             "grid", "brute" (every point, every time) or "auto": a grid where it is faster.
+        max_hip_step
+            A HIP further than this from the last good one counts as no HIP [m]; 0: any is good.
+            A study's path may leap, so 0 is the default here. `vfplan.Controller` has 0.02.
 
         Raises
         ------
@@ -126,6 +130,7 @@ class ProxyParameters(_core.Parameters):
             rule=rule,
             search=one_of("search", search, ("auto", "grid", "brute")),
             max_iterations=check_iterations(max_iterations),
+            max_hip_step=real_number("max_hip_step", max_hip_step),
         )
         with core_settings():
             _core.check(parameters, points)
@@ -386,4 +391,6 @@ def core_errors(kind: type[VfplanError]) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
+        if isinstance(error, VfplanError):
+            raise
         raise kind(str(error.args[0]).removeprefix("vfplan: ")) from None

@@ -54,6 +54,9 @@ class Status(IntFlag):
     CHANGING = 16
     # With INSIDE: no way out was found on the side where the proxy was before the exchange.
     CROSSED = 32
+    # The HIP was further than `max_hip_step` from the last good one. Proxy and force stay as they
+    # are until it is back, or until a reset.
+    JUMPED = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +321,7 @@ class ProxyEngine:
         (N, 3) cloud [m].
     contact_radius, band, point_radius, stiffness, rule, ignore_axis, outer_radius, gain
         Table I; see `ProxyParameters.make`.
-    max_iterations, search
+    max_iterations, search, max_hip_step
         As `ProxyParameters.make`, and by name only.
     simd_width
         2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The result

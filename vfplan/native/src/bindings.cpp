@@ -14,6 +14,7 @@ void bind_guide(nb::module_& m);
 void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
 void bind_picture(nb::module_& m);
+void bind_controller(nb::module_& m);
 
 namespace {
 
@@ -167,7 +168,7 @@ NB_MODULE(_core, m) {
             [](Parameters* self, double contact_radius, double band, double point_radius,
                double outer_radius, double gain, const std::optional<Row>& stiffness,
                const std::optional<Row>& ignore_axis, const nb::str& rule, const nb::str& search,
-               int max_iterations) {
+               int max_iterations, double max_hip_step) {
                 new (self) Parameters{contact_radius,
                                       band,
                                       point_radius,
@@ -177,12 +178,14 @@ NB_MODULE(_core, m) {
                                       vec(ignore_axis),
                                       named<vfplan::Rule>(rule),
                                       named<vfplan::Search>(search),
-                                      max_iterations};
+                                      max_iterations,
+                                      max_hip_step};
             },
             nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
             "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
             "gain"_a = usual.gain, "stiffness"_a = nb::none(), "ignore_axis"_a = nb::none(),
-            "rule"_a = "robust", "search"_a = "auto", "max_iterations"_a = usual.max_iterations)
+            "rule"_a = "robust", "search"_a = "auto", "max_iterations"_a = usual.max_iterations,
+            "max_hip_step"_a = 0.0)
         .def(
             "__init__",
             [](Parameters* self, const Parameters& other, const std::optional<double>& band,
@@ -199,6 +202,7 @@ NB_MODULE(_core, m) {
         .def_ro("outer_radius", &Parameters::outer_radius, "r3 [m]")
         .def_ro("gain", &Parameters::gain, "xi of eq. (5)")
         .def_ro("max_iterations", &Parameters::max_iterations, "of rule robust, a tick")
+        .def_ro("max_hip_step", &Parameters::max_hip_step, "of a HIP, from the last [m]; 0: any")
         .def_prop_ro(
             "rule", [](const Parameters& p) { return name_of(p.rule); },
             nb::sig("def rule(self) -> str"))
@@ -363,4 +367,5 @@ NB_MODULE(_core, m) {
     bind_moving(m);
     bind_bundle(m);
     bind_picture(m);
+    bind_controller(m);
 }

@@ -13,7 +13,7 @@
 #include "vfplan/engine_impl.hpp"
 
 #ifdef __cpp_exceptions
-#include "vfplan/bundle/fixture.hpp"
+#include "vfplan/controller_impl.hpp"
 
 vfplan::bundle::Content vfplan::bundle::read_payload(View payload, std::uint64_t file_length,
                                                      Findings& findings) {

@@ -72,11 +72,11 @@ class Engine {
     /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters,
     /// band and gain have no part. Throws std::invalid_argument.
     Engine(const std::vector<Stroke>& strokes, const Parameters& p)
-        : impl_(detail::make_impl(strokes, p)) {}
+        : impl_(detail::make_impl(strokes, p)), parameters_(exactly(p)) {}
 
     /// A mesh, rendered from its triangles: rule `exact`, in space. As for a curve.
     Engine(const mesh::Surface& surface, const Parameters& p)
-        : impl_(detail::make_impl(surface, p)) {}
+        : impl_(detail::make_impl(surface, p)), parameters_(exactly(p)) {}
 
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used for a replay, for
@@ -96,6 +96,7 @@ class Engine {
         parameters_ = other.parameters_;
         width_ = other.width_;
         last_ = other.last_;
+        gate_ = other.gate_;
         return *this;
     }
     ~Engine() { delete changes_.load(); }
@@ -104,6 +105,7 @@ class Engine {
     /// leaves it unplaced: the first good one of a step is then its start.
     void reset(const Vec3& hip) noexcept {
         last_ = {};
+        gate_.reset(hip);
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
             while (apply_next(*changes)) continue;
             changes->force_ramp.stop();
@@ -119,15 +121,14 @@ class Engine {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
                 if (!apply_next(*changes)) break;
         }
-        Step s = impl_->step(hip);
+        const bool jumps = gate_.refuses(hip, impl_->max_hip_step);
+        Step s = impl_->step(jumps ? HipGate::nowhere : hip);
+        if (jumps) s.status = jumped;
         if (changes) limit_force(*changes, s, hip);
-        if (previous_ && !(s.status & (inside | bad_hip))) changes->retire(previous_.release());
-        if (!(s.status & bad_hip)) {
-            last_.proxy = s.proxy;
-            last_.force = s.force;
-            last_.hip = hip;
-            last_.is_placed = true;
-        }
+        if (s.status & (bad_hip | jumped)) return s;
+        if (previous_ && !(s.status & inside)) changes->retire(previous_.release());
+        last_ = {s.proxy, s.force, true};
+        gate_.reset(hip);
         return s;
     }
 
@@ -142,6 +143,14 @@ class Engine {
         parameters_ = other.parameters_;
         width_ = other.width_;
         return c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
+    }
+
+    /// Changes the diagonal of K [N/m]; false, and nothing done, where 4096 changes wait.
+    bool set_stiffness(const Vec3& k) {
+        check_stiffness(k);
+        if (!changes().queue.push({detail::PendingChange::stiffness, nullptr, 0, k})) return false;
+        parameters_.stiffness = k;
+        return true;
     }
 
     /// Takes the points of the n numbers in `remove` away and adds m; of an engine made with
@@ -193,6 +202,8 @@ class Engine {
     /// Cells of the grid; 0 without one.
     std::size_t cells() const noexcept { return impl_->cells(); }
     bool planar() const noexcept { return impl_->planar(); }
+    /// What it was made with: of the thread that edits, as handed over last.
+    const Parameters& parameters() const noexcept { return parameters_; }
     /// Distance from x to the nearest geometry [m].
     double distance(const Vec3& x) const noexcept { return impl_->distance(x); }
     /// Whether it was given to `exchange`.
@@ -200,10 +211,14 @@ class Engine {
 
   private:
     struct LastTick {
-        Vec3 proxy, force, hip;
+        Vec3 proxy, force;
         bool is_placed = false;
     };
 
+    static Parameters exactly(Parameters p) {
+        p.rule = Rule::exact;
+        return p;
+    }
     detail::ImplPtr make_impl(const double* xyz, std::size_t n) const {
         Parameters p = parameters_;
         const bool is_small = n < detail::PointNumbers::min_to_edit;
@@ -240,6 +255,9 @@ class Engine {
             case detail::PendingChange::add:
                 impl_->add(change->point);
                 break;
+            case detail::PendingChange::stiffness:
+                impl_->set_stiffness(change->point);
+                break;
             case detail::PendingChange::remove:
                 impl_->remove(change->id);
                 break;
@@ -251,17 +269,18 @@ class Engine {
     }
 
     void limit_force(detail::PendingChanges& changes, Step& s, const Vec3& hip) noexcept {
-        if (s.status & bad_hip) {
+        if (s.status & (bad_hip | jumped)) {
             s.proxy = last_.proxy;
             s.force = last_.force;
         } else if (last_.is_placed) {
-            changes.force_ramp.limit_force(s, *impl_, last_.force, norm(hip - last_.hip));
+            changes.force_ramp.limit_force(s, *impl_, last_.force, norm(hip - gate_.last));
         }
     }
 
     detail::ImplPtr impl_;
     detail::ImplPtr previous_;  // until the proxy is out of impl_
     LastTick last_;
+    HipGate gate_;  // has the last good HIP
     std::atomic<detail::PendingChanges*> changes_{nullptr};
     std::unique_ptr<detail::PointNumbers> numbers_;  // the editor's, as what follows
     Parameters parameters_;

@@ -35,7 +35,7 @@ class RuleInSpace : public EngineImpl {
     /// `of_rule`: what the rule is made of. It is made in its place, for it is large.
     template <class... OfRule>
     RuleInSpace(Space space, const Parameters& p, OfRule&&... of_rule)
-        : EngineImpl(std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]}), p.R(), p.band),
+        : EngineImpl(p),
           space_(space),
           rule_(std::forward<OfRule>(of_rule)...),
           stiffness_{p.stiffness} {}
@@ -43,7 +43,7 @@ class RuleInSpace : public EngineImpl {
     void reset(const Vec3& hip) noexcept final {
         rule_.reset();
         last_ = {};
-        is_placed_ = is_good(hip);
+        is_placed_ = is_within_range(hip);
         if (!is_placed_) return;
         last_.proxy = hip;
         proxy_ = space_.project(hip);
@@ -57,7 +57,7 @@ class RuleInSpace : public EngineImpl {
     }
 
     Step step(const Vec3& hip) noexcept final {
-        if (!is_good(hip)) {
+        if (!is_within_range(hip)) {
             Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
             s.status = bad_hip;
             return s;
@@ -73,6 +73,10 @@ class RuleInSpace : public EngineImpl {
         // Field by field: a copy of the whole would wait until the fields have reached the cache.
         return {last_.proxy, last_.normal, last_.force, last_.state, last_.status};
     }
+    void set_stiffness(const Vec3& k) noexcept final {
+        stiffness_ = Stiffness{k};
+        stiffness = std::max({k[0], k[1], k[2]});
+    }
     bool planar() noexcept final { return D == 2; }
     double work_time() noexcept final { return rule_.work_time(); }
 
@@ -81,12 +85,6 @@ class RuleInSpace : public EngineImpl {
     RuleOf rule_;
 
   private:
-    static bool is_good(const Vec3& hip) noexcept {
-        for (int k = 0; k < 3; ++k)
-            if (!(std::abs(hip[k]) <= largest_coordinate)) return false;
-        return true;
-    }
-
     Stiffness stiffness_;
     PreviousSpace<Space> previous_;
     Vec<D> proxy_;

@@ -1,14 +1,13 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // Another engine, or other points, under the hand: what the editor's thread hands to the loop
-// (SpscQueue, PendingChanges), the numbers that points keep (PointNumbers), and how the force gets
+// (PendingChanges), the numbers that points keep (PointNumbers), and how the force gets
 // from the one engine to the other (ForceRamp). After a start inside, the force is ramped by WayOut
 // and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -17,76 +16,30 @@
 #include <utility>
 #include <vector>
 
+#include "vfplan/base/queue.hpp"
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-/// Stands before a function that engine_impl.hpp defines. With VFPLAN_COMPILED it is compiled in
-/// engine.cpp alone, without it in each source file.
-#ifdef VFPLAN_COMPILED
-#define VFPLAN_COMPILED_ONCE
-#else
-#define VFPLAN_COMPILED_ONCE inline
-#endif
-
 namespace vfplan {
-
-/// A queue from one thread to one other. Neither of them locks, waits or allocates.
-template <class T>
-class SpscQueue {
-  public:
-    /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
-    explicit SpscQueue(std::size_t capacity)
-        : items_(std::bit_ceil(capacity)), mask_(items_.size() - 1) {}
-    SpscQueue(const SpscQueue&) = delete;
-    SpscQueue& operator=(const SpscQueue&) = delete;
-
-    /// How many more items fit; for the thread that gives.
-    std::size_t free_slots() const noexcept {
-        return items_.size() - std::size_t(head_.load(std::memory_order_relaxed) -
-                                           tail_.load(std::memory_order_acquire));
-    }
-    /// Gives n items, which the other thread sees all at once; false where they do not all fit.
-    bool push(const T* items, std::size_t n) noexcept {
-        if (free_slots() < n) return false;
-        const std::uint64_t at = head_.load(std::memory_order_relaxed);
-        for (std::size_t i = 0; i < n; ++i) items_[(at + i) & mask_] = items[i];
-        head_.store(at + n, std::memory_order_release);
-        return true;
-    }
-    bool push(const T& item) noexcept { return push(&item, 1); }
-    /// How many items the other thread has not taken yet; for the thread that gives.
-    std::size_t size() const noexcept { return items_.size() - free_slots(); }
-    /// The oldest item, or null; for the thread that takes.
-    const T* front() const noexcept {
-        const std::uint64_t at = tail_.load(std::memory_order_relaxed);
-        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
-    }
-    /// Drops the item that `front` gave; for the thread that takes.
-    void pop() noexcept {
-        tail_.store(tail_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
-    }
-
-  private:
-    std::vector<T> items_;
-    std::uint64_t mask_;
-    alignas(64) std::atomic<std::uint64_t> head_{0};
-    alignas(64) std::atomic<std::uint64_t> tail_{0};
-};
 
 namespace detail {
 
 /// An engine behind its type.
 struct EngineImpl {
-    EngineImpl(double stiffness, double radius, double band) noexcept
-        : stiffness(stiffness), radius(radius), band(band) {}
+    explicit EngineImpl(const Parameters& p) noexcept
+        : stiffness(p.stiffest()),
+          radius(p.R()),
+          band(p.band),
+          max_hip_step(p.max_hip_step) {}
     virtual ~EngineImpl() = default;
     virtual void reset(const Vec3& hip) noexcept = 0;
     /// The next tick starts with the proxy of another engine, which was outside of `previous`.
     virtual void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept = 0;
     virtual Step step(const Vec3& hip) noexcept = 0;
+    virtual void set_stiffness(const Vec3& k) noexcept = 0;
     virtual void remove(std::size_t) noexcept {}
     virtual void add(const Vec3&) noexcept {}
     virtual std::size_t bytes() noexcept = 0;
@@ -102,6 +55,7 @@ struct EngineImpl {
     double stiffness;            ///< the largest of K [N/m]
     double radius;               ///< R [m]
     double band;                 ///< [m]
+    double max_hip_step;         ///< [m]
     EngineImpl* next = nullptr;  ///< in the list of those that are retired
 };
 
@@ -115,10 +69,10 @@ struct SearchableEngine {
 
 /// What the editor hands to the loop.
 struct PendingChange {
-    enum Kind { exchange, remove, add } kind = exchange;
+    enum Kind { exchange, remove, add, stiffness } kind = exchange;
     EngineImpl* engine = nullptr;
     std::size_t id = 0;
-    Vec3 point;
+    Vec3 point;  ///< or K [N/m]
 };
 
 /// The ramp of the force after an exchange or an edit. The force follows that of the engine by

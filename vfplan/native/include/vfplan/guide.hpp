@@ -102,7 +102,7 @@ class Guide {
         last_ = {};
         pull_ = {};
         speed_ = 0;
-        is_placed_ = is_good(hip);
+        is_placed_ = is_within_range(hip);
         if (!is_placed_) return;
         x_ = across(hip);
         search(p_.hold == Hold::at_once);
@@ -112,7 +112,7 @@ class Guide {
 
     /// One servo loop.
     GuideStep step(const Vec3& hip) noexcept {
-        if (!is_good(hip)) {
+        if (!is_within_range(hip)) {
             GuideStep s = last_;
             s.status = bad_hip;
             return s;
@@ -148,7 +148,7 @@ class Guide {
         std::vector<Vec3> points(n);
         for (std::size_t i = 0; i < n; ++i) {
             const Vec3 x{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
-            if (!is_good(x)) reject("points must be finite, coordinates up to 1e6 m");
+            if (!is_within_range(x)) reject("points must be finite, coordinates up to 1e6 m");
             points[i] = across(x);
         }
         path_.add(points, closed);
@@ -183,11 +183,6 @@ class Guide {
                    place(bend));
     }
 
-    static bool is_good(const Vec3& x) noexcept {
-        for (int k = 0; k < 3; ++k)
-            if (!(std::abs(x[k]) <= largest_coordinate)) return false;
-        return true;
-    }
     Vec3 across(const Vec3& x) const noexcept {
         if (!p_.ignore_axis) return x;
         return x - dot(*p_.ignore_axis, x) * *p_.ignore_axis;

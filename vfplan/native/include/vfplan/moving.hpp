@@ -13,12 +13,13 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
-#include "vfplan/cloud/points.hpp"
-#include "vfplan/exchange.hpp"
+#include "vfplan/base/queue.hpp"
+#include "vfplan/base/vec.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan {
@@ -83,7 +84,7 @@ class MovingFrame {
         check_above("max_age", limits.max_age, 0, 10, " s");
         check_above("max_speed", limits.max_speed, 0, 10, " m/s");
         check_above("max_turn", limits.max_turn, 0, 100, " rad/s");
-        if (!is_finite(limits.pivot)) reject("pivot must be finite and within 1e6 m");
+        if (!is_within_range(limits.pivot)) reject("pivot must be finite and within 1e6 m");
     }
 
     /// Hands over the fixture's frame at `stamp`, on the loop's clock [s]; for the thread of the
@@ -93,7 +94,7 @@ class MovingFrame {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
         const bool is_rigid = std::abs(size - 1) < rigid_tolerance;
-        bool is_taken = std::isfinite(stamp) && is_finite(p.place) && is_rigid;
+        bool is_taken = std::isfinite(stamp) && is_within_range(p.place) && is_rigid;
         if (is_taken) {
             p.w /= size;
             p.v = (1 / size) * p.v;
@@ -144,7 +145,7 @@ class MovingFrame {
     /// How far the fixture still has to go at `place` (in the base), to where its youngest pose
     /// puts it [m]. Infinite before the first pose, and where `place` is not finite.
     double lag(const Vec3& place) const noexcept {
-        if (!is_placed_ || !is_finite(place)) return std::numeric_limits<double>::infinity();
+        if (!is_placed_ || !is_within_range(place)) return std::numeric_limits<double>::infinity();
         return norm(goal_.out(now_.in(place)) - place);
     }
     /// How many of the poses that were not refused the last tick knew of.
@@ -163,7 +164,7 @@ class MovingFrame {
         decltype(engine.step(hip)) s;
         if (!is_placed_) {
             s.status = stale_pose;
-            if (is_finite(hip))
+            if (is_within_range(hip))
                 s.proxy = hip;
             else
                 s.status |= bad_hip;
@@ -182,11 +183,6 @@ class MovingFrame {
         double stamp;
         Pose pose;
     };
-
-    static bool is_finite(const Vec3& x) noexcept {
-        return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
-               std::abs(x[2]) <= largest_coordinate;
-    }
 
     /// Lets the frame arrive at this pose when the next one is due. It begins at the first one.
     void accept_pose(const Stamped& next, double t) noexcept {

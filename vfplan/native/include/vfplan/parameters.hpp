@@ -43,13 +43,40 @@ struct Parameters {
     std::optional<Vec3> ignore_axis;     ///< unit vector along which the fixture is infinite
     Rule rule = Rule::robust;
     Search search = Search::automatic;
-    int max_iterations = 16;  ///< of the robust rule, a tick
+    int max_iterations = 16;     ///< of the robust rule, a tick
+    double max_hip_step = 0.02;  ///< a HIP further than this from the last counts as no HIP [m];
+                                 ///< 0: none does
 
     double r1() const noexcept { return contact_radius - band; }
     double r2() const noexcept { return contact_radius + band; }
     /// R = r_c + r_v, where the proxy rests on a point.
     double R() const noexcept { return contact_radius + point_radius; }
+    /// The largest of K [N/m].
+    double stiffest() const noexcept { return std::max({stiffness[0], stiffness[1], stiffness[2]}); }
+
+    bool operator==(const Parameters&) const = default;
 };
+
+/// Tells a HIP that no hand can have reached since the last one.
+struct HipGate {
+    static constexpr Vec3 nowhere{{unbounded, 0, 0}};  ///< what an engine takes for no HIP
+
+    Vec3 last;
+    bool has_last = false;
+
+    void reset(const Vec3& hip) noexcept {
+        has_last = is_within_range(hip);
+        last = hip;
+    }
+    bool refuses(const Vec3& hip, double max_step) const noexcept {
+        return has_last && max_step > 0 && is_within_range(hip) && norm(hip - last) > max_step;
+    }
+};
+
+/// Throws OutOfRange unless each of K is above 0 and finite.
+inline void check_stiffness(const Vec3& k) {
+    for (int i = 0; i < 3; ++i) check_above("stiffness", k[i], 0, unbounded, " N/m");
+}
 
 /// Throws std::invalid_argument unless this is a unit vector.
 inline void check_axis(const Vec3& axis) {
@@ -73,8 +100,9 @@ inline void check(const Parameters& p) {
                "1e-8 (r_c + r_v) to contact_radius");
     check_above("outer_radius", p.outer_radius, p.r2(), 2 * largest_radius, " m", "r3 > r2");
     check_above("gain", p.gain, 0, 1, "");
-    for (int k = 0; k < 3; ++k) check_above("stiffness", p.stiffness[k], 0, unbounded, " N/m");
+    check_stiffness(p.stiffness);
     if (p.ignore_axis) check_axis(*p.ignore_axis);
+    check_from("max_hip_step", p.max_hip_step, 0, unbounded, " m");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
@@ -108,6 +136,8 @@ enum Status : std::uint8_t {
                       ///< - HIP)
     other_side = 32,  ///< with `inside`: no way out was found on the side where the proxy was
                       ///< before the exchange
+    jumped = 64,      ///< the HIP is further than max_hip_step from the last good one: as bad_hip,
+                      ///< until it is back or the engine is reset
 };
 
 /// What a rule says of a tick, in the space it works in.

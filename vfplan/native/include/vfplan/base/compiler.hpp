@@ -15,3 +15,11 @@
 #if !defined(__GNUC__)
 #error "vfplan: needs vector extensions: build with g++, clang or MinGW"
 #endif
+
+/// Stands before a function that engine_impl.hpp or controller_impl.hpp defines. With VFPLAN_COMPILED it is compiled in
+/// engine.cpp alone, without it in each source file.
+#ifdef VFPLAN_COMPILED
+#define VFPLAN_COMPILED_ONCE
+#else
+#define VFPLAN_COMPILED_ONCE inline
+#endif

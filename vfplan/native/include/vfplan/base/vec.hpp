@@ -74,6 +74,8 @@ inline void check_above(const char* name, double value, double bound, double mos
 }
 inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 
+inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
+
 template <int D>
 struct Vec {
     static_assert(D == 2 || D == 3);
@@ -129,6 +131,11 @@ double norm(const Vec<D>& a) noexcept {
 }
 inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
     return {{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}};
+}
+/// Whether each coordinate is finite and within 1e6 m.
+inline bool is_within_range(const Vec3& x) noexcept {
+    return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
+           std::abs(x[2]) <= largest_coordinate;
 }
 /// d v / |v|; 0 when v is 0.
 template <int D>

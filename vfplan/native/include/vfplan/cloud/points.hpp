@@ -16,7 +16,6 @@
 
 namespace vfplan {
 
-inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
 
 /// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
 template <class T>

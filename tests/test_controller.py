@@ -1,0 +1,158 @@
+"""`Controller`: what it demands of a bundle, what stops it, and how the force ends."""
+
+from dataclasses import replace
+
+import bundles
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan import Controller, Status
+from vfplan.bundle.seal import keygen, sign
+from vfplan.controller import ASKED
+from vfplan.errors import SettingError, VfplanError
+from vfplan.findings import doubt
+from vfplan.fixture import Curve, Review
+
+ANY = {"accept_unsigned": True, "accept_unreviewed": True}
+LINE = np.stack([np.linspace(-0.05, 0.05, 401), *np.zeros((2, 401))], axis=1)
+DEEP = np.array([0.02, -2e-3, 0])  # 7 mm deep in it: 7 N
+ABOVE = np.array([0.02, 10e-3, 0])
+
+
+def stored(path, up=0.0, **changes):
+    """A bundle of a line, infinite along z; `up` shifts it along y [m]."""
+    made = bundles.small()
+    rendering = replace(
+        made.rendering, stiffness=np.full(3, 1000.0), band=5e-5, ignore_axis=np.eye(3)[2]
+    )
+    curve = Curve(np.zeros(401, np.int32), np.array([False]))
+    line = replace(made, points=np.add(LINE, [0, up, 0]), curve=curve, rendering=rendering)
+    vfplan.write_fixture(replace(line, **changes), path)
+    return path
+
+
+def press(controller, hip=DEEP):
+    """Lead the tip from above to `hip`; the last answer."""
+    controller.reset(ABOVE)
+    for tip in np.linspace(ABOVE, hip, 300):
+        out = controller.step(tip)
+    return out
+
+
+def ending(controller, tip, ticks=100):
+    """The answers until the loop stops, the force's steps within the governor's 1 N."""
+    answers = [controller.step(DEEP)]
+    while len(answers) < ticks and not answers[-1].stop:
+        answers.append(controller.step(tip))
+    steps = np.diff([out.force for out in answers], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() <= 1 + 1e-9
+    return answers[1:]
+
+
+def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
+    key, other = (keygen(tmp_path / name)[0] for name in ("k", "l"))
+    review = Review("A. Planner", "2026-01-02T03:00:00Z", "0" * 64)
+    plain = stored(tmp_path / "plain.h5", reviewed=review)
+    open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
+    doubted = stored(tmp_path / "doubted.h5", reviewed=review, findings=(open_one,))
+    bare, signed = stored(tmp_path / "bare.h5"), tmp_path / "signed.h5"
+    placed = tmp_path / "patient.h5"
+    vfplan.write_fixture(replace(bundles.small(), frame="patient_lps"), placed)
+    sign(plain, signed, tmp_path / "k", case="C1", robot_serial="R7")
+    unsigned = {"accept_unsigned": True}
+    for path, demand, code in (
+        (signed, {"keys": key}, None),
+        (signed, {"keys": [other, key], "case": "C1", "robot_serial": "R7"}, None),
+        (signed, {"keys": key, "case": "C2"}, "signature"),
+        (signed, {"keys": key, "robot_serial": "R8"}, "signature"),
+        (signed, {"keys": other, **unsigned}, "signature"),
+        (plain, {"keys": key}, "signature"),
+        (plain, {}, "signature.missing"),
+        (plain, {**unsigned, "case": "C1"}, "signature.missing"),
+        (plain, unsigned, None),
+        (bare, unsigned, "unsafe.review"),
+        (bare, ANY, None),
+        (doubted, unsigned, "unsafe.findings"),
+        (doubted, {**unsigned, "accept_doubts": True}, None),
+        (placed, ANY, "unsafe.frame"),
+    ):
+        if code is None:
+            controller = Controller(path, **demand)
+            assert (controller.stiffness, controller.contact_radius) == (1000, 5e-3)
+            assert controller.rule == "robust"
+            continue
+        with pytest.raises(VfplanError) as refused:
+            Controller(path, **demand)
+        assert refused.value.code == code, (path, demand)
+        assert str(path) in str(refused.value)
+
+
+BAD = {Status.BAD_HIP: [np.nan, 0, 0], Status.JUMPED: [1.0, 0, 0]}
+
+
+@pytest.mark.parametrize("bit", BAD)
+def test_without_a_position_the_force_holds_then_fades_and_the_loop_stops(bit, tmp_path):
+    controller = Controller(stored(tmp_path / "f.h5"), **ANY)
+    first = press(controller)
+    assert first.force == pytest.approx([0, 7, 0], abs=0.1)
+    for _ in range(19):
+        out = controller.step(BAD[bit])
+        assert (out.status, out.stopping) == (bit, 0)
+        assert np.array_equal(out.force, first.force)
+    assert controller.step(DEEP).status == Status.OK
+    out = ending(controller, BAD[bit])
+    assert [answer.stopping for answer in out[19:22]] == [0, bit, bit]
+    assert len(out) <= 30
+    assert not np.any(out[-1].force)
+    assert controller.step(DEEP).stop
+    assert press(controller).force == pytest.approx(first.force, abs=0.02)
+
+
+def test_a_sample_in_millimetres_never_exceeds_what_is_governed(tmp_path):
+    controller = Controller(stored(tmp_path / "f.h5"), max_hip_step=0, **ANY)
+    press(controller)
+    out = ending(controller, 1e3 * DEEP, 40)
+    assert max(np.linalg.norm(answer.force) for answer in out) <= 20
+
+
+def test_who_asks_and_an_old_pose_stop_the_loop_too(tmp_path):
+    path = stored(tmp_path / "f.h5")
+    controller = Controller(path, **ANY)
+    press(controller)
+    controller.request_stop()
+    assert [answer.stopping for answer in ending(controller, DEEP)][-1] == ASKED
+    controller = Controller(path, moving=(0.05, 0.25, 1.0), **ANY)
+    controller.pose(0.0, np.eye(4))
+    controller.reset(ABOVE)
+    answers = [controller.step(ABOVE, 1e-3 * k) for k in range(80)]
+    assert answers[50].stopping == 0
+    assert answers[52].stopping == Status.STALE
+    assert answers[52].stop
+
+
+def test_one_wall_twice_is_felt_once_and_two_walls_add_up(tmp_path):
+    controller = Controller(stored(tmp_path / "a.h5"), **ANY)
+    controller.add(stored(tmp_path / "b.h5"))
+    assert controller.size == 1
+    assert press(controller).force == pytest.approx([0, 7, 0], abs=0.1)
+    controller.add(stored(tmp_path / "c.h5", up=-1e-3))
+    assert (controller.size, controller.stiffness) == (2, 2000)
+    assert press(controller).force == pytest.approx([0, 13, 0], abs=0.2)
+    assert np.linalg.norm(press(controller, DEEP - [0, 0.02, 0]).force) <= 20
+
+
+def test_torques_fade_as_the_force_does(tmp_path):
+    governor = vfplan.Governor.of(vfplan.read_robot("fr3"), 1.0, torques=True)
+    jacobian = np.linspace(-0.5, 0.5, 21).reshape(3, 7)
+    controller = Controller(stored(tmp_path / "f.h5"), governor=governor, **ANY)
+    controller.reset(ABOVE)
+    for tip in np.linspace(ABOVE, DEEP, 300):
+        out = controller.step(tip, None, jacobian)
+    assert controller.torque_nm == pytest.approx(jacobian.T @ out.force)
+    while not out.stop:
+        out = controller.step(DEEP, None, jacobian * np.nan)
+    assert not controller.torque_nm.any()
+    with pytest.raises(SettingError, match="force_step_n"):
+        Controller(stored(tmp_path / "stiff.h5", rendering=replace(
+            bundles.small().rendering, stiffness=np.full(3, 1e6))), **ANY)  # fmt: skip

@@ -1,0 +1,152 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The short way from a bundle to the force that an arm is given, and the safe one:
+//
+//     vfplan::Demand demand;                            // what the file must be
+//     demand.keys = {"team.pub"};
+//     vfplan::Controller controller("fixture.h5", demand);   // throws; allocates
+//     controller.reset(tip);
+//     for (;;) {
+//         const vfplan::Command out = controller.step(tip);  // never throws, allocates or waits
+//         // command out.force
+//         if (out.stop) break;                               // it has faded to 0
+//     }
+//
+// It holds forbidden regions, guides, the frame of a fixture that moves, and a governor.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "vfplan/base/vec.hpp"
+#include "vfplan/governor.hpp"
+#include "vfplan/moving.hpp"
+#include "vfplan/parameters.hpp"
+
+namespace vfplan {
+
+class Engine;
+
+namespace bundle {
+struct Fixture;
+}
+namespace detail {
+struct ControllerImpl;
+}
+
+/// What a bundle must be so that a controller renders it. In any case it is whole, keeps to the
+/// format, and lies in the frame robot_base.
+struct Demand {
+    std::vector<std::filesystem::path> keys;  ///< files of public keys, one of which has signed it
+    std::optional<std::string> case_id;       ///< for which it was signed
+    std::optional<std::string> robot_serial;  ///< for which it was signed
+    std::optional<double> max_age_s;          ///< how long ago it was signed at most [s]
+    bool accept_unsigned = false;    ///< anybody may have made it, where no keys are given
+    bool accept_unreviewed = false;  ///< nobody may have looked at its plan
+    bool accept_doubts = false;      ///< doubts about its plan may be open
+};
+
+/// The fixture of a bundle that meets the demands. Throws bundle::BundleError.
+VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand);
+
+struct ControllerSettings {
+    GovernorLimits governor;  ///< its `period` is a tick's; its `stiffness` follows from the bundle
+    double max_stiffness = 0;            ///< of what the fixture may be exchanged for [N/m]
+    std::optional<MovingLimits> moving;  ///< of a fixture that moves
+    std::optional<Rule> rule;            ///< without one, each fixture's best
+    Search search = Search::automatic;
+    double max_hip_step = 0.02;  ///< a tip further from the last one counts as no position [m]
+    double hold_time = 0.02;     ///< for which the force is held without a good position [s]
+    /// At which bits of a tick's status the loop stops: `bad_hip` and `jumped` after `hold_time`.
+    std::uint8_t stop_at = bad_hip | stale_pose | other_side | jumped;
+    bool any_tick_time = false;  ///< for a replay or a study, which can wait
+};
+
+/// What a tick answers.
+struct Command {
+    Vec3 force;     ///< to command [N]
+    Vec3 rendered;  ///< of the fixtures, before the governor [N]
+    Vec3 proxy;     ///< [m]
+    Vec3 normal;    ///< unit, 0 when there is none
+    State state = State::no_neighbour;
+    std::uint8_t status = ok;    ///< bits of Status
+    std::uint8_t governor = 0;   ///< bits of GovernorStatus
+    std::uint16_t stopping = 0;  ///< why the force fades: bits of Status, of GovernorStatus times
+                                 ///< 256, or Controller::asked; 0 while the loop goes on
+    bool stop = false;           ///< the force has faded to 0: the loop ends
+};
+
+class Controller {
+  public:
+    /// In Command::stopping: `request_stop` was called.
+    static constexpr std::uint16_t asked = 1 << 15;
+
+    /// Renders the fixture of a bundle. Throws bundle::BundleError for a bundle that is not what is
+    /// demanded, and std::invalid_argument for settings that do not fit it.
+    explicit Controller(const std::filesystem::path& fixture, const Demand& demand = {},
+                        const ControllerSettings& settings = {});
+    /// Renders a fixture that `load` or another reader gave; the demands are of what is exchanged.
+    explicit Controller(const bundle::Fixture& fixture, const Demand& demand = {},
+                        const ControllerSettings& settings = {});
+    ~Controller();
+    Controller(Controller&&) noexcept;
+    Controller& operator=(Controller&&) noexcept;
+
+    /// Renders another fixture too, before the loop begins: forces add up. One that is rendered
+    /// already is felt once.
+    void add(const std::filesystem::path& fixture);
+    void add(const bundle::Fixture& fixture);
+
+    /// The loop begins, or goes on after a stop, with the tip here [m].
+    void reset(const Vec3& tip) noexcept;
+    /// One tick of an arm that takes forces, at a time of its clock [s]: needed for a fixture that
+    /// moves, else ticks are one period apart.
+    Command step(const Vec3& tip, std::optional<double> time_s = std::nullopt) noexcept;
+    /// One tick of an arm that takes torques, which `torque` then has. `jacobian`: 3 x `joints` of
+    /// the tip, row after row.
+    Command step(const Vec3& tip, std::optional<double> time_s, const double* jacobian,
+                 int joints) noexcept;
+    /// J^T F to command [N m].
+    const double* torque() const noexcept;
+    /// From now on the force fades, and the loop stops; from any thread, or a signal's handler.
+    void request_stop() noexcept;
+
+    // For one other thread, while the loop runs.
+
+    /// Hands over where the moving fixture was at `stamp` [s]: as MovingFrame::pose.
+    bool pose(double stamp, const Pose& pose) noexcept;
+    /// Exchanges a fixture for that of another bundle, which meets the same demands; false where
+    /// too many changes wait. Throws as the constructor does.
+    bool exchange(const std::filesystem::path& fixture, std::size_t which = 0);
+    bool exchange(const bundle::Fixture& fixture, std::size_t which = 0);
+    /// Changes K of a region [N/m]; false where too many changes wait. Throws std::invalid_argument
+    /// for one that is out of range, or with which the governor would not be passive.
+    bool set_stiffness(double stiffness, std::size_t which = 0);
+
+    /// K of all springs together, at most [N/m].
+    double stiffness() const noexcept;
+    /// r_c of a fixture [m].
+    double contact_radius(std::size_t which = 0) const noexcept;
+    /// By which a fixture's proxy moves.
+    Rule rule(std::size_t which = 0) const noexcept;
+    /// Number of different fixtures.
+    std::size_t size() const noexcept;
+    /// The engine of a fixture, to edit it; null where it only guides.
+    Engine* region(std::size_t which = 0) noexcept;
+    /// The frame of a fixture that moves, or null.
+    MovingFrame* frame() noexcept;
+    const Governor& governor() const noexcept;
+
+  private:
+    std::unique_ptr<detail::ControllerImpl> impl_;
+};
+
+}  // namespace vfplan
+
+#ifndef VFPLAN_COMPILED
+#include "vfplan/controller_impl.hpp"
+#endif

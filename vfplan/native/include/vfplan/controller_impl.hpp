@@ -1,0 +1,350 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What controller.hpp declares. With VFPLAN_SIGNED it checks signatures, by OpenSSL.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "vfplan/bundle/engine.hpp"
+#include "vfplan/bundle/fixture.hpp"
+#include "vfplan/controller.hpp"
+#include "vfplan/engine.hpp"
+#include "vfplan/guide.hpp"
+#ifdef VFPLAN_SIGNED
+#include "vfplan/bundle/trust.hpp"
+#endif
+
+namespace vfplan {
+
+namespace detail {
+
+/// The bundle, signed by one of the keys where there are some.
+inline bundle::Fixture load_signed(bundle::View data, const Demand& demand) {
+    if (demand.keys.empty()) {
+        if (demand.case_id || demand.robot_serial || demand.max_age_s || !demand.accept_unsigned)
+            bundle::detail::refuse("signature.missing", "", {"comes without keys to check it with"},
+                                   "Name the keys in Demand::keys, or accept_unsigned alone");
+        return bundle::to_fixture(bundle::read_bundle(data));
+    }
+#ifdef VFPLAN_SIGNED
+    bundle::Trust trust{{}, demand.case_id, demand.robot_serial, {}};
+    for (const auto& path : demand.keys)
+        for (auto& key : bundle::read_keys(path)) trust.keys.push_back(std::move(key));
+    if (demand.max_age_s) {
+        check_from("max_age_s", *demand.max_age_s, 0, 1e15, " s");
+        trust.max_age = std::chrono::seconds(static_cast<std::int64_t>(*demand.max_age_s));
+    }
+    return bundle::to_fixture(bundle::read_bundle(data, trust));
+#else
+    bundle::detail::refuse("signature.missing", "", {"cannot be checked: built without OpenSSL"},
+                           "Install OpenSSL (libssl-dev), and build vfplan again");
+#endif
+}
+
+inline void check(const bundle::Fixture& fixture, const Demand& demand) {
+    if (fixture.frame != "robot_base")
+        bundle::detail::refuse("unsafe.frame", "",
+                               {"is in the frame ", bundle::Quoted{fixture.frame},
+                                ", and the arm moves in robot_base"},
+                               "Register it first: vfplan register");
+    if (!fixture.reviewed && !demand.accept_unreviewed)
+        bundle::detail::refuse("unsafe.review", "", {"was approved by nobody"},
+                               "Approve it with `vfplan review`, or accept_unreviewed");
+    if (fixture.findings_unanswered > 0 && !demand.accept_doubts)
+        bundle::detail::refuse("unsafe.findings", "",
+                               {"has open findings of its planning: ", fixture.findings_unanswered},
+                               "Answer them with `vfplan review`, or accept_doubts");
+}
+
+/// What a fixture asks for: a forbidden region, a guide, or both at once, whose forces add.
+class Rendered {
+  public:
+    Rendered(const bundle::Fixture& fixture, const Parameters& p, Use use)
+        : parameters(p), fixture_(fixture) {
+        if (use == Use::real_time) bundle::check_work(fixture, p);
+        const std::vector<double> forbidden = fixture.forbidden();
+        if (p.rule == Rule::exact)
+            region.emplace(fixture.guidance ? Engine(fixture.pieces_of(false), p)
+                                            : bundle::make_engine(fixture, p, Use::replay));
+        else if (!forbidden.empty())
+            region.emplace(forbidden.data(), forbidden.size() / 3, p);
+        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture));
+    }
+
+    /// Of both springs together, at most [N/m].
+    double stiffness() const noexcept {
+        return (region ? parameters.stiffest() : 0) + (guide ? guide->parameters().stiffness : 0);
+    }
+    /// Whether the same is felt.
+    bool is_same(const bundle::Fixture& other, const Parameters& p) const {
+        const bundle::Guidance none{}, &a = fixture_.guidance ? *fixture_.guidance : none,
+                                       &b = other.guidance ? *other.guidance : none;
+        const auto equal = [](const vfplan::Stroke& s, const vfplan::Stroke& t) {
+            return s.vertices == t.vertices && s.bulges == t.bulges && s.closed == t.closed;
+        };
+        return fixture_.points == other.points && fixture_.mesh == other.mesh &&
+               std::equal(fixture_.pieces.begin(), fixture_.pieces.end(), other.pieces.begin(),
+                          other.pieces.end(), equal) &&
+               parameters == p && a.radius == b.radius && a.stiffness == b.stiffness &&
+               a.open == b.open && a.lead_force == b.lead_force && a.stroke == b.stroke;
+    }
+
+    void reset(const Vec3& tip) noexcept {
+        if (region) region->reset(tip);
+        if (guide) guide->reset(tip);
+    }
+    /// The region's answer with both forces; of a guide alone its own.
+    Step step(const Vec3& tip) noexcept {
+        Step step;
+        if (region) step = region->step(tip);
+        if (!guide) return step;
+        const GuideStep guided = guide->step(tip);
+        if (region) {
+            step.force = step.force + guided.force;
+            return step;
+        }
+        step.proxy = guided.proxy;
+        step.force = guided.force;
+        step.status = guided.status;
+        if (guided.held) step.state = State::free_motion;
+        if (norm(guided.force) > 0) {
+            step.state = State::in_contact;
+            step.normal = along(guided.force, 1);
+        }
+        return step;
+    }
+
+    std::optional<Engine> region;
+    std::optional<Guide> guide;
+    Parameters parameters;
+
+  private:
+    bundle::Fixture fixture_;
+};
+
+/// All fixtures together, in their frame: what a MovingFrame takes for an engine.
+struct AllRendered {
+    AllRendered(Rendered first, double max_hip_step) : max_hip_step(max_hip_step) {
+        parts.push_back(std::move(first));
+    }
+
+    std::vector<Rendered> parts;
+    double max_hip_step;
+    HipGate gate;
+
+    void reset(const Vec3& tip) noexcept {
+        gate.reset(tip);
+        for (Rendered& part : parts) part.reset(tip);
+    }
+    /// Forces and bits of all; the rest is of the one that pushes most.
+    Step step(const Vec3& tip) noexcept {
+        const bool jumps = gate.refuses(tip, max_hip_step);
+        const Vec3 hip = jumps ? HipGate::nowhere : tip;
+        Step all = parts[0].step(hip);
+        double most = norm(all.force);
+        for (std::size_t i = 1; i < parts.size(); ++i) {
+            const Step s = parts[i].step(hip);
+            const Vec3 force = all.force + s.force;
+            const std::uint8_t status = all.status | s.status;
+            if (norm(s.force) > most) {
+                most = norm(s.force);
+                all = s;
+            }
+            all.force = force;
+            all.status = status;
+        }
+        if (jumps)
+            all.status = jumped;
+        else if (!(all.status & bad_hip))
+            gate.reset(tip);
+        return all;
+    }
+};
+
+struct ControllerImpl {
+    ControllerImpl(const bundle::Fixture& fixture, const Demand& demand,
+                   const ControllerSettings& settings)
+        : demand(demand), settings(settings), all(make(fixture), settings.max_hip_step),
+          governor(governor_of(stiffness())) {
+        check_from("hold_time", settings.hold_time, 0, 1, " s");
+        check_from("max_hip_step", settings.max_hip_step, 0, unbounded, " m");
+        if (settings.moving) frame = std::make_unique<MovingFrame>(*settings.moving);
+    }
+
+    Parameters parameters(const bundle::Fixture& fixture) const {
+        Parameters p = bundle::parameters(fixture, settings.rule);
+        p.max_hip_step = 0;  // the gate has looked at it
+        p.search = settings.search;
+        return p;
+    }
+    Rendered make(const bundle::Fixture& fixture) const {
+        return {fixture, parameters(fixture),
+                settings.any_tick_time ? Use::replay : Use::real_time};
+    }
+    void add(const bundle::Fixture& fixture) {
+        const Parameters p = parameters(fixture);
+        for (const Rendered& part : all.parts)
+            if (part.is_same(fixture, p)) return;
+        Rendered made = make(fixture);
+        governor = governor_of(stiffness() + made.stiffness());
+        all.parts.push_back(std::move(made));
+    }
+    /// Throws std::invalid_argument where it would not be passive.
+    Governor governor_of(double stiffness) const {
+        GovernorLimits limits = settings.governor;
+        limits.stiffness = std::max(stiffness, settings.max_stiffness);
+        return Governor(limits);
+    }
+    double stiffness() const noexcept {
+        double sum = 0;
+        for (const Rendered& part : all.parts) sum += part.stiffness();
+        return sum;
+    }
+
+    void reset(const Vec3& tip) noexcept {
+        // A moving fixture begins at its first pose.
+        if (frame && !frame->placed())
+            all.reset(HipGate::nowhere);
+        else
+            all.reset(frame ? frame->now().in(tip) : tip);
+        governor.reset();
+        is_asked.store(false, std::memory_order_relaxed);
+        stopping = 0;
+        bad_ticks = 0;
+        has_torque = false;
+    }
+    /// `govern`: the governor's tick for a force.
+    template <class F>
+    Command step(const Vec3& tip, const std::optional<double>& time_s, const F& govern) noexcept {
+        time = time_s ? *time_s : time + settings.governor.period;
+        const Step s = frame ? frame->step(all, time, tip) : all.step(tip);
+        note_stops(s.status);
+        const Governed governed = govern(stopping ? Vec3{} : s.force);
+        stopping |= std::uint16_t((governed.status & (bad_force | bad_jacobian)) << 8);
+        Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
+                    s.status,       governed.status, stopping, false};
+        out.stop = stopping && governed.force == Vec3{} && !(has_torque && has_torque_left());
+        return out;
+    }
+    void note_stops(std::uint8_t status) noexcept {
+        constexpr std::uint8_t no_position = bad_hip | jumped;
+        const std::uint8_t bits = status & settings.stop_at;
+        bad_ticks = status & no_position ? bad_ticks + 1 : 0;
+        stopping |= bits & ~no_position;
+        if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
+        if (is_asked.load(std::memory_order_relaxed)) stopping |= Controller::asked;
+    }
+    bool has_torque_left() const noexcept {
+        const double* torque = governor.torque();
+        return std::any_of(torque, torque + Governor::max_joints, [](double t) { return t != 0; });
+    }
+
+    Demand demand;
+    ControllerSettings settings;
+    AllRendered all;
+    std::unique_ptr<MovingFrame> frame;
+    Governor governor;
+    std::atomic<bool> is_asked{false};
+    double time = 0;              // [s]
+    double bad_ticks = 0;         // without a good position, in a row
+    std::uint16_t stopping = 0;   // as in Command
+    bool has_torque = false;
+};
+
+}  // namespace detail
+
+VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand) {
+    return bundle::of_file(path, [&](bundle::View data) {
+        bundle::Fixture fixture = detail::load_signed(data, demand);
+        detail::check(fixture, demand);
+        return fixture;
+    });
+}
+
+VFPLAN_COMPILED_ONCE Controller::Controller(const std::filesystem::path& fixture,
+                                            const Demand& demand,
+                                            const ControllerSettings& settings)
+    : Controller(load(fixture, demand), demand, settings) {}
+VFPLAN_COMPILED_ONCE Controller::Controller(const bundle::Fixture& fixture, const Demand& demand,
+                                            const ControllerSettings& settings)
+    : impl_(std::make_unique<detail::ControllerImpl>(fixture, demand, settings)) {}
+VFPLAN_COMPILED_ONCE Controller::~Controller() = default;
+VFPLAN_COMPILED_ONCE Controller::Controller(Controller&&) noexcept = default;
+VFPLAN_COMPILED_ONCE Controller& Controller::operator=(Controller&&) noexcept = default;
+
+VFPLAN_COMPILED_ONCE void Controller::add(const std::filesystem::path& fixture) {
+    add(load(fixture, impl_->demand));
+}
+VFPLAN_COMPILED_ONCE void Controller::add(const bundle::Fixture& fixture) { impl_->add(fixture); }
+
+VFPLAN_COMPILED_ONCE void Controller::reset(const Vec3& tip) noexcept { impl_->reset(tip); }
+VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip,
+                                              std::optional<double> time_s) noexcept {
+    return impl_->step(tip, time_s, [&](const Vec3& f) { return impl_->governor.step(f); });
+}
+VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
+                                              const double* jacobian, int joints) noexcept {
+    impl_->has_torque = true;
+    return impl_->step(tip, time_s, [&](const Vec3& f) {
+        return impl_->governor.step(f, jacobian, joints);
+    });
+}
+VFPLAN_COMPILED_ONCE const double* Controller::torque() const noexcept {
+    return impl_->governor.torque();
+}
+VFPLAN_COMPILED_ONCE void Controller::request_stop() noexcept {
+    impl_->is_asked.store(true, std::memory_order_relaxed);
+}
+
+VFPLAN_COMPILED_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
+    return impl_->frame && impl_->frame->pose(stamp, pose);
+}
+VFPLAN_COMPILED_ONCE bool Controller::exchange(const std::filesystem::path& fixture,
+                                               std::size_t which) {
+    return exchange(load(fixture, impl_->demand), which);
+}
+VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, std::size_t which) {
+    detail::Rendered& part = impl_->all.parts.at(which);
+    if (fixture.guidance || part.guide)
+        reject("a fixture that guides cannot be exchanged. Make a controller of each.");
+    detail::Rendered made = impl_->make(fixture);
+    impl_->governor_of(impl_->stiffness() - part.stiffness() + made.stiffness());
+    part.parameters = made.parameters;
+    return part.region->exchange(std::move(*made.region));
+}
+VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
+    const Vec3 k{{stiffness, stiffness, stiffness}};
+    detail::Rendered& part = impl_->all.parts.at(which);
+    if (!part.region) reject("set_stiffness: the fixture guides, and has no region.");
+    check_stiffness(k);
+    impl_->governor_of(impl_->stiffness() - part.parameters.stiffest() + stiffness);
+    if (!part.region->set_stiffness(k)) return false;
+    part.parameters.stiffness = k;
+    return true;
+}
+VFPLAN_COMPILED_ONCE double Controller::stiffness() const noexcept { return impl_->stiffness(); }
+VFPLAN_COMPILED_ONCE double Controller::contact_radius(std::size_t which) const noexcept {
+    return impl_->all.parts[which].parameters.contact_radius;
+}
+VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const noexcept {
+    return impl_->all.parts[which].parameters.rule;
+}
+VFPLAN_COMPILED_ONCE std::size_t Controller::size() const noexcept {
+    return impl_->all.parts.size();
+}
+VFPLAN_COMPILED_ONCE Engine* Controller::region(std::size_t which) noexcept {
+    auto& region = impl_->all.parts[which].region;
+    return region ? &*region : nullptr;
+}
+VFPLAN_COMPILED_ONCE MovingFrame* Controller::frame() noexcept { return impl_->frame.get(); }
+VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const noexcept {
+    return impl_->governor;
+}
+
+}  // namespace vfplan
