@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -104,6 +105,9 @@ class LazyGroup(click.Group):
             words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
         exit_code: object = 0
+        if sys.stderr is None:
+            # It was closed: what would be said there goes nowhere, and into no file of the command.
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - open to the end
         try:
             exit_code = super().main(words, *more, **extra)
         except click.ClickException as error:

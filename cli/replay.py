@@ -134,7 +134,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             from vfplan.report.page import page
 
             text = page(replayed, image=arguments["image"], command=command_line())
-            write_whole(index, [text.encode("utf-8")], overwrite=True)
+            write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
     lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,8 +96,9 @@ def read_robot(choice: str | Path | None) -> Robot | None:
             ) from None
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        # Tables within tables without end raise RecursionError.
+    except (ValueError, RecursionError) as error:
+        # Besides its own kind of ValueError also another, for a number of thousands of digits, and
+        # RecursionError for tables within tables without end.
         raise InputError(
             f"is no robot file: {error}. Correct its TOML", where=str(choice), code="robot-not-toml"
         ) from None
@@ -162,8 +164,8 @@ def _violation(value: Any, rule: dict[str, Any]) -> str | None:
             if wanted is not None:
                 return f"a list of which each is {wanted}"
         return None
-    # NaN is not < anything, so it is refused too.
-    if not abs(value) < float("inf"):
+    # NaN is not <= anything, so it is refused too, and so is a whole number that no float holds.
+    if not abs(value) <= sys.float_info.max:
         return "a finite number"
     if not value > rule.get("exclusiveMinimum", -float("inf")):
         return f"more than {rule['exclusiveMinimum']}"

@@ -171,7 +171,10 @@ def main(words: Sequence[str] | None = None) -> int:
         verifier = None
         if options.keys:
             verifier = command_reader(options.command, refused, trusting)
-        results = judge(kit, command_reader(options.command, refused), verifier)
+        try:
+            results = judge(kit, command_reader(options.command, refused), verifier)
+        except OSError as error:
+            parser.error(f"{options.command[0]} cannot be run: {error.strerror}")
     if not results:
         parser.error(f"{options.kit} holds no kit")
     wrong = [result for result in results if result.problem]

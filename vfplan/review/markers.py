@@ -328,5 +328,5 @@ def pairs_of_table(text: str) -> Correspondences:
     """The markers of a pasted table; raises `MarkerError` as the reading of a file does."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "pasted.csv"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", errors="surrogatepass")
         return read_markers(path)
