@@ -82,9 +82,9 @@ def read_contours(
         head = file.read(HEAD_BYTES)
     with naming_place(where):
         if head.startswith(b"NRRD"):
-            return volumes.contours_of_volume(volumes.read_nrrd(first), structure)
+            return volumes.read_label_map(first, "nrrd", structure)
         if first.name.lower().endswith((".nii", ".nii.gz")):
-            return volumes.contours_of_volume(volumes.read_nifti(first), structure)
+            return volumes.read_label_map(first, "nifti", structure)
         if begins_like_dicom(head):
             return read_dicom_contours(first, structure)
     raise InputError(
