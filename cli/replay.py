@@ -140,15 +140,11 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
-        image = None
-        if replayed.fixture.image is not None:
-            image = "IMAGE"
+        image = None if replayed.fixture.image is None else "IMAGE"
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
-    left_open = ""
-    if replayed.passed:
-        left_open = gap_words(metrics) + change_words(metrics)
+    left_open = gap_words(metrics) + change_words(metrics) if replayed.passed else ""
     return CommandResult(
         metrics,
         "\n".join(lines),

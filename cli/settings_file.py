@@ -143,13 +143,9 @@ def is_number(value: Any) -> bool:
 
 def all_numbers(value: Any) -> bool:
     """Whether a value is a number, or a list of numbers or of such lists."""
-    if isinstance(value, tuple):
-        return all(map(all_numbers, value))
-    return is_number(value)
+    return all(map(all_numbers, value)) if isinstance(value, tuple) else is_number(value)
 
 
 def _lists_to_tuples(raw: Any) -> Any:
     """JSON's lists as tuples, which the settings hold."""
-    if isinstance(raw, list):
-        return tuple(map(_lists_to_tuples, raw))
-    return raw
+    return tuple(map(_lists_to_tuples, raw)) if isinstance(raw, list) else raw

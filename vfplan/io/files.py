@@ -97,17 +97,13 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         text = "cannot be read: there is no such file. Check its name"
         raise kind(text, where=str(path), code="file-missing") from None
     except (OSError, ValueError) as error:
-        reason = error
-        if isinstance(error, OSError):
-            reason = error.strerror
+        reason = error.strerror if isinstance(error, OSError) else error
         text = f"cannot be read: {reason}. Check the file and its permissions"
         raise kind(text, where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a device or a pipe"
-        if stat.S_ISDIR(mode):
-            what = "a directory"
+        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         text = f"cannot be read: it is {what}, not a file. Name a file"
         raise kind(text, where=str(path), code="not-a-file")
     return open(descriptor, "rb")
@@ -121,9 +117,7 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
     with opened_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
         # One byte more, because the file may grow while it is read.
-        data = b""
-        if size <= max_bytes:
-            data = file.read(size + 1)
+        data = file.read(size + 1) if size <= max_bytes else b""
     if max(size, len(data)) > max_bytes:
         raise kind(
             f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
@@ -375,9 +369,7 @@ class Table:
         a decimal or a thousands separator
         """
         text = row.cells[column]
-        what = column
-        if label:
-            what = f"{column} of {label}"
+        what = f"{column} of {label}" if label else column
         place = f"{self.where}, line {row.line}"
         if "," in text and self.separator != ",":
             if "." in text or text.count(",") > 1:
@@ -410,9 +402,7 @@ def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tupl
 def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
-    encoding = "utf-8-sig"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encoding = "utf-16"
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         return data.decode(encoding), sha256
     except UnicodeDecodeError:
@@ -428,9 +418,7 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
     """
     lines = text.splitlines()
     header_line = next((line for line in lines if line.strip()), "")
-    number = 1
-    if header_line:
-        number = lines.index(header_line) + 1
+    number = lines.index(header_line) + 1 if header_line else 1
     separator = _separator_of(header_line, f"{where}, line {number}", kind)
     rows = split_rows(text, where, kind, separator)
     if not rows:
@@ -507,9 +495,7 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
         number = None
     if number is None or not math.isfinite(number):
         is_infinite = str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity")
-        wanted = "a number"
-        if is_infinite:
-            wanted = "a finite number"
+        wanted = "a finite number" if is_infinite else "a number"
         raise kind(f"{what} is {repr(value)[:60]}. Give {wanted}", where=where, code="no-number")
     if abs(number) > MAX_NUMBER:
         text = f"{what} is {value!r}. Give at most {MAX_NUMBER:g}"

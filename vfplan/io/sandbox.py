@@ -110,9 +110,7 @@ def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
         answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
     except (EOFError, ValueError):
         return None
-    if not isinstance(answer, dict):
-        return None
-    return answer
+    return answer if isinstance(answer, dict) else None
 
 
 def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
@@ -123,9 +121,7 @@ def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
 
 
 def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:
-    data = b""
-    if 0 <= size <= max_bytes:
-        data = pipe.read(size)
+    data = pipe.read(size) if 0 <= size <= max_bytes else b""
     if len(data) != size:
         raise EOFError
     return data
@@ -220,9 +216,7 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                files = []
-                if request["file"]:
-                    files = [stream_over(descriptors[1])]
+                files = [stream_over(descriptors[1])] if request["file"] else []
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))

@@ -234,9 +234,7 @@ class SliceInk:
             offset, has_ink, width = self.nearest(points, closed, reach)
             if not has_ink.any():
                 return drawn_by_hand(path, closed)
-            usual = pen_px
-            if pen_px is None:
-                usual = float(np.median(width[has_ink]))
+            usual = float(np.median(width[has_ink])) if pen_px is None else pen_px
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
@@ -318,9 +316,7 @@ class SliceInk:
     def width_along(self, path: NDArray, closed: bool) -> float:
         """The usual width of the ink along a path [px]; 3 where there is none."""
         _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
-        if not has_ink.any():
-            return 3.0
-        return float(np.median(width[has_ink]))
+        return float(np.median(width[has_ink])) if has_ink.any() else 3.0
 
 
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
@@ -332,6 +328,4 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
-    if ink is None:
-        return drawn_by_hand(path, closed)
-    return ink.draw(path, closed, REACH_PX, free)
+    return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)

@@ -224,12 +224,8 @@ class MendedStroke(Stroke):
             for other_end in (0, -1)
         ]
         _, end, other_end = min(pairs)
-        first = self
-        if end == 0:
-            first = self.reversed()
-        second = other
-        if other_end == -1:
-            second = other.reversed()
+        first = self.reversed() if end == 0 else self
+        second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         around = np.vstack([first.points[[-1 - reach, -1]], second.points[[0, reach]]])
         spline = path_through(around, False)

@@ -66,9 +66,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
 
             draw_surface(result, picture)
     edges = result.report["open_edges"]
-    verdict = "meshed, closed"
-    if edges:
-        verdict = f"meshed, with {edges} open edges"
+    verdict = f"meshed, with {edges} open edges" if edges else "meshed, closed"
     return CommandResult(
         result.report, f"{surface_text(result.report)}\nwrote {output}",
         findings=result.findings, verdict=verdict,

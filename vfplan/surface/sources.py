@@ -164,9 +164,7 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
         f"{others} contours are open or single points and are left out. Close them if they are "
         "outlines."
     )
-    remarks = ()
-    if others:
-        remarks = (remark,)
+    remarks = (remark,) if others else ()
     return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
 
 
@@ -182,9 +180,7 @@ def ring_of_contour(contour: Any) -> Array:
             code="outline-not-finite",
         )
     points = numbers.reshape(-1, 3) * 1e-3
-    if len(points) > 3 and np.array_equal(points[0], points[-1]):
-        return points[:-1]
-    return points
+    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
 
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
@@ -211,9 +207,7 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
         if kind == "FRACTIONAL":
             borders = volumes.rings_of_share(pixels / largest_share)
         else:
-            label = 1
-            if kind == "LABELMAP":
-                label = chosen.number
+            label = chosen.number if kind == "LABELMAP" else 1
             borders, is_smooth = volumes.rings_of_mask(pixels == label)
             stairs += not is_smooth
         for border in borders:
@@ -330,9 +324,7 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             types = {str(markup.get("type")) for markup in markups}
             if types != {"ClosedCurve"}:
                 types.discard("ClosedCurve")
-                content = "nothing"
-                if types:
-                    content = repr(min(types)[:32])
+                content = repr(min(types)[:32]) if types else "nothing"
                 raise InputError(
                     f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
                 )
@@ -414,8 +406,6 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
         f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
         "forgotten."
     )
-    remarks = ()
-    if slices_without_drawing:
-        remarks = (remark,)
+    remarks = (remark,) if slices_without_drawing else ()
     inputs = {"slices": digest.hexdigest()}
     return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)

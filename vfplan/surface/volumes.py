@@ -112,18 +112,14 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
     keeps_parts = len(smooth_borders) == len(borders)
     first = np.array([rows[0], columns[0]])
-    rings = borders
-    if keeps_parts:
-        rings = smooth_borders
+    rings = smooth_borders if keeps_parts else borders
     return [ring + first - PAD_PX for ring in rings], keeps_parts
 
 
 def rings_of_share(share: NDArray) -> list[Array]:
     """(M, 2) row and column [px] of the half-tone borders of an (H, W) share of 0 to 1."""
     padded = np.pad(share.astype(np.float64), 1)
-    if share.any():
-        return [ring - 1 for ring in zero_rings(0.5 - padded)]
-    return []
+    return [ring - 1 for ring in zero_rings(0.5 - padded)] if share.any() else []
 
 
 def zero_rings(values: Array) -> list[Array]:
