@@ -147,15 +147,11 @@ def _violation(value: Any, rule: dict[str, Any]) -> str | None:
     types = {"string": str, "integer": int, "number": (int, float), "array": list}
     kind = rule["type"]
     if isinstance(value, bool) or not isinstance(value, types[kind]):
-        if kind == "array":
-            return "a list"
-        return f"a {kind}"
+        return "a list" if kind == "array" else f"a {kind}"
     if "const" in rule and value != rule["const"]:
         return repr(rule["const"])
     if kind == "string":
-        if len(value) < rule.get("minLength", 0):
-            return "some text"
-        return None
+        return "some text" if len(value) < rule.get("minLength", 0) else None
     if kind == "array":
         if not rule["minItems"] <= len(value) <= rule["maxItems"]:
             return f"a list of {rule['minItems']} to {rule['maxItems']} numbers"

@@ -112,9 +112,7 @@ def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
 def comparable_error(record: Record) -> float:
     """The RMS error to six digits, and to a nanometre where it is one in metres."""
     error = float(f"{record['error_rms']:.6g}")
-    if record.get("unit") == "m":
-        return max(error, SMALLEST_ERROR_M)
-    return error
+    return max(error, SMALLEST_ERROR_M) if record.get("unit") == "m" else error
 
 
 def judge_chosen(records: list[Record], tolerance_m: float) -> None:
@@ -145,9 +143,7 @@ def judge_chosen(records: list[Record], tolerance_m: float) -> None:
         chosen["meets_tolerance"] = keeps_surface(chosen, tolerance_m)
         if "followed_rms_m" in chosen:
             chosen["follows"] = bool(followed_m <= tolerance_m)
-        cheapest = None
-        if times:
-            cheapest = chosen["time_us_median"] / min(times)
+        cheapest = chosen["time_us_median"] / min(times) if times else None
         chosen["time_over_cheapest"] = cheapest
 
 
@@ -252,9 +248,7 @@ LOOKS = {
 
 def error_text(result: Record, key: str = "error_rms") -> str:
     """An error with its unit."""
-    if result["unit"] == "m":
-        return length(result[key])
-    return f"{three_digits(result[key])} px"
+    return length(result[key]) if result["unit"] == "m" else f"{three_digits(result[key])} px"
 
 
 def time_text(us: float) -> str:
@@ -339,9 +333,7 @@ def table_lines(
         lines.append(f"{stage}: " + header.strip())
         for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
-            visible = scene_results
-            if not every_setting:
-                visible = best_of_each_method(scene_results)
+            visible = scene_results if every_setting else best_of_each_method(scene_results)
             lines += map(result_row, sorted(visible, key=lambda r: r["time_us_median"]))
     for refusal in document.get("refused", ()):
         if refusal["stage"] in stages:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
@@ -214,31 +212,25 @@ class Session:
         if reasons:
             text = f"The plan cannot be approved. {' '.join(reasons)}"
             raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
-        findings = [
+        return self.with_review(by)
+
+    def with_review(self, by: str = "") -> Fixture:
+        """The fixture as it would be approved by a person, whether or not that is allowed yet."""
+        findings = tuple(
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings
-        ]
-        fixture = self.fixture_with(findings)
-        return replace(fixture, reviewed=Review(by, now_utc(), self.digest_of(fixture)))
-
-    def fixture_with(self, findings: Iterable[Finding]) -> Fixture | None:
-        """The fixture as it would be approved; `None` if there is none."""
+        )
         fixture = self.current.outcome.fixture
-        if fixture is None:
-            return None
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
-        return replace(fixture, provenance=provenance, findings=tuple(findings), reviewed=None)
-
-    def digest_of(self, fixture: Fixture) -> str:
-        """The digest of what a sheet of this review shows."""
-        return digest_of(fixture, slice_shown=self.source.slice_path is not None)
+        fixture = replace(fixture, provenance=provenance, findings=findings, reviewed=None)
+        digest = digest_of(fixture, slice_shown=self.source.slice_path is not None)
+        return replace(fixture, reviewed=Review(by, now_utc(), digest))
 
     @property
     def digest(self) -> str | None:
         """The digest of the plan as it stands, which an approval names; `None` without a plan."""
-        fixture = self.fixture_with(self.current.findings)
-        return None if fixture is None else self.digest_of(fixture)
+        return self.current.outcome.fixture and self.with_review().reviewed.digest
 
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""
