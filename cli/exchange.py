@@ -75,7 +75,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
-    triangles = len(fixture.mesh) if fixture.mesh is not None else 0
+    triangles = 0 if fixture.mesh is None else len(fixture.mesh)
     rule = best_rule(fixture) if fixture.rendering else None
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,

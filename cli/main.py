@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -90,9 +91,7 @@ class LazyGroup(click.Group):
 
             similar = difflib.get_close_matches(name, COMMANDS, 1)
             choices = f"Choose one of {', '.join(COMMANDS)}"
-            hint = choices
-            if similar:
-                hint = f"Did you mean {similar[0]!r}?"
+            hint = f"Did you mean {similar[0]!r}?" if similar else choices
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
         return getattr(module, f"vfplan_{name}")
@@ -104,6 +103,9 @@ class LazyGroup(click.Group):
             words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
         exit_code: object = 0
+        if sys.stderr is None:
+            # It was closed: what would be said there goes nowhere, and into no file of the command.
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - open to the end
         try:
             exit_code = super().main(words, *more, **extra)
         except click.ClickException as error:
@@ -127,9 +129,7 @@ def print_usage_error(error: click.ClickException, as_json: bool) -> None:
     context = getattr(error, "ctx", None)
     message = " ".join(error.format_message().split())
     where = context.command_path if context is not None else None
-    hint = ""
-    if where:
-        hint = f" (see '{where} --help')"
+    hint = f" (see '{where} --help')" if where else ""
     if as_json:
         body = {"kind": "UsageError", "message": message, "where": where}
         click.echo(json.dumps({"error": body}, indent=2))

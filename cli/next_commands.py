@@ -83,9 +83,7 @@ def words_of_signature(case: str, robot_serial: str) -> list[str]:
 def public_key_of(private_key: Path) -> str:
     """The file with the public key: `keygen` names it so; a key from elsewhere may be without."""
     public = private_key.with_suffix(".pub")
-    if public.exists():
-        return str(public)
-    return "KEYS.pub"
+    return str(public) if public.exists() else "KEYS.pub"
 
 
 def approval_command(

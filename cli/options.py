@@ -48,9 +48,7 @@ class OutputFile(click.Path):
         if not self.suffixes and str(path) == "-":
             self.fail("'-' is no file name. Name a file", param, ctx)
         if self.suffixes and not path.name.lower().endswith(self.suffixes):
-            suffix = "no suffix"
-            if path.suffix:
-                suffix = f"suffix {path.suffix!r}"
+            suffix = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
             allowed = " or ".join(self.suffixes)
             self.fail(f"{str(value)!r} has {suffix}. End the name in {allowed}", param, ctx)
         return path
@@ -251,9 +249,7 @@ def parse_stroke(text: str) -> str | int:
     """`all`, `longest` or the number of a stroke."""
     if text not in ("all", "longest") and not text.isdecimal():
         raise ValueError(f"{text!r} is no stroke. Type all, longest or a number")
-    if text.isdecimal():
-        return int(text)
-    return text
+    return int(text) if text.isdecimal() else text
 
 
 def parse_rectangle(text: str) -> tuple[int, ...]:
@@ -326,9 +322,7 @@ def setting_option(kind: type, name: str) -> Callable[[F], F]:
     """The option of a field of a class of settings, as `vfplan.settings` declares it."""
     setting = next(setting for setting in fields(kind) if setting.name == name)
     rule, form = setting.metadata, setting.metadata.get("form")
-    default = None
-    if "[default:" not in rule["help"]:
-        default = setting.default
+    default = setting.default if "[default:" not in rule["help"] else None
     attributes: dict[str, Any] = {"help": rule["help"], "multiple": "repeatable" in rule}
     if "flag" in rule or isinstance(default, bool):
         attributes |= {"is_flag": True, "show_default": False}

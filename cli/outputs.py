@@ -72,9 +72,7 @@ def refusal(path: Path, message: str, code: str) -> OutputError:
 def _refuse(paths: list[Path]) -> None:
     """Raise `OutputError` for the first path that cannot become an output of this call."""
     context = click.get_current_context(silent=True)
-    values = ()
-    if context is not None:
-        values = context.params.values()
+    values = () if context is None else context.params.values()
     inputs = {
         value.resolve()
         for value in values

@@ -143,15 +143,13 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             from vfplan.report.page import page
 
             text = page(replayed, image=arguments["image"], command=command_line())
-            write_whole(index, [text.encode("utf-8")], overwrite=True)
+            write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
     lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
-        image = None
-        if replayed.fixture.image is not None:
-            image = "IMAGE"
+        image = None if replayed.fixture.image is None else "IMAGE"
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")

@@ -86,9 +86,7 @@ def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
         raise click.UsageError(
             "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
         )
-    if sheet_out is not None:
-        return draw_sheet(sheet_out, arguments)
-    return serve_page(output, arguments)
+    return serve_page(output, arguments) if sheet_out is None else draw_sheet(sheet_out, arguments)
 
 
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:

@@ -302,12 +302,8 @@ class Printer:
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             click.echo(text)
         elif not self.quiet:
-            verdict = ""
-            if result.verdict:
-                verdict = f"verdict: {result.verdict}"
-            following = ""
-            if result.next_step:
-                following = f"next: {result.next_step}"
+            verdict = f"verdict: {result.verdict}" if result.verdict else ""
+            following = f"next: {result.next_step}" if result.next_step else ""
             click.echo(printable("\n".join(filter(None, (result.text, verdict, following)))))
 
     def exit_with(self, failure: Failure) -> NoReturn:
@@ -320,9 +316,7 @@ class Printer:
         if self.as_json:
             error = {"kind": kind, "message": message, "where": where, **more}
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
-        line = message
-        if where:
-            line = f"{where}: {message}"
+        line = f"{where}: {message}" if where else message
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
         sys.exit(exit_code)
 

@@ -7,6 +7,7 @@ and its values are in their units: metres, N/m, pixels. An option that is typed 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from click.core import ParameterSource
 from vfplan.cli.options import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, parse_decimal, read_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import argument_of
 
@@ -58,7 +59,11 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
     # The file holds one JSON object.
     data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
-        settings = json.loads(data, parse_constant=refuse_constant)
+        with naming_place(where):
+            settings = json.loads(
+                data, parse_constant=refuse_constant, parse_int=parse_whole,
+                parse_float=parse_decimal, object_pairs_hook=dict_of_pairs,
+            )  # fmt: skip
     except (ValueError, RecursionError) as error:
         message = f"is not JSON: {error}. Write one object of settings"
         raise InputError(message, where=where, code="not-json") from None
@@ -102,6 +107,22 @@ def refuse_constant(name: str) -> float:
     raise ValueError(f"{name} is no number of JSON")
 
 
+def parse_whole(text: str) -> int:
+    """A whole number of JSON; raises `ValueError` for one that is larger than a float64 holds."""
+    parse_decimal(text)
+    return int(text)
+
+
+def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON; raises `InputError` where a name stands twice: which one counts?"""
+    settings = dict(pairs)
+    if len(settings) < len(pairs):
+        (name, count), *_ = Counter(name for name, _ in pairs).most_common(1)
+        message = f"{name!r} stands there {count} times. Leave one"
+        raise InputError(message, code="setting-twice", numbers={"count": count})
+    return settings
+
+
 def fits_option(param: click.Option, value: Any) -> bool:
     """Whether a value of a settings file has the form of an option's value: `None` always has."""
     kind = param.type
@@ -123,13 +144,9 @@ def is_number(value: Any) -> bool:
 
 def all_numbers(value: Any) -> bool:
     """Whether a value is a number, or a list of numbers or of such lists."""
-    if isinstance(value, tuple):
-        return all(map(all_numbers, value))
-    return is_number(value)
+    return all(map(all_numbers, value)) if isinstance(value, tuple) else is_number(value)
 
 
 def _lists_to_tuples(raw: Any) -> Any:
     """JSON's lists as tuples, which the settings hold."""
-    if isinstance(raw, list):
-        return tuple(map(_lists_to_tuples, raw))
-    return raw
+    return tuple(map(_lists_to_tuples, raw)) if isinstance(raw, list) else raw

@@ -42,9 +42,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     if result is not None:
         ticks, attributes = read_result(result)
         require_fixture(attributes, seal.sha256.hex(), result.name)
-    image = None
-    if slice_path is not None:
-        image = read_slice_of(planned, slice_path)
+    image = None if slice_path is None else read_slice_of(planned, slice_path)
     if image is not None:
         check_slice(planned, image)
 

@@ -111,3 +111,14 @@ def test_all_pages_together_are_no_more_than_a_book():
 )
 def test_only_prose_is_counted(text, expected):
     assert words.count(text) == expected
+
+
+def test_each_promise_of_security_names_a_test_that_exists():
+    rows = (ROOT / "docs" / "security.md").read_text().split("## Written whole")[0].splitlines()
+    promises = [row for row in rows if row.startswith("| ") and not row.startswith("| what")]
+    assert len(promises) >= 15
+    for row in promises:
+        named = re.findall(r"`(tests/[^`:]+)::([^`]+)`", row)
+        assert named, row
+        for path, test in named:
+            assert f"def {test}(" in (ROOT / path).read_text(), test

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,8 +102,9 @@ def read_robot(choice: str | Path | None) -> Robot | None:
             ) from None
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        # Tables within tables without end raise RecursionError.
+    except (ValueError, RecursionError) as error:
+        # Besides its own kind of ValueError also another, for a number of thousands of digits, and
+        # RecursionError for tables within tables without end.
         raise InputError(
             f"is no robot file: {error}. Correct its TOML", where=str(choice), code="robot-not-toml"
         ) from None
@@ -151,15 +153,11 @@ def _violation(value: Any, rule: dict[str, Any]) -> str | None:
     types = {"string": str, "integer": int, "number": (int, float), "array": list}
     kind = rule["type"]
     if isinstance(value, bool) or not isinstance(value, types[kind]):
-        if kind == "array":
-            return "a list"
-        return f"a {kind}"
+        return "a list" if kind == "array" else f"a {kind}"
     if "const" in rule and value != rule["const"]:
         return repr(rule["const"])
     if kind == "string":
-        if len(value) < rule.get("minLength", 0):
-            return "some text"
-        return None
+        return "some text" if len(value) < rule.get("minLength", 0) else None
     if kind == "array":
         if not rule["minItems"] <= len(value) <= rule["maxItems"]:
             return f"a list of {rule['minItems']} to {rule['maxItems']} numbers"
@@ -168,8 +166,8 @@ def _violation(value: Any, rule: dict[str, Any]) -> str | None:
             if wanted is not None:
                 return f"a list of which each is {wanted}"
         return None
-    # NaN is not < anything, so it is refused too.
-    if not abs(value) < float("inf"):
+    # NaN is not <= anything, so it is refused too, and so is a whole number that no float holds.
+    if not abs(value) <= sys.float_info.max:
         return "a finite number"
     if not value > rule.get("exclusiveMinimum", -float("inf")):
         return f"more than {rule['exclusiveMinimum']}"

@@ -102,6 +102,31 @@ def test_a_slice_is_approved_and_written(words, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
 
 
+def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
+    review = Review(SLICE, "-o", tmp_path / "o.h5")
+    review.step(do="reverse")
+    review.process.stdout.close()
+    assert review.approve() == "o.h5 is written."
+    review.process.stdout = None
+    assert review.end()[0] == 2
+    assert vfplan.read_fixture(tmp_path / "o.h5").reviewed.by == "A. Planner"
+    assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
+
+
+def test_a_second_review_of_a_draft_is_refused_and_a_draft_keeps_no_looks(tmp_path, vfplan_cli):
+    review = Review(SLICE, "-o", tmp_path / "o.h5")
+    review.step(do="reverse")
+    review.step(do="viewed")
+    vfplan_cli("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser",
+               "--json").fails(3, error="draft-in-use")  # fmt: skip
+    review.process.kill()
+    review.end()
+    again = Review(SLICE, "-o", tmp_path / "o.h5")
+    assert again.state()["unseen"] != [[]]
+    again.process.kill()
+    again.end()
+
+
 @pytest.mark.parametrize("with_slice", [False, True])
 def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vfplan_cli):
     output, signed = tmp_path / "o.h5", tmp_path / "s.h5"
@@ -121,7 +146,10 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
 def test_without_a_browser_the_address_is_said_and_no_noise(is_there, tmp_path):
     if is_there:
         program = tmp_path / "xdg-open"
-        program.write_text("#!/bin/sh\necho firefox: not found >&2\necho tried all\nexit 3\n")
+        program.write_text(
+            '#!/bin/sh\nPATH=/usr/bin:/bin\nstat -c %a "$1" > "$1.seen"\ncat "$1" >> "$1.seen"\n'
+            'echo "$@" >> "$1.seen"\necho firefox: not found >&2\necho tried all\nexit 3\n'
+        )
         program.chmod(0o755)
     command = [sys.executable, "-m", "vfplan", "review", SLICE, "-o", tmp_path / "o.h5"]
     pipe = subprocess.PIPE
@@ -133,6 +161,12 @@ def test_without_a_browser_the_address_is_said_and_no_noise(is_there, tmp_path):
     warning = review.stderr.readline()
     review.send_signal(signal.SIGINT)
     out, err = review.communicate(timeout=60)
+    if is_there:
+        # The browser gets a file that its own user alone can read, and no token as an argument.
+        mode, leading, arguments = (tmp_path / "o.h5.page.html.seen").read_text().splitlines()
+        assert (mode, arguments) == ("600", str(tmp_path / "o.h5.page.html"))
+        assert f"url={address}" in leading
+    assert not (tmp_path / "o.h5.page.html").exists()
     assert address in warning
     assert "--no-browser" in warning
     for noise in ("firefox", "tried all"):
@@ -183,6 +217,8 @@ WRONG_CALLS = [
     ((SLICE, "-o", "o.h5", "--sheet-out", "s.png"), 2), ((SLICE, "-o", "o.h5", "--case", "c"), 2),
     ((SLICE, "-o", "o.h5", "--curve", MARKERS[0]), 3), ((SLICE, "-o", "o.h5", "--slice", SLICE), 2),
     ((SLICE, "--sheet-out", "s.png", "--slice", SLICE), 2),
+    ((SLICE, "-o", "o.h5", "--key", "no.key"), 3), ((SLICE, "-o", "o.h5", "--by", "\u3164"), 2),
+    ((SLICE, "-o", "o.h5", "--key", MARKERS[0]), 3),
     ((MARKERS[0], "-o", "o.h5"), 3), ((SLICE, MARKERS[0], "-o", "o.h5"), 3),
 ]  # fmt: skip
 

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import resource
+import socket
+import threading
 import time
+from contextlib import suppress
+from multiprocessing import get_context
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 from refusals import refuses
 from review_slices import SLICE
+from vfplan.cli.review import write_approved
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from vfplan.errors import OutputError
+import vfplan
+from vfplan.errors import InputError, OutputError
+from vfplan.io import writing
 from vfplan.review import server
 from vfplan.review.server import MAX_MESSAGE_BYTES, Draft, ReviewServer
 from vfplan.review.session import Session
@@ -56,12 +67,12 @@ class Tab:
     def __exit__(self, *error):
         self._connection.__exit__(*error)
 
-    def heard(self, name, seconds=20):
-        """The next message of a kind."""
+    def heard(self, *names, seconds=20):
+        """The next message of one of these kinds."""
         end = time.monotonic() + seconds
         while True:
             message = json.loads(self.page.recv(timeout=max(end - time.monotonic(), 0.01)))
-            if name in message:
+            if {*names} & message.keys():
                 self.version = message.get("version", self.version)
                 self.digest = message.get("state", {}).get("digest")
                 return message
@@ -75,6 +86,24 @@ class Tab:
             self.heard("state")
         shown = {"version": self.version, "digest": self.digest}
         self.send(approve={"by": by, **shown, **wish})
+
+    def approvable(self, by="A. Planner"):
+        """Look along the line as somebody, until the plan may be approved."""
+        self.send(name=by)
+        self.send(step={"do": "viewed"})
+        while not self.heard("state")["state"]["approvable"]:
+            pass
+
+    def leave(self, served):
+        """Leave the review; what was written, and the codes of the errors that the tab heard."""
+        written, codes, message = [], [], {}
+        self.send(leave=True)
+        end = time.monotonic() + 20
+        served.run(lambda fixture: written.append(fixture) or "", lambda: time.monotonic() > end)
+        while not {"left", "approved"} & message.keys():
+            message = json.loads(self.page.recv(timeout=20))
+            codes += [message["error"]["code"]] if "error" in message else []
+        return written, codes
 
     def ends_by(self, *texts):
         """The code by which the connection ends once these texts were sent."""
@@ -250,3 +279,196 @@ def test_no_approval_of_what_is_not_approvable_and_leaving_keeps_the_draft(serve
 def test_a_port_that_is_taken_is_an_error(begun, draft, served):
     with refuses(OutputError, "port-taken"):
         ReviewServer(begun, draft, port=served.port)
+
+
+STALE = [{"version": -1}, {"version": None}, {"digest": "0" * 64}, {"digest": None}]
+NAMES = ["", " ", 3, "x" * 65, "a\u202eb", "\u200bA", "A\u3164", "\u2800", "\ud83d", "A\ufe0f"]
+REFUSED = [(wish, "stale-approval") for wish in STALE]
+REFUSED += [({"by": name}, "name-missing") for name in NAMES] + [({"by": "B"}, "not-approvable")]
+
+
+@pytest.mark.parametrize(("wish", "code"), REFUSED)
+def test_an_approval_names_its_state_and_a_person_who_looked_at_it(wish, code, served):
+    with Tab(served) as client:
+        client.approvable()
+        client.approve(**wish)
+        client.send(approve="A. Planner")
+        client.send(step={"do": "set_markers", "table": "\ud83d"})
+        written, codes = client.leave(served)
+    assert written == []
+    assert sorted(codes) == sorted([code, "step-malformed", "not-text"])
+
+
+def test_an_older_tab_does_not_approve_the_plan_of_a_newer_one(served):
+    with Tab(served) as one, Tab(served) as other:
+        one.approvable()
+        other.approvable()
+        other.send(**REVERSE)
+        other.heard("quick")
+        one.approve()
+        assert one.leave(served) == ([], ["stale-approval"])
+
+
+def test_what_somebody_looked_at_counts_for_that_name_and_that_session(begun, served, draft):
+    with Tab(served) as one, Tab(served) as other:
+        one.heard("quick")
+        one.send(**REVERSE)
+        one.heard("quick")
+        one.approvable()
+        other.send(name="B. Planner")
+        while (seen := other.heard("state")["state"])["steps"] == []:
+            pass
+        assert (seen["approvable"], len(seen["unseen"][0])) == (False, 1)
+    assert "viewed" not in draft.path.read_text()
+    assert draft.take_up(begun).why_not("A. Planner")
+
+
+@pytest.mark.parametrize(("choice", "steps"), [("resume", 1), ("anew", 0)])
+def test_a_draft_is_announced_and_is_gone_on_with_or_not(choice, steps, begun, draft):
+    draft.keep(begun.apply(REVERSE["step"]), "A. Planner")
+    served = ReviewServer(draft.take_up(begun), draft)
+    with Tab(served) as client:
+        found = client.heard("about")["about"]["draft"]
+        assert (found["by"], found["steps"], len(found["utc"])) == ("A. Planner", 1, 20)
+        client.approvable()
+        client.approve()
+        assert client.leave(served) == ([], ["draft-not-chosen"])
+        client.send(draft=choice)
+        assert client.heard("about")["about"]["draft"] is None
+        assert len(client.heard("quick")["quick"]["steps"]) == steps
+    served.close()
+    assert draft.path.exists() == (choice == "resume")
+
+
+def test_a_draft_belongs_to_one_process_and_to_its_own_user(begun, draft):
+    with draft.held(), refuses(InputError, "draft-in-use"), Draft(draft.path, {}, {}).held():
+        pass
+    assert list(draft.path.parent.iterdir()) == []
+    if os.geteuid() != 0:
+        pytest.skip("only root gives a file to another user")
+    draft.keep(begun)
+    os.chown(draft.path, 65534, 65534)
+    with refuses(InputError, "draft-of-another-user"):
+        draft.take_up(begun)
+
+
+def test_no_number_of_connections_ends_the_server(served):
+    used, (soft, hard) = (
+        len(os.listdir("/proc/self/fd")),
+        resource.getrlimit(resource.RLIMIT_NOFILE),
+    )
+    opened = []
+    with Tab(served) as first:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used + 400, hard))
+        with suppress(OSError):
+            while True:
+                opened.append(socket.create_connection(("127.0.0.1", served.port)))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        with Tab(served) as client:
+            assert client.heard("state")
+        assert first.heard("state")
+    for one in opened:
+        one.close()
+
+
+@pytest.mark.slow
+def test_a_tab_that_does_not_read_is_dropped_and_stops_no_other(served):
+    with Tab(served) as client, socket.create_connection(("127.0.0.1", served.port)) as frozen:
+        lines = [
+            f"GET /steps?token={served.token} HTTP/1.1", f"Host: 127.0.0.1:{served.port}",
+            f"Origin: http://127.0.0.1:{served.port}", "Upgrade: websocket",
+            "Connection: Upgrade", "Sec-WebSocket-Version: 13",
+            f"Sec-WebSocket-Key: {'A' * 22}==", "", "",
+        ]  # fmt: skip
+        frozen.sendall("\r\n".join(lines).encode())
+        client.heard("quick")
+        for _ in range(200):
+            client.send(**REVERSE)
+            client.heard("quick", seconds=5)
+        assert len(served._server.connections) == 1
+
+
+def play(begun, folder, say):
+    """A review of three steps that ends with an approval; `say` gets what the page hears."""
+    draft = Draft(folder / "o.h5.draft.json", {}, {})
+    served = ReviewServer(begun, draft)
+
+    def person():
+        with Tab(served) as client:
+            client.heard("quick")
+            for k in (1, 2, 3):
+                while client.version < k:
+                    client.send(**REVERSE)
+                    client.heard("quick")
+                say(str(k))
+            client.approvable()
+            client.approve()
+            while "error" in client.heard("approved", "error"):
+                client.approve()
+            say("approved")
+
+    reviewing = threading.Thread(target=person, daemon=True)
+    with draft.held():
+        reviewing.start()
+        output, words = folder / "o.h5", {"key": None, "case": ""}
+        served.run(
+            lambda fixture: write_approved(fixture, output, words) or "written",
+            lambda: not reviewing.is_alive(),
+        )
+        reviewing.join()
+        served.close()
+
+
+def check_kept(folder, heard):
+    """No approval without its bundle, no bundle without its approval, no step lost before it."""
+    if (folder / "o.h5").exists():
+        assert vfplan.read_fixture(folder / "o.h5").reviewed.by == "A. Planner"
+        return
+    assert "approved" not in heard
+    draft = folder / "o.h5.draft.json"
+    assert len(json.loads(draft.read_text())["steps"] if draft.exists() else []) >= len(heard)
+
+
+@pytest.mark.slow
+def test_a_review_that_is_killed_at_any_moment_loses_nothing(begun, tmp_path):
+    begun.state()
+    started = time.monotonic()
+    play(begun, tmp_path, lambda heard: None)
+    moments = np.random.default_rng(7).uniform(0, time.monotonic() - started, 50)
+    for k, moment in enumerate(moments):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        read, write = os.pipe()
+        say = lambda heard, end=write: os.write(end, f"{heard}\n".encode())  # noqa: E731
+        child = get_context("fork").Process(target=play, args=(begun, folder, say))
+        child.start()
+        time.sleep(moment)
+        child.kill()
+        child.join()
+        os.close(write)
+        with open(read) as pipe:
+            check_kept(folder, pipe.read().split())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["create", "sync", "put_in_place"])
+def test_a_full_disk_at_any_write_of_a_review_loses_nothing(name, begun, tmp_path, monkeypatch):
+    whole = getattr(writing, name)
+    for nth in range(10):
+        folder, heard, calls = tmp_path / str(nth), [], []
+        folder.mkdir()
+
+        def failing(*words, nth=nth, calls=calls, **more):
+            calls.append(name)
+            if len(calls) == nth:
+                raise OSError(errno.ENOSPC, "no space")
+            return whole(*words, **more)
+
+        def say(text, folder=folder, heard=heard):
+            heard.append(text)
+            check_kept(folder, heard)
+
+        monkeypatch.setattr(writing, name, failing)
+        play(begun, folder, say)
+        assert heard == ["1", "2", "3", "approved"]
+        assert [path.name for path in folder.iterdir()] == ["o.h5"]

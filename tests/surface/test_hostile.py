@@ -12,6 +12,7 @@ import pytest
 from bones import BENT
 
 from vfplan.errors import VfplanError
+from vfplan.surface import volumes
 from vfplan.surface.build import SurfaceSettings, surface
 
 pytestmark = pytest.mark.slow
@@ -91,11 +92,20 @@ def test_files_that_unpack_to_more_than_they_say(zoo, tmp_path):
     refused(tmp_path / "b.nii.gz", bomb, "unpacks-too-large")
 
 
+@pytest.mark.parametrize("kind", ["l.seg.nrrd", "l.nii.gz"])
+def test_voxels_are_unpacked_in_a_process_of_their_own(kind, zoo, tmp_path, monkeypatch):
+    monkeypatch.setattr(volumes, "decompress", pytest.fail)
+    (tmp_path / kind).write_bytes(zoo[kind])
+    assert surface(tmp_path / kind, settings=COARSE).report["open_edges"] == 0
+
+
 def test_headers_that_promise_what_no_memory_holds(zoo, tmp_path):
     from pydicom import dcmread
 
     huge = zoo["l.seg.nrrd"].replace(b"sizes: 16 11 4", b"sizes: 99999 99999 99999")
     refused(tmp_path / "h.nrrd", huge, "volume-too-large")
+    tight = zoo["l.seg.nrrd"].replace(b"sizes: 16 11 4", b"sizes: 800 800 800")
+    refused(tmp_path / "t.nrrd", tight, "volume-too-large")
     nifti = bytearray(zoo["l.nii"])
     nifti[42:48] = struct.pack("<3h", 32000, 32000, 32000)
     refused(tmp_path / "h.nii", nifti, "volume-too-large", "volume-unreadable")

@@ -188,9 +188,7 @@ class Case:
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        if self.origin:
-            return self.origin.truth
-        return self.scene.truth(self.hips, R)
+        return self.origin.truth if self.origin else self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
@@ -207,9 +205,7 @@ class Case:
     @cached_property
     def clearance(self) -> Array:
         """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        if self.origin:
-            return self.origin.clearance
-        return self.scene.clearance(self.truth) - R
+        return self.origin.clearance if self.origin else self.scene.clearance(self.truth) - R
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
@@ -219,9 +215,7 @@ class Case:
     def solid(self) -> Case | None:
         """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
         is_flat = self.scene.ignore_axis is not None
-        if not is_flat:
-            return None
-        return self.with_scene(replace(self.scene, extrude=6 * R))
+        return self.with_scene(replace(self.scene, extrude=6 * R)) if is_flat else None
 
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""
@@ -560,6 +554,4 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
 
 def root_mean_square(values: Array) -> float:
     """The root of the mean square; 0 of no values."""
-    if not len(values):
-        return 0.0
-    return float(np.sqrt(np.mean(values**2)))
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -112,9 +112,7 @@ def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
 def comparable_error(record: Record) -> float:
     """The RMS error to six digits, and to a nanometre where it is one in metres."""
     error = float(f"{record['error_rms']:.6g}")
-    if record.get("unit") == "m":
-        return max(error, SMALLEST_ERROR_M)
-    return error
+    return max(error, SMALLEST_ERROR_M) if record.get("unit") == "m" else error
 
 
 def judge_chosen(records: list[Record], tolerance_m: float) -> None:
@@ -250,9 +248,7 @@ LOOKS = {
 
 def error_text(result: Record, key: str = "error_rms") -> str:
     """An error with its unit."""
-    if result["unit"] == "m":
-        return length(result[key])
-    return f"{three_digits(result[key])} px"
+    return length(result[key]) if result["unit"] == "m" else f"{three_digits(result[key])} px"
 
 
 def time_text(us: float) -> str:

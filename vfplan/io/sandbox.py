@@ -24,7 +24,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
@@ -110,9 +110,7 @@ def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
         answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
     except (EOFError, ValueError):
         return None
-    if not isinstance(answer, dict):
-        return None
-    return answer
+    return answer if isinstance(answer, dict) else None
 
 
 def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
@@ -123,9 +121,7 @@ def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
 
 
 def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:
-    data = b""
-    if 0 <= size <= max_bytes:
-        data = pipe.read(size)
+    data = pipe.read(size) if 0 <= size <= max_bytes else b""
     if len(data) != size:
         raise EOFError
     return data
@@ -220,9 +216,7 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                files = []
-                if request["file"]:
-                    files = [stream_over(descriptors[1])]
+                files = [stream_over(descriptors[1])] if request["file"] else []
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))
@@ -326,7 +320,48 @@ def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
 # Seconds after which a connection that asks for nothing is closed; browsers open such ones.
 OPEN_TIMEOUT_S = 2.0
 
+# Connections at a time. Each takes up to four descriptors, and a process has at least 256.
+MAX_CONNECTIONS = 48
+
+# Seconds that a client whose buffers are full may take nothing before it is dropped.
+SEND_TIMEOUT_S = 1
+
+# Seconds between two looks at a listening socket that could not accept.
+ACCEPT_PAUSE_S = 0.05
+
 _SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
+
+
+class Listener(socket.socket):
+    """A listening socket that no number of connections ends.
+
+    Where there are too many, the oldest that has not become a WebSocket is closed.
+    """
+
+    websockets: Callable[[], Collection[socket.socket]]
+    accepted: tuple[socket.socket, ...] = ()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """The next connection; raises `OSError` once the socket is closed."""
+        while True:
+            try:
+                connection, address = super().accept()
+                break
+            except OSError:
+                if self.fileno() < 0:
+                    raise
+                # There was no descriptor left, or the client is gone again.
+                time.sleep(ACCEPT_PAUSE_S)
+        limit = struct.pack("@ll", SEND_TIMEOUT_S, 0)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        self.accepted = *(one for one in self.accepted if one.fileno() >= 0), connection
+        if len(self.accepted) > MAX_CONNECTIONS:
+            kept = self.websockets()
+            oldest = next(one for one in self.accepted if one not in kept)
+            self.accepted = tuple(one for one in self.accepted if one is not oldest)
+            with suppress(OSError):
+                oldest.shutdown(socket.SHUT_RDWR)
+        return connection, address
 
 
 class Loopback:
@@ -363,7 +398,7 @@ class Loopback:
         with requires_extra("the page needs the package websockets", "live"):
             from websockets.sync.server import serve
         try:
-            listening = socket.create_server(("127.0.0.1", port))
+            listening = Listener(fileno=socket.create_server(("127.0.0.1", port)).detach())
         except OSError as error:
             raise OutputError(
                 f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
@@ -382,6 +417,8 @@ class Loopback:
             process_request=answer_own_host, open_timeout=OPEN_TIMEOUT_S,
             max_size=max_message_bytes, logger=_SILENT, compression=None,
         )  # fmt: skip
+        listening.settimeout(ACCEPT_PAUSE_S)
+        listening.websockets = lambda: [connection.socket for connection in self.connections]
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 

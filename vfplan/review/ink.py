@@ -328,6 +328,4 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
-    if ink is None:
-        return drawn_by_hand(path, closed)
-    return ink.draw(path, closed, REACH_PX, free)
+    return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)

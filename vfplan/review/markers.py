@@ -119,9 +119,7 @@ class Fit:
     def _sigma_width(self) -> int:
         """How many deviations each marker in use has: one, one an axis, or 0."""
         counts = {len(marker.sigma_m) for marker in self.used}
-        if counts in ({1}, {3}):
-            return counts.pop()
-        return 0
+        return counts.pop() if counts in ({1}, {3}) else 0
 
     @cached_property
     def _fitted(self) -> tuple[Registration | None, str]:
@@ -134,9 +132,7 @@ class Fit:
             spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
         # Deviations of the targets count where all markers have them.
         width = self._sigma_width
-        sigma = None
-        if width:
-            sigma = np.array([marker.sigma_m for marker in used])
+        sigma = np.array([marker.sigma_m for marker in used]) if width else None
         if width == 1:
             sigma = sigma[:, 0]
         places = np.array([marker.place for marker in used])
@@ -191,9 +187,7 @@ class Fit:
             return None
         sample = self.to_source(points[:: max(1, len(points) // BOUND_PLACES)])
         bound = float(np.max(self.registration.tre95_curve_m(sample)))
-        if not np.isfinite(bound):
-            return None
-        return bound
+        return bound if np.isfinite(bound) else None
 
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
@@ -246,9 +240,7 @@ class Fit:
         sigmas = {0: [], 1: ["sigma_m"], 3: ["sigma_x_m", "sigma_y_m", "sigma_z_m"]}[width]
         rows = [["label", *(["u_px", "v_px"] if on_slice else []), "x_m", "y_m", "z_m", *sigmas]]
         for marker in self.used:
-            place = ()
-            if on_slice:
-                place = marker.place
+            place = marker.place if on_slice else ()
             numbers = [*place, *marker.target_m, *marker.sigma_m[:width]]
             rows.append([marker.label, *map(repr, map(float, numbers))])
         text = io.StringIO()
@@ -311,9 +303,7 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
         places = (pairs.source - place[:, 2]) @ np.linalg.pinv(place[:, :2]).T
     markers = []
     for k, label in enumerate(pairs.labels):
-        sigma = ()
-        if pairs.sigma is not None:
-            sigma = tuple(np.atleast_1d(pairs.sigma[k]).tolist())
+        sigma = () if pairs.sigma is None else tuple(np.atleast_1d(pairs.sigma[k]).tolist())
         at, target = tuple(places[k].tolist()), tuple(pairs.target[k].tolist())
         markers.append(Marker(str(label), at, target, sigma, depth_m=float(depths[k])))
     return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
@@ -328,5 +318,5 @@ def pairs_of_table(text: str) -> Correspondences:
     """The markers of a pasted table; raises `MarkerError` as the reading of a file does."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "pasted.csv"
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", errors="surrogatepass")
         return read_markers(path)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ import numpy as np
 
 from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
@@ -218,33 +216,30 @@ class Session:
         if reasons:
             text = f"The plan cannot be approved. {' '.join(reasons)}"
             raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
-        findings = [
+        return self.with_review(by)
+
+    def with_review(self, by: str = "") -> Fixture:
+        """The fixture as it would be approved by a person, whether or not that is allowed yet."""
+        findings = tuple(
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings
-        ]
-        fixture = self.fixture_with(findings)
-        return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
-
-    def fixture_with(self, findings: Iterable[Finding]) -> Fixture | None:
-        """The fixture as it would be approved; `None` if there is none."""
+        )
         fixture = self.current.outcome.fixture
-        if fixture is None:
-            return None
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.fixture
-        return replace(
-            fixture, provenance=provenance, findings=tuple(findings), reviewed=None,
+        fixture = replace(
+            fixture, provenance=provenance, findings=findings, reviewed=None,
             case=None if opened is None else opened.case,
         )  # fmt: skip
+        return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
 
     @property
     def digest(self) -> str | None:
         """The digest of the plan as it stands, which an approval names; `None` without a plan."""
-        fixture = self.fixture_with(self.current.findings)
-        if fixture is None:
+        if self.current.outcome.fixture is None:
             return None
-        return digest_of(fixture, slice_shown=self.source.slice_path is not None)
+        return digest_of(self.with_review(), slice_shown=self.source.slice_path is not None)
 
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""

@@ -242,12 +242,8 @@ def cut(plan: Plan, step: Step) -> Plan:
     number, stroke = _stroke_of(plan, step)
     if "start" not in step and "end" not in step:
         raise _malformed(step, "start", "a place, as start or as end")
-    start = None
-    if "start" in step:
-        start = _place(plan, step, "start")
-    end = None
-    if "end" in step:
-        end = _place(plan, step, "end")
+    start = _place(plan, step, "start") if "start" in step else None
+    end = _place(plan, step, "end") if "end" in step else None
     return _with_stroke(plan, number, stroke.cut(start, end))
 
 
@@ -373,12 +369,8 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     if len(fit.markers) >= MAX_MARKERS:
         text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
         raise SettingError(text, code="too-many-markers")
-    place = None
-    if step.get("at") is not None:
-        place = tuple(_place(plan, step, "at").tolist())
-    target = None
-    if step.get("target_m") is not None:
-        target = _numbers(step, "target_m", 3)
+    place = None if step.get("at") is None else tuple(_place(plan, step, "at").tolist())
+    target = None if step.get("target_m") is None else _numbers(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
     return plan.changed(fit=replace(fit, markers=markers))
 
@@ -501,6 +493,4 @@ def apply(plan: Plan, step: Any) -> Plan:
     """The plan after a step; raises `SettingError` for one that does not fit."""
     name = named(step)
     after = STEPS[name](plan, step)
-    if name in BY_HAND:
-        return replace(after, is_shaped=True)
-    return after
+    return replace(after, is_shaped=True) if name in BY_HAND else after

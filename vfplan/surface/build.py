@@ -173,7 +173,7 @@ def report_of(
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
-    volume_mm3 = 1e9 * float((np.cross(a, b) * c).sum() / 6) if not edges else None
+    volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
     a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return {
@@ -241,9 +241,7 @@ def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
             slope = np.maximum(np.linalg.norm(gradient, axis=1), MIN_SLOPE)
             distances.append(np.abs(value) / slope)
             places.append(corners @ sliced.R_slice_patient)
-    if not distances:
-        return None
-    return summary_of(np.concatenate(distances), np.concatenate(places))
+    return summary_of(np.concatenate(distances), np.concatenate(places)) if distances else None
 
 
 def at_height(xy: Array, z: float) -> Array:

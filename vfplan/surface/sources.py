@@ -90,9 +90,9 @@ def read_contours(
         head = file.read(HEAD_BYTES)
     with naming_place(where):
         if head.startswith(b"NRRD"):
-            return volumes.contours_of_volume(volumes.read_nrrd(first), structure)
+            return volumes.read_label_map(first, "nrrd", structure)
         if first.name.lower().endswith((".nii", ".nii.gz")):
-            return volumes.contours_of_volume(volumes.read_nifti(first), structure)
+            return volumes.read_label_map(first, "nifti", structure)
         if begins_like_dicom(head):
             return read_dicom_contours(first, structure)
     raise InputError(
@@ -188,9 +188,7 @@ def ring_of_contour(contour: Any) -> Array:
             code="outline-not-finite",
         )
     points = numbers.reshape(-1, 3) * 1e-3
-    if len(points) > 3 and np.array_equal(points[0], points[-1]):
-        return points[:-1]
-    return points
+    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
 
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:

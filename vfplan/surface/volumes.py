@@ -1,5 +1,7 @@
 """Label maps in volumes: `.seg.nrrd` and `.nrrd` by pynrrd's header reader, NIfTI by nibabel.
 
+Both are read in a process of its own, whose memory and time are limited by the file's header.
+
 A mask knows its border to half a pixel only. The signed distance to the half-tone border, smoothed
 by one pixel, crosses 0 where the border was on average: about 0.13 of a pixel off (RMS) on a bone.
 """
@@ -8,12 +10,13 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +26,11 @@ from vfplan.geometry.lines import plane_normal
 from vfplan.io.files import (
     MAX_DECOMPRESSED_BYTES,
     MAX_SETTINGS_BYTES,
+    OpenedFile,
     decompress,
     first_decompressed,
-    read_bytes,
 )  # fmt: skip
+from vfplan.io.sandbox import raise_limits, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
@@ -41,6 +45,13 @@ MAX_VOXEL_M = 0.1
 # Smallest volume of a voxel over that of a box with its sides. It is 0.87 where a gantry leans by
 # 30 degrees.
 MIN_VOXEL_VOLUME = 0.1
+# Bytes of voxels in a byte of a file at most. Gzip cannot pack tighter than 1,032 to 1, and bzip2
+# packs label maps 100 to 1.
+MAX_PACKING = 2048
+# Bytes of memory that a voxel may take while it is unpacked, scaled and outlined.
+BYTES_PER_VOXEL = 32
+# Voxels a second that are outlined at least.
+VOXELS_PER_SECOND = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +64,6 @@ class LabelVolume:
     places: dict[Structure, tuple[int, int]]
     # (4, 4) maps [i j k 1] to patient LPS [m].
     T_lps_voxel: Array
-    # As in `Contours`.
-    inputs: dict[str, str]
 
     @property
     def slice_axis(self) -> int:
@@ -110,9 +119,7 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
 def rings_of_share(share: NDArray) -> list[Array]:
     """(M, 2) row and column [px] of the half-tone borders of an (H, W) share of 0 to 1."""
     padded = np.pad(share.astype(np.float64), 1)
-    if share.any():
-        return [ring - 1 for ring in zero_rings(0.5 - padded)]
-    return []
+    return [ring - 1 for ring in zero_rings(0.5 - padded)] if share.any() else []
 
 
 def zero_rings(values: Array) -> list[Array]:
@@ -170,7 +177,7 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
             numbers={"structure": chosen.number},
         )
     return Contours(
-        tuple(rings), structures, chosen.number, volume.inputs,
+        tuple(rings), structures, chosen.number, {},
         normal=normal / np.linalg.norm(normal),
         empty=np.array(empty).reshape(-1, 3), remarks=stairs_remark(stairs),
     )  # fmt: skip
@@ -216,7 +223,33 @@ def library_errors(message: str) -> Iterator[None]:
         ) from None
 
 
-def read_nrrd(path: Path) -> LabelVolume:
+def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
+    """The outlines of a structure of a label map, "nrrd" or "nifti"; raises as its reader does."""
+    file, where = OpenedFile(path), str(path)
+    job = "vfplan.surface.volumes:outlines"
+    answers = run_in_sandbox(job, kind, structure, file=file, where=where)
+    structures, chosen, normal, empty, remarks = next(answers)
+    return Contours(
+        tuple(ring for (ring,) in answers), tuple(Structure(*each) for each in structures),
+        chosen, {"labels": file.sha256()}, normal=np.array(normal),
+        empty=np.array(empty).reshape(-1, 3), remarks=tuple(remarks),
+    )  # fmt: skip
+
+
+def outlines(file: BinaryIO, kind: str, structure: str | None) -> Iterator[Any]:
+    """What `read_label_map` returns, in the sandbox: a head with all but the rings, then these."""
+    size = file.seek(0, os.SEEK_END)
+    raise_limits(2 * size, 0)
+    file.seek(0)
+    read = read_nrrd if kind == "nrrd" else read_nifti
+    found = contours_of_volume(read(file.read()), structure)
+    structures = [(each.number, each.name) for each in found.structures]
+    yield [structures, found.chosen, found.normal.tolist(), found.empty.tolist(), found.remarks]
+    for ring in found.rings:
+        yield (ring,)
+
+
+def read_nrrd(data: bytes) -> LabelVolume:
     """A Slicer segmentation, or any label map, in one NRRD file.
 
     Raises
@@ -226,9 +259,7 @@ def read_nrrd(path: Path) -> LabelVolume:
     MissingExtra
         pynrrd is not installed.
     """
-    where = str(path)
-    data, digest = read_bytes(path)
-    with requires_extra("reading NRRD needs pynrrd", "surface", where):
+    with requires_extra("reading NRRD needs pynrrd", "surface"):
         import nrrd
         from nrrd.reader import _determine_datatype
 
@@ -262,7 +293,7 @@ def read_nrrd(path: Path) -> LabelVolume:
             "skips lines or bytes. Save it from Slicer as .seg.nrrd.", code="volume-unsupported"
         )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
-    require_size(size)
+    require_size(size, len(data))
     voxels = data[end:]
     if compression := COMPRESSIONS[encoding]:
         voxels = decompress(voxels, compression, size)
@@ -275,18 +306,20 @@ def read_nrrd(path: Path) -> LabelVolume:
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
     places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
-    return LabelVolume(layers, places, T_lps_voxel, {"labels": digest})
+    return LabelVolume(layers, places, T_lps_voxel)
 
 
-def require_size(size: int) -> None:
-    """Refuse voxels that would fill the memory; raises `InputError`."""
-    if size > MAX_DECOMPRESSED_BYTES:
+def require_size(size: int, file_bytes: int) -> None:
+    """Refuse voxels that no such file holds; allow the memory and the time that others need."""
+    largest = min(MAX_DECOMPRESSED_BYTES, MAX_SETTINGS_BYTES + MAX_PACKING * file_bytes)
+    if size > largest:
         raise InputError(
-            f"says that it holds {size} bytes of voxels; {MAX_DECOMPRESSED_BYTES} are allowed. "
-            "Export a part of it.",
+            f"says that it holds {size} bytes of voxels; {largest} are allowed in a file of its "
+            "length. Export a part of it, packed by gzip.",
             code="volume-too-large",
-            numbers={"bytes": size, "bytes_max": MAX_DECOMPRESSED_BYTES},
+            numbers={"bytes": size, "bytes_max": largest},
         )
+    raise_limits(BYTES_PER_VOXEL * size, size // VOXELS_PER_SECOND)
 
 
 def nrrd_place(header: dict[str, Any]) -> NDArray:
@@ -340,7 +373,7 @@ def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, t
     return places
 
 
-def read_nifti(path: Path) -> LabelVolume:
+def read_nifti(data: bytes) -> LabelVolume:
     """A label map in a `.nii` or `.nii.gz` file.
 
     Raises
@@ -350,12 +383,12 @@ def read_nifti(path: Path) -> LabelVolume:
     MissingExtra
         nibabel is not installed.
     """
-    where = str(path)
-    data, digest = read_bytes(path)
-    with requires_extra("reading NIfTI needs nibabel", "surface", where):
+    with requires_extra("reading NIfTI needs nibabel", "surface"):
         import nibabel
-    if data.startswith(GZIP):
-        data = decompress(data, "gzip", max_nifti_bytes(first_decompressed(data)))
+    is_packed = data.startswith(GZIP)
+    max_bytes = max_nifti_bytes(first_decompressed(data) if is_packed else data, len(data))
+    if is_packed:
+        data = decompress(data, "gzip", max_bytes)
     kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     log = logging.getLogger("nibabel.global")
     level = log.level
@@ -388,7 +421,7 @@ def read_nifti(path: Path) -> LabelVolume:
             )
         labels = labels.astype(np.int32)
     layers = labels[None]
-    return LabelVolume(layers, places_of_labels(layers), T_lps_voxel, {"labels": digest})
+    return LabelVolume(layers, places_of_labels(layers), T_lps_voxel)
 
 
 def nifti_order_and_version(head: bytes) -> tuple[str, int]:
@@ -396,7 +429,7 @@ def nifti_order_and_version(head: bytes) -> tuple[str, int]:
     return NIFTI_HEADS.get(head[:4], ("big", 2))
 
 
-def max_nifti_bytes(head: bytes) -> int:
+def max_nifti_bytes(head: bytes, file_bytes: int) -> int:
     """The most bytes that a file with this header can want, extensions included."""
     order, version = nifti_order_and_version(head)
     # The number of dimensions, then seven sizes: in the first version of two bytes each.
@@ -405,7 +438,7 @@ def max_nifti_bytes(head: bytes) -> int:
     numbers = [int.from_bytes(head[at : at + width], order) for at in places]
     dimensions = min(max(numbers[0], 1), 7)
     voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
-    require_size(voxels)  # A voxel has 1 to 8 bytes.
+    require_size(voxels, file_bytes)  # A voxel has 1 to 8 bytes.
     return min(8 * voxels + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES)
 
 

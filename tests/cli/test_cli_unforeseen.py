@@ -1,0 +1,64 @@
+"""What nobody foresaw once: a clear line with a code, or a command that does what it says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import bundles
+import pytest
+from refusals import refuses
+from review_slices import SLICE
+
+import vfplan
+from vfplan.errors import InputError
+from vfplan.robot import SCHEMAS, read_robot
+
+DIGITS = "9" * 400
+SETTINGS = {
+    f'{{"max_gap_px": {DIGITS}}}': "not-json", '{"max_gap_px": 1e400}': "not-json",
+    '{"max_gap_px": 5, "max_gap_px": 9}': "setting-twice",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "code"), SETTINGS.items())
+def test_settings_that_no_number_holds_or_that_stand_twice(text, code, vfplan_cli, tmp_path):
+    (tmp_path / "s.json").write_text(text)
+    words = ("--settings", tmp_path / "s.json", "-o", tmp_path / "o.h5", "--json")
+    vfplan_cli("extract", SLICE, *words).fails(3, error=code)
+
+
+@pytest.mark.parametrize(("digits", "code"), [(400, "robot-value"), (5000, "robot-not-toml")])
+def test_a_robot_of_hundreds_of_digits(digits, code, tmp_path):
+    text = (SCHEMAS / "robots" / "franka.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("mass_kg")]
+    (tmp_path / "r.toml").write_text("\n".join(["mass_kg = " + "9" * digits, *lines]))
+    with refuses(InputError, code):
+        read_robot(tmp_path / "r.toml")
+
+
+def run(*words, **more):
+    command = [sys.executable, "-m", *map(os.fsencode, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, **more)
+
+
+def test_stderr_is_closed(tmp_path):
+    words = ("vfplan", "extract", SLICE, "-o", tmp_path / "o.h5")
+    assert run(*words, preexec_fn=lambda: os.close(2)).returncode == 0
+    assert vfplan.read_fixture(tmp_path / "o.h5").size
+
+
+def test_a_reader_that_does_not_exist():
+    done = run("vfplan.conformance", "nosuchreader")
+    assert done.returncode == 2
+    assert "nosuchreader cannot be run" in done.stderr.splitlines()[-1]
+
+
+def test_a_report_of_files_whose_names_are_no_text(tmp_path):
+    session = tmp_path / os.fsdecode(b"s\xff.csv")
+    session.write_text("t,x,y,z\n0,0,0,0.02\n0.001,0,0,0.019\n0.002,0,0,0.018\n")
+    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
+    done = run("vfplan", "replay", tmp_path / "f.h5", session, "--report", tmp_path / "r")
+    assert done.returncode == 0, done.stderr
+    assert "\\udcff" in (tmp_path / "r" / "index.html").read_text("utf-8")
