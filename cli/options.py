@@ -17,13 +17,7 @@ from click.core import ParameterSource
 from vfplan.display import count
 from vfplan.io.files import parse_decimal, parse_seconds
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import (
-    argument_of,
-    chosen_options,
-    option_words,
-    scale_of,
-    settings_from_options,
-)
+from vfplan.settings import argument_of, chosen_options, option_words, scale_of
 
 # An input. The library checks that it exists, and answers with exit code 3 instead of 2.
 FILE = click.Path(path_type=Path)
@@ -396,8 +390,8 @@ def given_settings(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
     return chosen_options(kind, given)
 
 
-def with_margin(arguments: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a command with the margin of a campaign in place of its probability."""
+def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
+    """The same of a fixture, with the margin of a campaign in place of its probability."""
     margin = arguments["margin"]
     if arguments["tolerance_m"] and arguments["density_per_m"]:
         raise click.UsageError("--tolerance and --density exclude each other. Give one")
@@ -407,17 +401,12 @@ def with_margin(arguments: dict[str, Any]) -> dict[str, Any]:
         from vfplan.campaign.statistics import margin_for
 
         arguments = arguments | {"margin": margin_for(arguments["campaign"], margin)}
-    return arguments
+    return given_settings(FixtureSettings, arguments)
 
 
 def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:
     """The settings of a fixture from the arguments of a command."""
-    return settings_from_options(FixtureSettings, with_margin(arguments))
-
-
-def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a fixture that were typed or stand in a file of settings, by name."""
-    return given_settings(FixtureSettings, with_margin(arguments))
+    return FixtureSettings(**given_of_plan(arguments))
 
 
 def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:

@@ -124,15 +124,20 @@ def recalled(kind: type, values: dict[str, Any], prefix: str = "") -> Any:
     """
     if f"{kind.__name__}.unset" not in values:
         return None
-    values = values | dict.fromkeys(str(values[f"{kind.__name__}.unset"]).split(","))
-    chosen = {}
-    for name, declared in get_type_hints(kind).items():
-        value = values.get(prefix + name, MISFIT)
-        chosen[name] = value_as(declared, value)
-        if chosen[name] is MISFIT:
-            held = "missing" if value is MISFIT else "unset" if value is None else repr(value)
-            raise incomplete_recipe(f"{prefix}{name} is {held}")
-    return kind(**chosen)
+    unset = str(values[f"{kind.__name__}.unset"]).split(",")
+    types, chosen = get_type_hints(kind), {}
+    for setting in fields(kind):
+        name = prefix + setting.name
+        value = values.get(name, None if name in unset else MISFIT)
+        fitting = value_as(types[setting.name], value)
+        if fitting is MISFIT or (name in values and name in unset):
+            held = "missing" if value is MISFIT else repr(value)
+            raise incomplete_recipe(f"{name} is {held}")
+        chosen[setting.name] = fitting
+    try:
+        return kind(**chosen)
+    except SettingError as error:
+        raise incomplete_recipe(error.message) from None
 
 
 def incomplete_recipe(what: str) -> InputError:
@@ -155,11 +160,9 @@ def value_as(declared: Any, value: Any) -> Any:
     if origin is not tuple:
         allowed = (int, float) if declared is float else (declared,)
         return value if type(value) in allowed else MISFIT
-    if not isinstance(value, str):
-        return MISFIT
-    is_nested = get_origin(kinds[0]) is tuple
-    parts = value.split(";" if is_nested else ",") if value else ()
-    row = tuple(value_as(kinds[0], part if is_nested else number_in(part)) for part in parts)
+    separator = ";" if get_origin(kinds[0]) is tuple else ","
+    parts = str(value).split(separator) if value != "" else ()
+    row = tuple(value_as(kinds[0], number_in(part)) for part in parts)
     is_whole = MISFIT not in row and (kinds[-1] is ... or len(row) == len(kinds))
     return row if is_whole else MISFIT
 

@@ -338,7 +338,8 @@ def make_fixture(
         labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
         record.settings["markers_left_out"] = ",".join(labels)
     if matched.correspondences.sigma is not None:
-        record.settings["markers_sigma_m"] = flat(matched.correspondences.sigma.tolist())
+        rows = matched.correspondences.sigma.reshape(len(by_markers.labels), -1)
+        record.settings["markers_sigma_m"] = flat(rows.tolist())
     provenance = Provenance.now(curve.provenance.inputs | record.inputs, settings)
     # What an earlier registration set, and this one did not, is no setting of this fixture.
     earlier = {

@@ -87,7 +87,7 @@ class ExtractSettings:
     """
 
     colour: str = setting("red", "Colour of the planning pen.", form="NAME|#RRGGBB")
-    method: str = setting(
+    method: Literal["ridge", "skeleton", "mask"] = setting(
         "ridge", "Measure the middle of the line (ridge), thin it (skeleton), or take every pixel "
         "of the pen (mask).", choices=("ridge", "skeleton", "mask"),
     )  # fmt: skip
@@ -216,7 +216,7 @@ class FixtureSettings:
         A radius or a stiffness that no bundle can hold, or more said of a guide that is none.
     """
 
-    model: str = setting(
+    model: Literal["affine", "similarity", "rigid"] = setting(
         "affine", "Kind of transform from image to robot.",
         choices=("affine", "similarity", "rigid"),
     )  # fmt: skip
@@ -377,15 +377,11 @@ class FixtureSettings:
         return self.max_tre_m
 
 
-def overridden(recipe: FixtureSettings, settings: FixtureSettings) -> tuple[Finding, ...]:
+def overridden(recipe: FixtureSettings, settings: FixtureSettings) -> list[Finding]:
     """A note for each setting in which a plan departs from the recipe of its bundle."""
-    return tuple(
-        note(
-            "recipe-overridden", "plan",
-            f"Planned with {name} {value!r}, as given; the bundle was planned with {before!r}.",
-        )
-        for (name, before), value in zip(
-            vars(recipe).items(), vars(settings).values(), strict=True
-        )
-        if value != before
-    )  # fmt: skip
+    text = "Planned with {} {!r}, as given; the bundle was planned with {!r}."
+    return [
+        note("recipe-overridden", "plan", text.format(name, getattr(settings, name), before))
+        for name, before in vars(recipe).items()
+        if getattr(settings, name) != before
+    ]

@@ -6,12 +6,9 @@ project onto a DICOM slice; each keeps its distance from it when it is moved.
 
 from __future__ import annotations
 
-import csv
-import io
+import hashlib
 import json
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,12 +29,6 @@ MIN_MARKERS = 3
 
 # Places along a curve at which its bound is computed: a bound bends slowly.
 BOUND_PLACES = 50
-
-# Name of the format of Slicer's files; nothing is fetched from there.
-SLICER_SCHEMA = (
-    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
-    "Schema/markups-schema-v1.0.3.json#"
-)
 
 
 @dataclass(frozen=True)
@@ -115,39 +106,39 @@ class Fit:
         """Why there is no registration; empty if there is one."""
         return self._fitted[1]
 
-    @property
-    def _sigma_width(self) -> int:
-        """How many deviations each marker in use has: one, one an axis, or 0."""
-        counts = {len(marker.sigma_m) for marker in self.used}
-        return counts.pop() if counts in ({1}, {3}) else 0
+    def pairs(self) -> Correspondences:
+        """The markers in use, joined as those of a file are."""
+        used = self.used
+        places = np.array([marker.place for marker in used])
+        source = self.to_source(places, np.array([marker.depth_m for marker in used]))
+        target = np.array([marker.target_m for marker in used])
+        # Deviations of the targets count where all markers have them, each one or one an axis.
+        sigma = None
+        if {len(marker.sigma_m) for marker in used} in ({1}, {3}):
+            sigma = np.array([marker.sigma_m for marker in used])
+            sigma = sigma[:, 0] if sigma.shape[1] == 1 else sigma
+        labels = tuple(marker.label for marker in used)
+        frame = "image" if self.T_patient_image is None else "patient_lps"
+        values = [labels, source.tolist(), target.tolist(), [m.sigma_m for m in used]]
+        sha256 = hashlib.sha256(json.dumps(values).encode()).hexdigest()
+        return Correspondences(labels, source, frame, target, sigma, inputs={"markers": sha256})
 
     @cached_property
     def _fitted(self) -> tuple[Registration | None, str]:
-        used = self.used
-        if len(used) < MIN_MARKERS:
-            text = f"{len(used)} markers are whole and in use. At least {MIN_MARKERS} are needed."
+        if len(self.used) < MIN_MARKERS:
+            count = len(self.used)
+            text = f"{count} markers are whole and in use. At least {MIN_MARKERS} are needed."
             return None, text
         spacing_m = None
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:
             spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
-        # Deviations of the targets count where all markers have them.
-        width = self._sigma_width
-        sigma = np.array([marker.sigma_m for marker in used]) if width else None
-        if width == 1:
-            sigma = sigma[:, 0]
-        places = np.array([marker.place for marker in used])
-        depths = np.array([marker.depth_m for marker in used])
+        pairs = self.pairs()
         try:
             registration = fit_registration(
-                self.to_source(places, depths),
-                np.array([marker.target_m for marker in used]),
-                model=self.settings.model,
-                robust=self.settings.robust,
-                labels=[marker.label for marker in used],
-                pixel_spacing=spacing_m,
-                sigma=sigma,
+                pairs.source, pairs.target, model=self.settings.model, robust=self.settings.robust,
+                labels=pairs.labels, pixel_spacing=spacing_m, sigma=pairs.sigma,
                 seen_from=self.settings.seen_from,
-            )
+            )  # fmt: skip
         except VfplanError as error:
             return None, error.message
         return registration, ""
@@ -211,41 +202,6 @@ class Fit:
                 row["residual_px"] = (np.linalg.pinv(steps) @ residual).tolist()
             rows.append(row)
         return rows
-
-    @contextmanager
-    def as_files(self) -> Iterator[tuple[Path, Path | None]]:
-        """One or two files with the markers in use, for as long as the block runs."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "markers.csv"
-            path.write_text(self.table(), encoding="utf-8")
-            if self.T_patient_image is None:
-                yield path, None
-                return
-            # The positions in the patient's frame, as 3D Slicer stores them.
-            points = []
-            for marker in self.used:
-                position = self.to_source(marker.place, marker.depth_m)[0].tolist()
-                points.append({"label": marker.label, "position": position})
-            markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "m",
-                      "controlPoints": points}  # fmt: skip
-            source = Path(folder) / "markers.mrk.json"
-            document = {"@schema": SLICER_SCHEMA, "markups": [markup]}
-            source.write_text(json.dumps(document), encoding="utf-8")
-            yield source, path
-
-    def table(self) -> str:
-        """The markers in use as a CSV that every command reads."""
-        on_slice = self.T_patient_image is None
-        width = self._sigma_width
-        sigmas = {0: [], 1: ["sigma_m"], 3: ["sigma_x_m", "sigma_y_m", "sigma_z_m"]}[width]
-        rows = [["label", *(["u_px", "v_px"] if on_slice else []), "x_m", "y_m", "z_m", *sigmas]]
-        for marker in self.used:
-            place = marker.place if on_slice else ()
-            numbers = [*place, *marker.target_m, *marker.sigma_m[:width]]
-            rows.append([marker.label, *map(repr, map(float, numbers))])
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        return text.getvalue()
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label, or by its number from 0."""

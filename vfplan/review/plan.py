@@ -20,6 +20,7 @@ from vfplan.display import millimetres
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
+from vfplan.geometry.lines import evenly
 from vfplan.images.read import MAX_BYTES, PlannedImage
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences, read_markers
@@ -29,11 +30,10 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridde
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of
-from vfplan.review.rendered import Shown, labels_left_out, strokes_on_slice
+from vfplan.review.rendered import Shown, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
-from vfplan.robot import Robot
 from vfplan.settings import MISFIT, incomplete_recipe, recalled, recorded, value_as
-from vfplan.stability.study import with_verdict_by
+from vfplan.stability.study import judge_of, with_verdict_by
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -250,20 +250,18 @@ class Plan:
                 "campaign on a plan with these, and give its --margin and --campaign."
             )
             return Outcome(None, of_curve, text, "margin-of-other-markers")
-        with self.fit.as_files() as files:
-            # The markers as they were read, as long as nobody changed one.
-            if self.fit is source.fit and source.pairs is not None:
-                files = (source.pairs, None)
-            image = None
-            if source.slice_path is not None:
-                image = source.image
-            try:
-                planned = register(curve, *files, self.fit.settings, image=image).fixture
-                planned = with_verdict_by(source.recipe, planned)
-            except VfplanError as error:
-                # The page has no options; what is wrong with the markers is mended on it.
-                message = error.message.replace(", or give --markers-as-given", "")
-                return Outcome(None, of_curve, _sentence(message), error.code)
+        # Markers that nobody changed are those that were read.
+        pairs = self.fit.pairs()
+        if self.fit is source.fit:
+            pairs = source.pairs or replace(pairs, inputs={})
+        image = source.image if source.slice_path is not None else None
+        try:
+            planned = register(curve, pairs, None, self.fit.settings, image=image).fixture
+            planned = with_verdict_by(source.recipe, planned)
+        except VfplanError as error:
+            # The page has no options; what is wrong with the markers is mended on it.
+            message = error.message.replace(", or give --markers-as-given", "")
+            return Outcome(None, of_curve, _sentence(message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
         provenance = replace(planned.provenance, settings=settings)
@@ -277,10 +275,14 @@ class Plan:
         settings = self.source.recipe
         if ink is not None:
             settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
+        # The files of the bundle's markers are named as long as these are its markers.
+        inputs = self.source.inputs
+        if self.fit is not self.source.fit or self.source.pairs is not None:
+            inputs = {role: inputs[role] for role in inputs if role in ("image", "curve")}
         return Fixture(
             frame="image",
             points=np.c_[points, np.zeros(len(points))],
-            provenance=Provenance.now(self.source.inputs, settings),
+            provenance=Provenance.now(inputs, settings),
             # A curve that was drawn as vectors has no deviation.
             sigma=sigma if sigma.any() else None,
             curve=Curve.of(strokes),
@@ -316,26 +318,27 @@ def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
         name for name in before | after if not np.array_equal(before.get(name), after.get(name))
     ]
     of_line = [name for name in names if re.match("/(points|curve|pieces|mesh)", name)]
-    texts = [
-        f"{name} is {in_words(after.get(name))}; in the opened bundle it is "
-        f"{in_words(before.get(name))}."
+    values = {
+        name: [in_words(values.get(name)) for values in (after, before)]
         for name in names if name not in of_line
-    ]  # fmt: skip
-    if of_line:
+    }  # fmt: skip
+    if of_line and fixture.frame == opened.frame:
         from scipy.spatial import cKDTree
 
-        words = []
-        for one, other in ((fixture, opened), (opened, fixture)):
-            length_m = sum(stroke.length for stroke in one.strokes)
-            apart_m = float(cKDTree(other.points).query(one.points)[0].max())
-            words.append(
-                f"{millimetres(length_m)} long in {len(one.points)} points, up to "
-                f"{millimetres(apart_m)} from those of the other"
-            )
-        texts.append(
-            f"The line is {words[0]}; the opened bundle's was {words[1]} ({', '.join(of_line)})."
-        )
-    return [doubt("differs-from-opened", "plan", text) for text in texts]
+        # Both lines with a point every hundredth of a millimetre.
+        fine = [
+            np.vstack([evenly(1e5 * stroke.points, stroke.closed) for stroke in one.strokes])
+            for one in (fixture, opened)
+        ]
+        apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in (fine, fine[::-1]))
+        lengths = [millimetres(1e-5 * len(points)) for points in fine]
+        values[f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off,"] = [
+            f"{length} long" for length in lengths
+        ]
+    return [
+        doubt("differs-from-opened", "plan", f"{name} is {now}; in the opened bundle it is {was}.")
+        for name, (now, was) in values.items()
+    ]
 
 
 def in_words(value: Any) -> str:
@@ -383,40 +386,36 @@ def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
 
     An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
     """
-    if fixture.frame == "image" or fixture.rendering is None or not given:
+    if fixture.frame == "image" or fixture.rendering is None:
         return
-    recipe = recalled(FixtureSettings, fixture.provenance.settings)
-    planning = planning_of(fixture, given)
-    without_effect = [
-        name for name in given
-        if recipe is None or getattr(planning, name) != getattr(recipe, name)
-    ]  # fmt: skip
-    if without_effect:
-        text = (
-            "The fixture is planned already, and these settings would not change it: "
-            f"{', '.join(without_effect)}. Leave them out, or plan anew with them: vfplan plan "
-            "IMAGE MARKERS."
-        )
-        raise SettingError(text, code="planned-already", numbers={"settings": without_effect})
+    _refuse_other_than_recipe(
+        fixture, FixtureSettings, given,
+        "The fixture is planned already, and these settings would not change it: {}. Leave them "
+        "out, or plan anew with them: vfplan plan IMAGE MARKERS.", "planned-already",
+    )  # fmt: skip
 
 
 def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> None:
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
-    recipe = recalled(ExtractSettings, fixture.provenance.settings)
-    # Where the bundle does not record the pen, the page needs to know it.
-    names = {*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS} & set(given)
-    without_effect = [
-        name for name in given
-        if name in names - ({"colour"} if recipe is None else set())
-        and (recipe is None or given[name] != getattr(recipe, name))
-    ]  # fmt: skip
-    if without_effect:
-        text = (
-            "The curve is extracted already, and these settings would not change it: "
-            f"{', '.join(without_effect)}. Leave them out, or extract it anew with them: vfplan "
-            "review IMAGE."
-        )
-        raise SettingError(text, code="extracted-already", numbers={"settings": without_effect})
+    names = {*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS}
+    if recalled(ExtractSettings, fixture.provenance.settings) is None:
+        names.remove("colour")  # The page needs to know the pen.
+    _refuse_other_than_recipe(
+        fixture, ExtractSettings, {name: given[name] for name in given if name in names},
+        "The curve is extracted already, and these settings would not change it: {}. Leave them "
+        "out, or extract it anew with them: vfplan review IMAGE.", "extracted-already",
+    )  # fmt: skip
+
+
+def _refuse_other_than_recipe(
+    fixture: Fixture, kind: type, given: dict[str, Any], text: str, code: str
+) -> None:
+    """Refuse what is given and is not as the bundle's recipe has it."""
+    recipe = recalled(kind, fixture.provenance.settings)
+    wanted = replace(recipe or kind(), **given)
+    others = [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
+    if others:
+        raise SettingError(text.format(", ".join(others)), code=code, numbers={"settings": others})
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -528,15 +527,18 @@ def _of_bundle(
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
     if record is not None:
+        # Rows of deviations of the targets [m], if the markers had any.
+        sigma = None
+        if "markers_sigma_m" in known:
+            sigma = value_as(tuple[tuple[float, ...], ...], known["markers_sigma_m"])
+            if sigma is MISFIT or len(sigma) != len(record.labels):
+                raise incomplete_recipe(f"markers_sigma_m is {known['markers_sigma_m']!r}")
         pairs = Correspondences(
-            record.labels, record.source, record.source_frame, record.target, _sigma_of(fixture)
+            record.labels, record.source, record.source_frame, record.target, sigma
         )
-        settings = replace(planning, find_markers=False)
-        fit, left_out = fit_of(pairs, image, settings), labels_left_out(fixture)
-        markers = [replace(marker, is_used=marker.label not in left_out) for marker in fit.markers]
-        fit = replace(fit, markers=tuple(markers))
+        fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
-    if fixture.stability is not None and recalled(Robot, robot, "robot_") is None:
+    if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
         path, slice_path, image, extraction, planning,
@@ -545,18 +547,6 @@ def _of_bundle(
         told=overridden(recalled(FixtureSettings, known) or planning, planning),
         case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
-
-
-def _sigma_of(fixture: Fixture) -> np.ndarray | None:
-    """(N,) or (N, 3) the deviations of the markers' targets [m]; `None` where none were given."""
-    text = fixture.provenance.settings.get("markers_sigma_m")
-    if text is None:
-        return None
-    numbers = tuple[float, ...]
-    sigma = value_as(tuple[numbers, ...] if ";" in str(text) else numbers, text)
-    if sigma is MISFIT or len(sigma) != len(fixture.registration.labels):
-        raise incomplete_recipe(f"markers_sigma_m is {text!r}")
-    return np.array(sigma, float)
 
 
 def _slice_of(

@@ -427,12 +427,11 @@ def find_markers(plan: Plan, step: Step) -> Plan:
         text = "There is no curve or no registration yet. Marks are looked for once there are both."
         raise SettingError(text, code="no-registration")
     settings = replace(fit.settings, find_markers=True)
-    with fit.as_files() as files:
-        try:
-            found = match(plan.curve(), *files, settings, plan.source.image, Record())
-        except VfplanError as error:
-            text = f"The marks were not found: {error.message}"
-            raise SettingError(text, code=error.code) from None
+    try:
+        found = match(plan.curve(), fit.pairs(), None, settings, plan.source.image, Record())
+    except VfplanError as error:
+        text = f"The marks were not found: {error.message}"
+        raise SettingError(text, code=error.code) from None
     labels = [marker.label for marker in fit.used]
     for label, place in zip(labels, found.registration.source.tolist(), strict=True):
         fit = fit.with_marker(fit.index(label), place=tuple(place))

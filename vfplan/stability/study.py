@@ -63,28 +63,33 @@ def with_verdict(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_F
 
     Raises as `gate` does.
     """
-    recipe = recorded(robot, "robot_") | {"robot_safety_factor": safety_factor}
+    known = fixture.provenance.settings.items()
+    settings = {name: value for name, value in known if not name.startswith("robot_")}
+    settings |= recorded(robot, "robot_") | {"robot_safety_factor": safety_factor}
     return replace(
         fixture,
         stability=gate(fixture, robot, safety_factor),
-        provenance=replace(fixture.provenance, settings=fixture.provenance.settings | recipe),
+        provenance=replace(fixture.provenance, settings=settings),
         findings=(*fixture.findings, *strong_pull(fixture, robot)),
         reviewed=None,
     )
 
 
-def with_verdict_by(recipe: dict[str, Any], fixture: Fixture) -> Fixture:
-    """The fixture with the verdict for the robot that a recipe records; as it is without one.
+def judge_of(recipe: dict[str, Any]) -> tuple[Robot, float] | None:
+    """The robot and the safety factor that a recipe records; `None` without a robot.
 
-    Raises as `gate` does, and `InputError` for an incomplete recipe.
+    Raises `InputError` for an incomplete recipe.
     """
-    robot = recalled(Robot, recipe, "robot_")
-    if robot is None:
-        return fixture
-    safety_factor = recipe.get("robot_safety_factor")
-    if not is_length(safety_factor):
+    robot, safety_factor = recalled(Robot, recipe, "robot_"), recipe.get("robot_safety_factor")
+    if robot is not None and not is_length(safety_factor):
         raise incomplete_recipe(f"robot_safety_factor is {safety_factor!r}")
-    return with_verdict(fixture, robot, safety_factor)
+    return robot and (robot, safety_factor)
+
+
+def with_verdict_by(recipe: dict[str, Any], fixture: Fixture) -> Fixture:
+    """The fixture with the verdict for the robot that a recipe records; raises as `gate` does."""
+    judge = judge_of(recipe)
+    return with_verdict(fixture, *judge) if judge else fixture
 
 
 def strong_pull(fixture: Fixture, robot: Robot) -> list[Finding]:
