@@ -283,7 +283,7 @@ def review_digest(fixture: Fixture) -> str:
     It covers all that is rendered, the registration, the findings with their answers, and the case.
     """
     content = to_content(fixture)
-    digest = hashlib.sha256(counted("vfplan review 1"))
+    digest = hashlib.sha256(counted("vfplan review 1") + geometry_digest(content))
     for path in sorted(content):
         row, value = rows_by_path()[path], content[path]
         if row.mark is None:
@@ -294,9 +294,22 @@ def review_digest(fixture: Fixture) -> str:
         if row.type == "text":
             for text in (value,) if isinstance(value, str) else value:
                 digest.update(counted(text))
-        else:
+        elif path not in GEOMETRY:
             digest.update(np.ascontiguousarray(value, f"<{row.type}").data)
     return digest.hexdigest()
+
+
+# What `/@id` is the digest of, behind the frame.
+GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
+
+
+def geometry_digest(content: Content) -> bytes:
+    """SHA-256 of the geometry: equal for equal points in the same frame."""
+    digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
+    for path in GEOMETRY:
+        if path in content:
+            digest.update(np.ascontiguousarray(content[path]).data)
+    return digest.digest()
 
 
 def counted(text: str) -> bytes:
