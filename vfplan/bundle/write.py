@@ -133,9 +133,7 @@ def group_properties(kind: Any) -> Any:
 def put_value(group: Any, row: Row, content: Content) -> None:
     """Write the value of a row into its group, a dataset with its unit and frame."""
     value = content[row.path]
-    texts = value
-    if isinstance(value, str):
-        texts = (value,)
+    texts = (value,) if isinstance(value, str) else value
     if row.type == "text" and any(text.endswith("\0") for text in texts):
         # It would be read back without its end.
         raise InputError(f"{value!r} ends in a control character. Remove it.", where=row.path)

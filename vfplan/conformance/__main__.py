@@ -97,9 +97,7 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
 def problem_of(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
     """What is wrong with the values that were read, or the refusal; empty if nothing is."""
     if "values" not in stated:
-        if values is None:
-            return ""
-        return "reads what it must refuse"
+        return "" if values is None else "reads what it must refuse"
     if values is None:
         return "refuses what it must read"
     expected = stated["values"]
@@ -130,16 +128,12 @@ def cell(of_rule: list[Result]) -> str:
     if not of_rule:
         return "not tried"
     wrong = sum(bool(result.problem) for result in of_rule)
-    if wrong:
-        return f"**No** ({wrong})"
-    return "Yes"
+    return f"**No** ({wrong})" if wrong else "Yes"
 
 
 def rule_order(rule: str) -> tuple[int, int]:
     """Where a rule stands in the table: in the order of the page."""
-    if rule:
-        return ("LCVSKM".find(rule[0]), int(rule[1:]))
-    return (-1, 0)
+    return ("LCVSKM".find(rule[0]), int(rule[1:])) if rule else (-1, 0)
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -353,9 +353,7 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     for name, stored_value in item.attributes.items():
         messages.append((MessageType.ATTRIBUTE, 0, attribute(name, *stored_value)))
     for name, target in item.links.items():
-        body = target
-        if not isinstance(target, bytes):
-            body = link(name, addresses[target])
+        body = target if isinstance(target, bytes) else link(name, addresses[target])
         messages.append((MessageType.LINK, 0, body))
     messages += [(kind, 0, body) for kind, body in item.more]
     body = b"".join(struct.pack("<BHB", k, len(b), f) + b for k, f, b in messages)

@@ -96,9 +96,7 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
     if rule == "guide":
         engine, hip = Guide.of(fixture), path_along(fixture.points)
     else:
-        path = path_between
-        if fixture.sample_radius is None:
-            path = path_through
+        path = path_through if fixture.sample_radius is None else path_between
         engine, hip = ProxyEngine.of(fixture, rule), path(fixture.points)
     engine.reset(hip[0])
     trace = engine.run(hip)
