@@ -124,6 +124,7 @@ MAX_TEXT = 4096  # bytes
 MAX_ATTRIBUTES = 16
 MAX_LINKS = 32
 UNDEFINED = 2**64 - 1
+GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
 # The hidden characters of V19, first and last of each range.
 HIDDEN = []
 for _words in [
@@ -731,7 +732,8 @@ def check_agreement(content, raw_bytes, flags, signed_case):
     points = content["/points"].rows()
     if frame == "image":
         require(all(point[2] == 0 for point in points), "V3", "a point with a depth")
-    check_id(content, frame, raw_bytes)
+    geometry = geometry_digest(content, frame, raw_bytes)
+    require(text_of(content, "/@id") == geometry.hex()[:32], "V4", "the id of another geometry")
     if has("/curve"):
         check_strokes("V5", content["/curve/stroke"].items, len(content["/curve/closed"].items))
     if has("/pieces"):
@@ -759,7 +761,9 @@ def check_agreement(content, raw_bytes, flags, signed_case):
         check_plain(text_of(content, "/review@by"), "V15")
         digest = text_of(content, "/review@digest")
         require(re.fullmatch("[0-9a-f]{64}", digest), "V15", "a digest of another form")
-        require(digest == review_digest(content, raw_bytes), "V20", "a review of another plan")
+        require(
+            digest == review_digest(content, geometry, raw_bytes), "V20", "a review of another plan"
+        )
         check_time(text_of(content, "/review@utc"))
     own_case = text_of(content, "/@case")
     if own_case is not None:
@@ -786,7 +790,7 @@ def check_plain(text, rule):
     require(is_plain, rule, f"{text!r} is empty or holds hidden characters")
 
 
-def review_digest(content, raw_bytes):
+def review_digest(content, geometry, raw_bytes):
     """The digest of V20: of every marked value that is there."""
 
     def number(n):
@@ -795,7 +799,7 @@ def review_digest(content, raw_bytes):
     def text(t):
         return number(len(t.encode())) + t.encode()
 
-    digest = hashlib.sha256(text("vfplan review 1"))
+    digest = hashlib.sha256(text("vfplan review 1") + geometry)
     for path in sorted(content):
         if not TABLE[path].is_marked:
             continue
@@ -804,19 +808,18 @@ def review_digest(content, raw_bytes):
         digest.update(b"".join(map(number, [len(value.shape), *value.shape])))
         if value.type == "text":
             digest.update(b"".join(map(text, value.items)))
-        else:
+        elif path not in GEOMETRY:
             digest.update(raw_bytes(value))
     return digest.hexdigest()
 
 
-def check_id(content, frame, raw_bytes):
-    """V4."""
+def geometry_digest(content, frame, raw_bytes):
+    """The digest of V4."""
     digest = hashlib.sha256(frame.encode() + b"\0")
-    for path in ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges",
-                 "/pieces/stroke"):  # fmt: skip
+    for path in GEOMETRY:
         if path in content:
             digest.update(raw_bytes(content[path]))
-    require(text_of(content, "/@id") == digest.hexdigest()[:32], "V4", "the id of another geometry")
+    return digest.digest()
 
 
 def check_strokes(rule, stroke, count):

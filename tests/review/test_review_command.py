@@ -15,6 +15,7 @@ from review_slices import MARKERS, SLICE, fork, shifted, two_candidates
 from websockets.sync.client import connect
 
 import vfplan
+from vfplan.bundle import review_digest
 
 ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/#([\w-]{43})\n")
 
@@ -139,6 +140,8 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert vfplan_cli("sign", output, "--key", tmp_path / "k.key", "-o", signed).sound
     run = vfplan_cli("review", output, "--sheet-out", tmp_path / "s.png", "--json", *words)
     assert run.json["digest"] == review.digest
+    approved = vfplan.read_fixture(output)
+    assert approved.reviewed.digest == review_digest(approved)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="xdg-open is Linux's")

@@ -120,9 +120,7 @@ def max_size(symbol: str) -> int:
 def max_number(path: str) -> float:
     """The largest number that a bundle may hold at a path."""
     largest = rows_by_path()[path].max
-    if largest is None:
-        return math.inf
-    return float(largest)
+    return math.inf if largest is None else float(largest)
 
 
 # Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:
@@ -212,9 +210,8 @@ def to_content(fixture: Fixture) -> Content:
 def as_content(value: Any, row: Row) -> Any:
     """A value as a content holds it in this row."""
     if row.kind == "dataset":
-        if row.type == "text":
-            return tuple(map(str, value))
-        return np.ascontiguousarray(value, f"<{row.type}")
+        is_text = row.type == "text"
+        return tuple(map(str, value)) if is_text else np.ascontiguousarray(value, f"<{row.type}")
     types: dict[str, type] = {"text": str, "f8": float}
     return types.get(row.type, int)(value)
 
@@ -283,7 +280,7 @@ def review_digest(fixture: Fixture) -> str:
     It covers all that is rendered, the registration, the findings with their answers, and the case.
     """
     content = to_content(fixture)
-    digest = hashlib.sha256(counted("vfplan review 1"))
+    digest = hashlib.sha256(counted("vfplan review 1") + geometry_digest(content))
     for path in sorted(content):
         row, value = rows_by_path()[path], content[path]
         if row.mark is None:
@@ -294,9 +291,22 @@ def review_digest(fixture: Fixture) -> str:
         if row.type == "text":
             for text in (value,) if isinstance(value, str) else value:
                 digest.update(counted(text))
-        else:
+        elif path not in GEOMETRY:
             digest.update(np.ascontiguousarray(value, f"<{row.type}").data)
     return digest.hexdigest()
+
+
+# What `/@id` is the digest of, behind the frame.
+GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
+
+
+def geometry_digest(content: Content) -> bytes:
+    """SHA-256 of the geometry: equal for equal points in the same frame."""
+    digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
+    for path in GEOMETRY:
+        if path in content:
+            digest.update(np.ascontiguousarray(content[path]).data)
+    return digest.digest()
 
 
 def counted(text: str) -> bytes:
@@ -308,9 +318,8 @@ def counted(text: str) -> bytes:
 def rendered_values(fixture: Fixture) -> dict[str, Any]:
     """Everything that an engine renders of a fixture, by its path, and its `kind`."""
     content = to_content(fixture)
-    values = {row.path: content.get(row.path) for row in table() if row.mark == "rendered"}
-    kept = {path: value for path, value in values.items() if value is not None}
-    return {"kind": "wall" if fixture.guidance is None else "guide", **kept}
+    values = {path: content[path] for path in content if rows_by_path()[path].mark == "rendered"}
+    return {"kind": "wall" if fixture.guidance is None else "guide", **values}
 
 
 # --- Content -> fixture -------------------------------------------------------------------------

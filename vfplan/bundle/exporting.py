@@ -74,9 +74,7 @@ def suffix_of(path: str | Path) -> str:
 
 def unit_of(fixture: Fixture) -> str:
     """The unit of a fixture's points."""
-    if fixture.frame == "image":
-        return "px"
-    return "m"
+    return "px" if fixture.frame == "image" else "m"
 
 
 def ply(fixture: Fixture) -> bytes:
@@ -153,7 +151,7 @@ def slicer_markup(
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
     pieces = fixture.pieces
-    axis = fixture.ignore_axis if fixture.rendering is not None else None
+    axis = None if fixture.rendering is None else fixture.ignore_axis
     if pieces is None or axis is None:
         raise InputError(
             "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."

@@ -109,15 +109,9 @@ class Seal:
         if not sealed.signed:
             return cls(sealed.payload_length, sealed.sha256)
         return cls(
-            sealed.payload_length,
-            sealed.sha256,
-            sealed.key_id,
-            sealed.signature,
-            sealed.case,
-            sealed.robot_serial,
-            sealed.signed_at or None,
-            sealed.despite_findings,
-        )
+            sealed.payload_length, sealed.sha256, sealed.key_id, sealed.signature, sealed.case,
+            sealed.robot_serial, sealed.signed_at or None, sealed.despite_findings,
+        )  # fmt: skip
 
     @property
     def signed(self) -> bool:
@@ -198,18 +192,10 @@ def to_body(seal: Seal, length: int) -> bytes:
     if seal.despite_findings:
         flags |= SealFlag.DESPITE_FINDINGS
     head = HEAD.pack(
-        MAGIC,
-        SEAL_VERSION,
-        flags,
-        length,
-        seal.payload_length,
-        seal.sha256,
-        seal.key_id or bytes(16),
-        seal.signature or bytes(64),
-        seal.signed_at or 0,
-        len(case),
-        len(serial),
-    )
+        MAGIC, SEAL_VERSION, flags, length, seal.payload_length, seal.sha256,
+        seal.key_id or bytes(16), seal.signature or bytes(64), seal.signed_at or 0,
+        len(case), len(serial),
+    )  # fmt: skip
     return (head + case + serial).ljust(length - TAIL.size, b"\0")
 
 
@@ -432,9 +418,7 @@ def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
             continue
         if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
             half = f"its public half, {Path(where).with_suffix('.pub').name}"
-            wanted = half
-            if Path(where).suffix == ".pub":
-                wanted = "a file of public keys alone"
+            wanted = "a file of public keys alone" if Path(where).suffix == ".pub" else half
             raise InputError(
                 f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
                 where=where,
@@ -566,15 +550,10 @@ def sign(
         check_is_approved(fixture, str(source))
     payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))
     seal = Seal(
-        len(payload),
-        hashlib.sha256(payload).digest(),
-        key_id=key_id_of(key.public_key()),
-        signature=bytes(64),
-        case=case,
-        robot_serial=robot_serial,
-        signed_at=signed_at,
+        len(payload), hashlib.sha256(payload).digest(), key_id_of(key.public_key()), bytes(64),
+        case=case, robot_serial=robot_serial, signed_at=signed_at,
         despite_findings=bool(fixture.open_findings) or fixture.reviewed is None,
-    )
+    )  # fmt: skip
     seal = replace(seal, signature=key.sign(signed_message(seal)))
     write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
     return seal
@@ -592,19 +571,17 @@ def check_texts(case: str, robot_serial: str = "") -> None:
 
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
-    slice_option = ""
-    if fixture.image is not None:
-        slice_option = "--slice IMAGE "
+    slice_option = "" if fixture.image is None else "--slice IMAGE "
     approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
     page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
     how = f"{page}. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
-        subject, answer = f"{len(codes)} findings are", "Answer them"
-        if len(codes) == 1:
-            subject, answer = "1 finding is", "Answer it"
+        is_one = len(codes) == 1
+        subject = "1 finding is" if is_one else f"{len(codes)} findings are"
         raise CheckFailed(
-            f"{subject} not answered: {', '.join(sorted(set(codes)))}. {answer}: {how}.",
+            f"{subject} not answered: {', '.join(sorted(set(codes)))}. "
+            f"Answer {'it' if is_one else 'them'}: {how}.",
             where=where,
             code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},

@@ -6,7 +6,6 @@ A file gets its name when it is whole, and a reader found its bytes to be sound.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,16 +14,22 @@ import numpy as np
 
 from vfplan._core import read_payload
 from vfplan.bundle import leak, seal
-from vfplan.bundle.content import FORMAT, VERSION, Content, Row, document, table, to_content
+from vfplan.bundle.content import (
+    FORMAT,
+    VERSION,
+    Content,
+    Row,
+    document,
+    geometry_digest,
+    table,
+    to_content,
+)
 from vfplan.errors import InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.hdf5 import h5py
 from vfplan.io.writing import write_whole
 
 h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
-# What `/@id` is the digest of, behind the frame.
-GEOMETRY = ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke")
-
 # Codes of values that are sound each, and do not fit together.
 DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration",
                "unsafe.review")  # fmt: skip
@@ -72,12 +77,7 @@ def completed(content: Content) -> Content:
     if "/guidance@radius_m" in content:
         # A reader that does not know it would forbid what is to guide.
         whole["/@must_understand"] = "/guidance"
-    # The id of the geometry: equal for equal points in the same frame.
-    digest = hashlib.sha256(whole["/@frame"].encode() + b"\0")
-    for path in GEOMETRY:
-        if path in whole:
-            digest.update(np.ascontiguousarray(whole[path]).data)
-    whole["/@id"] = digest.hexdigest()[:32]
+    whole["/@id"] = geometry_digest(whole).hex()[:32]
     if "/rendering@contact_radius_m" in whole:
         # Of arrays that do not fit together there is none: the reader says what is wrong.
         with (
@@ -133,9 +133,7 @@ def group_properties(kind: Any) -> Any:
 def put_value(group: Any, row: Row, content: Content) -> None:
     """Write the value of a row into its group, a dataset with its unit and frame."""
     value = content[row.path]
-    texts = value
-    if isinstance(value, str):
-        texts = (value,)
+    texts = (value,) if isinstance(value, str) else value
     if row.type == "text" and any(text.endswith("\0") for text in texts):
         # It would be read back without its end.
         raise InputError(f"{value!r} ends in a control character. Remove it.", where=row.path)

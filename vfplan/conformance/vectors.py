@@ -114,15 +114,10 @@ def signed(
     key = key_of(seed)
     payload = payload_of(name)
     unsigned = seal.Seal(
-        len(payload),
-        hashlib.sha256(payload).digest(),
-        key_id=seal.key_id_of(key.public_key()),
-        signature=bytes(64),
-        case="case 17",
-        robot_serial="R-0042",
-        signed_at=1_767_323_045,
+        len(payload), hashlib.sha256(payload).digest(), seal.key_id_of(key.public_key()),
+        bytes(64), case="case 17", robot_serial="R-0042", signed_at=1_767_323_045,
         despite_findings=despite_findings,
-    )
+    )  # fmt: skip
     message = domain + seal.signed_message(unsigned).removeprefix(seal.DOMAIN)
     return payload + seal.to_bytes(replace(unsigned, signature=key.sign(message)))
 
