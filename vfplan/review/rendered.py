@@ -532,8 +532,10 @@ def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
     words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
     if rendering.point_radius:
         words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
-    words = f"{words}; {stiffness_in_words(rendering.stiffness)}"
-    return "Wall", words if fixture.region is not None else f"none; these have no effect: {words}"
+    stiffness = stiffness_in_words(rendering.stiffness)
+    if fixture.region is None:
+        return "Wall", f"none; {millimetres(radius, 3)} and {stiffness} have no effect"
+    return "Wall", f"{words}; {stiffness}"
 
 
 def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:

@@ -270,9 +270,7 @@ def list_lines(shown: Shown, width: float) -> list[TextLine]:
         lines = text_lines(heading, width, HEADING, is_head=True)
         for heading, words in described(shown.fixture):
             lines += text_lines(f"{heading}: {words}", width, BODY)
-    heading = "Findings"
-    if not shown.findings:
-        heading = "Findings: none"
+    heading = "Findings" if shown.findings else "Findings: none"
     above = 20 if lines else 0
     lines += text_lines(heading, width, HEADING, above=above, is_head=bool(shown.findings))
     for number, finding in enumerate(shown.findings, 1):
@@ -291,9 +289,7 @@ def list_lines(shown: Shown, width: float) -> list[TextLine]:
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
     for entry in account[:LISTED_ENTRIES]:
-        what = ""
-        if entry.what != "ink":
-            what = WORDS_OF_ENTRY[entry.what] + ", "
+        what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
         words = (
             f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
             f"{entry.v:.0f})"
@@ -370,9 +366,7 @@ def insets_of(shown: Shown) -> list[Inset]:
     insets = []
     is_single = len(shown.strokes) == 1
     for number, stroke in enumerate(shown.strokes, 1):
-        name = "the line"
-        if not is_single:
-            name = f"line {number}"
+        name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             is_even = grey_ahead(shown, stroke, end) is not None
@@ -384,9 +378,7 @@ def insets_of(shown: Shown) -> list[Inset]:
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, WIDER_ZOOM, is_raised=True, has_line=has_line))
     for number, stroke in enumerate(shown.strokes, 1):
-        of_line = ""
-        if not is_single:
-            of_line = f" of line {number}"
+        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -410,22 +402,14 @@ def insets_of(shown: Shown) -> list[Inset]:
         points = np.concatenate([stroke.points for stroke in shown.strokes])
         bound_m = np.zeros(1) if shown.tre95_m is None else shown.tre95_m
         worst = int(np.argmax(bound_m))
-        half_m = max(bound_m[worst], reach_of(shown))
-        zoom = ZOOM
-        while zoom > 1 and half_m / shown.metres_per_px * zoom > 0.4 * INSET_PX:
+        half_px, zoom = bound_m[worst] / shown.metres_per_px, ZOOM
+        lines = [line for outline in shown.outlines for line in outline.lines]
+        if lines:
+            half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
+        while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         insets.append(Inset("Error and outline, true scale", points[worst], zoom, has_band=True))
     return insets
-
-
-def reach_of(shown: Shown) -> float:
-    """How far from the line the robot pushes [m]; 0 where it renders nothing."""
-    if not shown.outlines:
-        return 0.0
-    guidance, rendering = shown.fixture.guidance, shown.fixture.rendering
-    if guidance is not None:
-        return guidance.radius
-    return rendering.contact_radius + rendering.point_radius
 
 
 def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) -> bool:
@@ -622,7 +606,7 @@ def draw_sheet(shown: Shown) -> Sheet:
         x = MARGIN + in_last_row * INSET_STEP
         lines = list_lines(shown, paper.PAGE_WIDTH - MARGIN - x)
         height_below = total_height(list_lines(shown, paper.CONTENT_WIDTH))
-        is_beside = in_last_row > 0 and total_height(lines) <= ROW_HEIGHT
+        is_beside = in_last_row > 0 and sheet.has_space(last_row, total_height(lines))
         if is_beside and not sheet.has_space(y, height_below):
             for line in lines:
                 last_row = line.draw(sheet, x, last_row)
