@@ -71,9 +71,7 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     from vfplan.review.rendered import in_one_line
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
-    reviewed = None
-    if signed.reviewed is not None:
-        reviewed = asdict(signed.reviewed)
+    reviewed = asdict(signed.reviewed) if signed.reviewed is not None else None
     data = {
         **seal.describe(),
         "ok": True,
@@ -93,12 +91,8 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         missing = [SIGNED_FOR[name] for name in data["not_compared"]]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if seal.despite_findings:
-        unanswered = []
-        if signed.open_findings:
-            unanswered = ["findings were not answered"]
-        unseen = []
-        if signed.reviewed is None:
-            unseen = ["nobody had reviewed it"]
+        unanswered = ["findings were not answered"] if signed.open_findings else []
+        unseen = ["nobody had reviewed it"] if signed.reviewed is None else []
         reason = " and ".join(unanswered + unseen)
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
@@ -117,9 +111,7 @@ def seal_lines(seal: dict[str, Any]) -> list[str]:
 
 def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
     """Who reviewed the plan, and its findings, a line each."""
-    who = "nobody"
-    if reviewed is not None:
-        who = f"{reviewed['by']}, {reviewed['utc']}"
+    who = f"{reviewed['by']}, {reviewed['utc']}" if reviewed is not None else "nobody"
     lines = [f"  reviewed    by {who}"]
     for finding in findings:
         line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"

@@ -279,9 +279,7 @@ class Geometry:
             return ()
         lines = []
         for stroke in self.strokes:
-            width = 0.0
-            if stroke.is_ordered:
-                width = stroke.width
+            width = stroke.width if stroke.is_ordered else 0.0
             if width is None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
             lines.append(replace(stroke, width=width))
@@ -454,15 +452,11 @@ def _refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
     # The page has a button for the other pen.
-    options = ("vfplan review",)
-    if other_pen:
-        options = ("vfplan review", "--colour")
+    options = ("vfplan review", "--colour") if other_pen else ("vfplan review",)
     sentences = re.split(r"(?<=\.) ", error.message)
     kept = [words for words in sentences if not any(option in words for option in options)]
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place = None
-    if len(places) == 2:
-        place = tuple(map(float, places))
+    place = tuple(map(float, places)) if len(places) == 2 else None
     text = " ".join(kept) or error.message
     return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
             "other_pen": other_pen}  # fmt: skip

@@ -234,9 +234,7 @@ class SliceInk:
             offset, has_ink, width = self.nearest(points, closed, reach)
             if not has_ink.any():
                 return drawn_by_hand(path, closed)
-            usual = pen_px
-            if pen_px is None:
-                usual = float(np.median(width[has_ink]))
+            usual = float(np.median(width[has_ink])) if pen_px is None else pen_px
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
