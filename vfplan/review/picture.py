@@ -397,13 +397,9 @@ def draw_rendered(
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
-        off = (line - start) @ across
-        is_beside = np.abs((line - start) @ along) < PULL_LENGTH
-        reach = off[is_beside & (np.hypot(*(line - start).T) < 3 * np.abs(off).min() + 40)]
-        reach = float(reach.max()) if len(reach) else 0.0
-        middle = start + (reach + TICK_LENGTH + 14) * across
-        tail, tip = middle - PULL_LENGTH / 2 * along, middle + PULL_LENGTH / 2 * along
-        paper.draw_arrow(canvas, tail, tip, RENDERED_COLOUR[outline.kind])
+        middle = start + (np.hypot(*(line - start).T).min() + TICK_LENGTH + 14) * across
+        half = PULL_LENGTH / 2 * along
+        paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 
 
 def _draw_bound(canvas: paper.Pixels, shown: Shown, panel: Panel) -> bool:

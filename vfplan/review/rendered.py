@@ -412,7 +412,7 @@ def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
     normal, axis = plane_normal(plane), fixture.ignore_axis
     normal = normal / np.linalg.norm(normal)
     onto_picture = onto_plane(plane, axis)
-    turns = np.linspace(0.0, np.pi, END_DIRECTIONS)[:, None]
+    turns = np.linspace(0.0, np.pi, END_DIRECTIONS + 2)[1:-1, None]
     for number, length in enumerate(guide.lengths_m):
         closed = guide.closed[number]
         places = guide.at(np.linspace(0.0, length, GUIDE_PLACES), number)
@@ -523,9 +523,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     return tuple(row for row in rows if row is not None)
 
 
-def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str] | None:
-    if fixture.region is None:
-        return None
+def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
     drawn = "line" if fixture.curve is not None else "points"
     what = drawn if fixture.mesh is None else "surface"
     if fixture.guidance is not None:
@@ -534,7 +532,10 @@ def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str] | 
     words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
     if rendering.point_radius:
         words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
-    return "Wall", f"{words}; {stiffness_in_words(rendering.stiffness)}"
+    stiffness = stiffness_in_words(rendering.stiffness)
+    if fixture.region is None:
+        return "Wall", f"none; {millimetres(radius, 3)} and {stiffness} have no effect"
+    return "Wall", f"{words}; {stiffness}"
 
 
 def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:

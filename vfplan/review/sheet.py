@@ -286,7 +286,7 @@ def list_lines(shown: Shown, width: float) -> list[TextLine]:
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
     for entry in account[:MAX_NUMBERED]:
-        what = "" if entry.what == "ink" else WORDS_OF_ENTRY[entry.what] + ", "
+        what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
         words = (
             f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
             f"{entry.v:.0f})"
@@ -399,22 +399,14 @@ def insets_of(shown: Shown) -> list[Inset]:
         points = np.concatenate([stroke.points for stroke in shown.strokes])
         bound_m = np.zeros(1) if shown.tre95_m is None else shown.tre95_m
         worst = int(np.argmax(bound_m))
-        half_m = max(bound_m[worst], reach_of(shown))
-        zoom = ZOOM
-        while zoom > 1 and half_m / shown.metres_per_px * zoom > 0.4 * INSET_PX:
+        half_px, zoom = bound_m[worst] / shown.metres_per_px, ZOOM
+        lines = [line for outline in shown.outlines for line in outline.lines]
+        if lines:
+            half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
+        while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         insets.append(Inset("Error and outline, true scale", points[worst], zoom, has_band=True))
     return insets
-
-
-def reach_of(shown: Shown) -> float:
-    """How far from the line the robot pushes [m]; 0 where it renders nothing."""
-    if not shown.outlines:
-        return 0.0
-    guidance, rendering = shown.fixture.guidance, shown.fixture.rendering
-    if guidance is not None:
-        return guidance.radius
-    return rendering.contact_radius + rendering.point_radius
 
 
 def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) -> bool:
@@ -611,7 +603,7 @@ def draw_sheet(shown: Shown) -> Sheet:
         x = MARGIN + in_last_row * INSET_STEP
         lines = list_lines(shown, paper.PAGE_WIDTH - MARGIN - x)
         height_below = total_height(list_lines(shown, paper.CONTENT_WIDTH))
-        is_beside = in_last_row > 0 and total_height(lines) <= ROW_HEIGHT
+        is_beside = in_last_row > 0 and sheet.has_space(last_row, total_height(lines))
         if is_beside and not sheet.has_space(y, height_below):
             for line in lines:
                 last_row = line.draw(sheet, x, last_row)
