@@ -21,8 +21,7 @@ import vfplan
 from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers.correspondences import read_markers
-from vfplan.planning.extraction import extract
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.planning.settings import FixtureSettings
 from vfplan.review.rendered import Shown
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
@@ -364,13 +363,6 @@ def test_an_answer_dies_with_what_it_answered(sample):
     assert worse.why_not()
 
 
-def test_a_bundle_is_extracted_anew_with_the_settings_that_it_records(tmp_path):
-    given = ExtractSettings(max_gap_px=7.0, accept_width=True, exclude=((5, 6, 7, 8),))
-    path = tmp_path / "c.h5"
-    vfplan.write_fixture(extract(SLICE, given).fixture, path)
-    assert Session.open(path, slice=SLICE).source.extraction == given
-
-
 def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     path = tmp_path / "f.h5"
     vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
@@ -387,23 +379,6 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     fixture = looked_at(moved).approve("A. Planner")
     assert not np.array_equal(fixture.points, vfplan.read_fixture(path).points)
     assert fixture.rendering.contact_radius == vfplan.read_fixture(path).rendering.contact_radius
-
-
-PLANNING = {"margin": "tre95", "contact_radius": 0.008, "max_tre_m": 1e-4, "tolerance_m": 1e-4}
-
-
-@pytest.mark.parametrize("planning", [{name: value} for name, value in PLANNING.items()])
-def test_settings_that_would_plan_a_fixture_anew_are_refused(planning, tmp_path):
-    path = tmp_path / "f.h5"
-    planned = vfplan.plan(SLICE, *MARKERS, settings=FixtureSettings(contact_radius=0.006))
-    vfplan.write_fixture(planned.fixture, path)
-    with refuses(SettingError, "planned-already", settings=list(planning)):
-        Session.open(path, slice=SLICE, **planning)
-    # With its markers the fixture is planned anew, so there they have an effect.
-    if "contact_radius" in planning:
-        session = looked_at(Session.open(path, *MARKERS, slice=SLICE, **planning))
-        assert session.approve("A. Planner").rendering.contact_radius == 0.008
-        assert session.state()["contact_m"] == 0.008
 
 
 def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tmp_path):
