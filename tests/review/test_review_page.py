@@ -561,6 +561,33 @@ def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
     assert (tmp_path / "o.h5.draft.json").exists()
 
 
+@pytest.mark.slow
+def test_in_two_browsers_of_two_tabs_each_looks_alone(browser, opened, tmp_path):
+    program, hand = opened(SLICE)
+    with Page(need_program("chromium", "chromium"), tmp_path / "other") as second:
+        other = Hand(second, program.address)
+        tabs = {page: page.tab() for page in (browser, second)}
+        for page, (first, _) in tabs.items():
+            page.do("Page.navigate", url=program.address)
+            page.until(READY)
+            page.turn_to(first)
+        other.name("B. Planner")
+        hand.name()
+        hand.look_along()
+        second.run("review.step({do: 'reverse', stroke: 0})")
+        browser.until("review.state.steps.length === 1 && review.state.approvable")
+        assert not other.state("review.state.approvable")
+        assert other.state("review.state.unseen.map((runs) => runs.length)") == [1]
+        assert second.run("document.getElementById('approve').disabled")
+        hand.approve()
+        for page, both in tabs.items():
+            for tab in both:
+                page.turn_to(tab)
+                page.until("document.getElementById('done').open")
+    assert program.end()[0] == 0
+    assert vfplan.read_fixture(program.output).reviewed.by == "A. Planner"
+
+
 def test_an_address_without_its_token_shows_nothing(browser, run, tmp_path):
     program = run(SLICE)
     browser.open(program.address.split("#")[0])
