@@ -579,6 +579,13 @@ def test_in_two_browsers_of_two_tabs_each_looks_alone(browser, opened, tmp_path)
         assert not other.state("review.state.approvable")
         assert other.state("review.state.unseen.map((runs) => runs.length)") == [1]
         assert second.run("document.getElementById('approve').disabled")
+        # Whoever comes after another on the same tab has looked at nothing.
+        for name, is_approvable in (("C. Planner", "!"), ("A. Planner", "")):
+            browser.run(
+                f"(() => {{ const field = document.getElementById('name'); field.value = '{name}';"
+                " field.dispatchEvent(new Event('change')); })()"
+            )
+            browser.until(f"{is_approvable}review.state.approvable && {READY}")
         hand.approve()
         for page, both in tabs.items():
             for tab in both:
@@ -634,7 +641,8 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
     found = [doubt("x", "extract", f"F {k}", place_px=p) for k, p in enumerate(places)]
     findings = [finding.as_dict() for finding in found]
     state = Session.state
-    monkeypatch.setattr(Session, "state", lambda self: {**state(self), "findings": findings})
+    with_findings = lambda self, by: {**state(self, by), "findings": findings}  # noqa: E731
+    monkeypatch.setattr(Session, "state", with_findings)
     session = Session.open(path, tmp_path / "m.csv")
     server = ReviewServer(session, Draft(tmp_path / "d.json", {"source": path}, {}))
     try:
