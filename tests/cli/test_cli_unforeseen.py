@@ -46,7 +46,7 @@ def run(*words, **more):
 def test_stderr_is_closed(tmp_path):
     words = ("vfplan", "extract", SLICE, "-o", tmp_path / "o.h5")
     assert run(*words, preexec_fn=lambda: os.close(2)).returncode == 0
-    assert vfplan.read_fixture(tmp_path / "o.h5").size
+    assert len(vfplan.read_fixture(tmp_path / "o.h5").points) > 100
 
 
 def test_a_reader_that_does_not_exist():

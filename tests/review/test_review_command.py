@@ -13,7 +13,7 @@ import sys
 import numpy as np
 import pytest
 from review_slices import MARKERS, SLICE, fork, shifted, two_candidates
-from websockets.sync.client import connect
+from tab import Tab
 
 import vfplan
 from vfplan.bundle import review_digest
@@ -26,7 +26,7 @@ def heed_interrupts():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-class Review:
+class Review(Tab):
     """The command, and a page's connection to it."""
 
     def __init__(self, *words):
@@ -38,46 +38,26 @@ class Review:
         line = self.process.stdout.readline()
         found = ADDRESS.fullmatch(line)
         assert found, (line, self.process.stderr.read())
-        port, token = found.groups()
-        where = f"ws://127.0.0.1:{port}/steps?token={token}"
-        self._connection = connect(where, origin=f"http://127.0.0.1:{port}")
-        self.page = self._connection.__enter__()
-        self.version = self.heard("quick")["version"]
-
-    def heard(self, name):
-        while True:
-            message = json.loads(self.page.recv(timeout=60))
-            assert "error" not in message, message
-            if name in message:
-                return message
+        self.port, self.token = found.groups()
+        super().__init__(self)
+        self.__enter__()
+        self.heard("quick")
 
     def step(self, **step):
-        self.page.send(json.dumps({"step": step, "version": self.version}))
-        message = self.heard("quick")
-        self.version = message["version"]
-        return message["quick"]
+        self.send(step=step)
+        return self.heard("quick")["quick"]
 
     def approve(self):
         """Look at the line, answer all and approve; what the page then shows."""
         self.step(do="viewed")
-        state = self.state()
-        for number, finding in enumerate(state["findings"]):
+        for number, finding in enumerate(self.heard("state")["state"]["findings"]):
             if finding["severity"] == "doubt" and finding["answered_by"] is None:
                 self.step(do="answer", finding=number, by="A. Planner")
-                state = self.state()
-        self.digest = state["digest"]
-        shown = {"version": self.version, "digest": self.digest}
-        self.page.send(json.dumps({"approve": {"by": "A. Planner", **shown}}))
+        super().approve()
         return self.heard("approved")["approved"]["text"]
 
-    def state(self):
-        """The whole state of the version that was heard last."""
-        while (message := self.heard("state"))["version"] != self.version:
-            pass
-        return message["state"]
-
     def end(self):
-        self._connection.__exit__(None, None, None)
+        self.__exit__(None, None, None)
         out, err = self.process.communicate(timeout=60)
         return self.process.returncode, out, err
 
@@ -115,18 +95,12 @@ def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
 
 
-def test_a_second_review_of_a_draft_is_refused_and_a_draft_keeps_no_looks(tmp_path, vfplan_cli):
+def test_a_second_review_into_the_same_draft_is_refused(tmp_path, vfplan_cli):
     review = Review(SLICE, "-o", tmp_path / "o.h5")
-    review.step(do="reverse")
-    review.step(do="viewed")
-    vfplan_cli("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser",
-               "--json").fails(3, error="draft-in-use")  # fmt: skip
-    review.process.kill()
-    review.end()
-    again = Review(SLICE, "-o", tmp_path / "o.h5")
-    assert again.state()["unseen"] != [[]]
-    again.process.kill()
-    again.end()
+    words = ("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser", "--json")
+    vfplan_cli(*words).fails(3, error="draft-in-use")
+    review.send(leave=True)
+    assert review.end()[0] == 1
 
 
 @pytest.mark.parametrize("with_slice", [False, True])
@@ -220,7 +194,7 @@ def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
         review = Review(SLICE, "-o", output)
         review.step(do="reverse", stroke=0)
         if end == "leave":
-            review.page.send(json.dumps({"leave": True}))
+            review.send(leave=True)
         else:
             review.process.send_signal(end)
         code, _, err = review.end()
@@ -281,7 +255,7 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
     assert state["refusal"]["code"] == "line-forks"
     assert state["refusal"]["place_px"]
     assert state["boxes"] == [[0, 0, 9, 9], [20, 0, 9, 9]]
-    review.page.send(json.dumps({"leave": True}))
+    review.send(leave=True)
     assert review.end()[0] == 1
 
 

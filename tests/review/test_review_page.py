@@ -559,6 +559,40 @@ def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
     assert (tmp_path / "o.h5.draft.json").exists()
 
 
+@pytest.mark.slow
+def test_in_two_browsers_of_two_tabs_each_looks_alone(browser, opened, tmp_path):
+    program, hand = opened(SLICE)
+    with Page(need_program("chromium", "chromium"), tmp_path / "other") as second:
+        other = Hand(second, program.address)
+        tabs = {page: page.tab() for page in (browser, second)}
+        for page, (first, _) in tabs.items():
+            page.do("Page.navigate", url=program.address)
+            page.until(READY)
+            page.turn_to(first)
+        other.name("B. Planner")
+        hand.name()
+        hand.look_along()
+        second.run("review.step({do: 'reverse', stroke: 0})")
+        browser.until("review.state.steps.length === 1 && review.state.approvable")
+        assert not other.state("review.state.approvable")
+        assert other.state("review.state.unseen.map((runs) => runs.length)") == [1]
+        assert second.run("document.getElementById('approve').disabled")
+        # Whoever comes after another on the same tab has looked at nothing.
+        for name, is_approvable in (("C. Planner", "!"), ("A. Planner", "")):
+            browser.run(
+                f"(() => {{ const field = document.getElementById('name'); field.value = '{name}';"
+                " field.dispatchEvent(new Event('change')); })()"
+            )
+            browser.until(f"{is_approvable}review.state.approvable && {READY}")
+        hand.approve()
+        for page, both in tabs.items():
+            for tab in both:
+                page.turn_to(tab)
+                page.until("document.getElementById('done').open")
+    assert program.end()[0] == 0
+    assert vfplan.read_fixture(program.output).reviewed.by == "A. Planner"
+
+
 def test_an_address_without_its_token_shows_nothing(browser, run, tmp_path):
     program = run(SLICE)
     browser.open(program.address.split("#")[0])
@@ -605,7 +639,8 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
     found = [doubt("x", "extract", f"F {k}", place_px=p) for k, p in enumerate(places)]
     findings = [finding.as_dict() for finding in found]
     state = Session.state
-    monkeypatch.setattr(Session, "state", lambda self: {**state(self), "findings": findings})
+    with_findings = lambda self, by: {**state(self, by), "findings": findings}  # noqa: E731
+    monkeypatch.setattr(Session, "state", with_findings)
     session = Session.open(path, tmp_path / "m.csv")
     server = ReviewServer(session, Draft(tmp_path / "d.json", session.source.sha256, {}))
     try:

@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 from refusals import refuses
 from review_slices import SLICE
+from tab import Tab
 from vfplan.cli.review import write_approved
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import vfplan
@@ -48,71 +49,6 @@ def served(begun, draft):
 
 
 REVERSE = {"step": {"do": "reverse", "stroke": 0}}
-
-
-class Tab:
-    """A page's connection."""
-
-    def __init__(self, served, token=None, origin="own"):
-        own = f"http://127.0.0.1:{served.port}"
-        token = served.token if token is None else token
-        where = f"ws://127.0.0.1:{served.port}/steps?token={token}"
-        self._connection = connect(where, origin=own if origin == "own" else origin)
-        self.version = 0
-
-    def __enter__(self):
-        self.page = self._connection.__enter__()
-        return self
-
-    def __exit__(self, *error):
-        self._connection.__exit__(*error)
-
-    def heard(self, *names, seconds=20):
-        """The next message of one of these kinds."""
-        end = time.monotonic() + seconds
-        while True:
-            message = json.loads(self.page.recv(timeout=max(end - time.monotonic(), 0.01)))
-            if {*names} & message.keys():
-                self.version = message.get("version", self.version)
-                self.digest = message.get("state", {}).get("digest")
-                return message
-
-    def send(self, **message):
-        self.page.send(json.dumps({"version": self.version, **message}))
-
-    def approve(self, by="A. Planner", **wish):
-        """Approve the state that is shown, but for what is given."""
-        while self.digest is None:
-            self.heard("state")
-        shown = {"version": self.version, "digest": self.digest}
-        self.send(approve={"by": by, **shown, **wish})
-
-    def approvable(self, by="A. Planner"):
-        """Look along the line as somebody, until the plan may be approved."""
-        self.send(name=by)
-        self.send(step={"do": "viewed"})
-        while not self.heard("state")["state"]["approvable"]:
-            pass
-
-    def leave(self, served):
-        """Leave the review; what was written, and the codes of the errors that the tab heard."""
-        written, codes, message = [], [], {}
-        self.send(leave=True)
-        end = time.monotonic() + 20
-        served.run(lambda fixture: written.append(fixture) or "", lambda: time.monotonic() > end)
-        while not {"left", "approved"} & message.keys():
-            message = json.loads(self.page.recv(timeout=20))
-            codes += [message["error"]["code"]] if "error" in message else []
-        return written, codes
-
-    def ends_by(self, *texts):
-        """The code by which the connection ends once these texts were sent."""
-        try:
-            for text in texts:
-                self.page.send(text)
-            self.heard("never")
-        except ConnectionClosed as closed:
-            return closed.rcvd.code
 
 
 def asked(served, path, **headers):
@@ -246,23 +182,6 @@ def test_a_step_that_cannot_be_kept_is_not_taken(served, draft):
     assert served.session.steps == ()
 
 
-def test_an_approval_is_written_once_and_the_draft_goes(served, draft):
-    written = []
-    with Tab(served) as client:
-        client.heard("quick")
-        count = len(served.session.current.findings)
-        steps = [{"do": "answer", "finding": k} for k in range(count)]
-        for step in (REVERSE["step"], {"do": "viewed"}, *steps):
-            client.send(step=step)
-            client.heard("quick")
-        assert draft.path.exists()
-        client.approve()
-        assert served.run(lambda f: written.append(f) or "wrote it", lambda: False) == "A. Planner"
-        assert client.heard("approved")["approved"] == {"by": "A. Planner", "text": "wrote it"}
-    assert [fixture.reviewed.by for fixture in written] == ["A. Planner"]
-    assert not draft.path.exists()
-
-
 def test_no_approval_of_what_is_not_approvable_and_leaving_keeps_the_draft(served, draft):
     with Tab(served) as client:
         client.heard("quick")
@@ -373,14 +292,7 @@ def test_no_number_of_connections_ends_the_server(served):
 
 @pytest.mark.slow
 def test_a_tab_that_does_not_read_is_dropped_and_stops_no_other(served):
-    with Tab(served) as client, socket.create_connection(("127.0.0.1", served.port)) as frozen:
-        lines = [
-            f"GET /steps?token={served.token} HTTP/1.1", f"Host: 127.0.0.1:{served.port}",
-            f"Origin: http://127.0.0.1:{served.port}", "Upgrade: websocket",
-            "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-            f"Sec-WebSocket-Key: {'A' * 22}==", "", "",
-        ]  # fmt: skip
-        frozen.sendall("\r\n".join(lines).encode())
+    with Tab(served) as client, Tab(served):  # The second takes sixteen messages, and then none.
         client.heard("quick")
         for _ in range(200):
             client.send(**REVERSE)

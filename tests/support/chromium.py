@@ -52,7 +52,21 @@ class Page:
         target = next(
             t for t in self._call("Target.getTargets")["targetInfos"] if t["type"] == "page"
         )
-        arguments = {"targetId": target["targetId"], "flatten": True}
+        self.attach(target["targetId"])
+
+    def tab(self):
+        """Open a further tab and turn to it; the names of the tab before and of this one."""
+        before = self._session
+        self.attach(self._call("Target.createTarget", url="about:blank")["targetId"])
+        return before, self._session
+
+    def turn_to(self, tab):
+        """Act in another tab from now on, which comes to the front."""
+        self._session = tab
+        self.do("Page.bringToFront")
+
+    def attach(self, target):
+        arguments = {"targetId": target, "flatten": True}
         self._session = self._call("Target.attachToTarget", **arguments)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.do(f"{domain}.enable")

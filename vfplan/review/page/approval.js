@@ -30,9 +30,14 @@ export class Approval {
     return byId("name").value.trim();
   }
 
-  // What is looked at from now on belongs to this name.
+  // What is looked at from now on belongs to this name. Whoever comes after another has chosen no
+  // view yet.
   sendName() {
-    if (this.name()) this.app.send({ name: this.name() });
+    const name = this.name();
+    if (!name) return;
+    if (this.person && this.person !== name) this.view.isChosen = false;
+    this.person = name;
+    this.app.send({ name });
   }
 
   // An approval names the state that is on the screen, so that no other is approved by it.
