@@ -13,7 +13,6 @@ import re
 import sys
 from collections import Counter
 
-import cv2
 import matplotlib
 import numpy as np
 from canvas import RASTERISERS, Canvas, rectangle
@@ -26,12 +25,10 @@ from vfplan.errors import CurveError
 HEX = """ff0000 dc143c d62728 ffa500 ff7f0e ffd700 ffff00 7fff00 00ff00 2ca02c
     00ff7f 40e0d0 00ffff 00bfff 1e90ff 1f77b4 0000ff 800080 ff00ff e0209c"""
 PENS = np.frombuffer(bytes.fromhex(HEX), np.uint8).reshape(20, 3)
-MAPS = ("autumn", "hot", "jet", "turbo", "hsv")
 SHAPE, WINDOW = (420, 480), (600, 900)
-# Kind, whether there is a line, and how many pictures.
-KINDS = (("pen", True, 40), ("fill", True, 40), ("handles", True, 40),
-         *((kind, True, 20) for kind in ("bar", "scale", "box", "window")),
-         ("bar", False, 30), ("scale", False, 30), ("box", False, 15), ("window", False, 25))  # fmt: skip
+# How many pictures of each kind have a line, and how many have none.
+LINES = {"pen": 40, "fill": 40, "handles": 40, "bar": 20, "scale": 20, "box": 20, "window": 20}
+EMPTY = {"bar": 30, "scale": 30, "box": 15, "window": 25}
 
 
 class Picture(Canvas):
@@ -48,9 +45,9 @@ class Picture(Canvas):
         if has_line:
             self.truth = self.hand((560, 290) if kind == "window" else (230, 210))
             if kind == "fill":
-                share = np.zeros(shape, np.uint8)
-                cv2.fillPoly(share, [np.rint(16 * self.truth).astype(int)], 255, cv2.LINE_AA, 4)
-                self.paint(share / 255 * rng.uniform(0.1, 0.5), self.pen)
+                before = self.picture
+                self.fill(self.truth, self.pen)
+                self.picture += rng.uniform(0.5, 0.9) * (before - self.picture)
             self.line(self.truth, self.width, self.pen, self.closed)
         if kind not in ("pen", "fill"):
             getattr(self, kind)(rng)
@@ -75,7 +72,7 @@ class Picture(Canvas):
 
     def scale(self, rng):
         """A colour map, upright or level."""
-        colours = matplotlib.colormaps[MAPS[int(rng.integers(5))]]
+        colours = matplotlib.colormaps[str(rng.choice(["autumn", "hot", "jet", "turbo", "hsv"]))]
         thick, long = int(rng.integers(8, 31)), int(rng.integers(120, 330))
         strip = np.repeat(255 * colours(np.linspace(1, 0, long))[:, None, :3], thick, axis=1)
         u, v = 440 - int(rng.integers(0, 12)), 40
@@ -147,8 +144,9 @@ def is_right(points, picture):
 def table(seed, share=1.0):
     """{(kind, has a line): {outcome: count}}; prints what is not right."""
     counts = {}
-    for kind, has_line, number in KINDS:
+    for kind, has_line in [(kind, True) for kind in LINES] + [(kind, False) for kind in EMPTY]:
         row = counts[kind, has_line] = Counter()
+        number = (LINES if has_line else EMPTY)[kind]
         for k in range(seed, seed + int(share * number)):
             result, told = outcome(Picture(kind, k, has_line), None if k % 3 else 85)
             row[result] += 1
