@@ -29,8 +29,8 @@ def one_bit():
 @pytest.mark.parametrize(
     "image",
     [blank(1), blank(8), blank(300), blank(300) * 0 + RED.astype(np.uint8), one_red_pixel(),
-     one_bit()],
-    ids=["1 x 1", "8 x 8", "no red", "all red", "one red pixel", "1 bit"],
+     one_bit(), np.random.default_rng(3).integers(0, 256, (600, 700, 3), dtype=np.uint8)],
+    ids=["1 x 1", "8 x 8", "no red", "all red", "one red pixel", "1 bit", "noise"],
 )  # fmt: skip
 def test_a_slice_without_a_curve_is_refused(image):
     with pytest.raises((CurveError, ImageError)):

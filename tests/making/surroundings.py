@@ -13,7 +13,6 @@ import re
 import sys
 from collections import Counter
 
-import cv2
 import matplotlib
 import numpy as np
 from canvas import RASTERISERS, Canvas, rectangle
@@ -23,19 +22,13 @@ from scipy.spatial import cKDTree
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError
 
-PENS = ("ff0000", "dc143c", "d62728", "ffa500", "ff7f0e", "ffd700", "ffff00", "7fff00", "00ff00",
-        "2ca02c", "00ff7f", "40e0d0", "00ffff", "00bfff", "1e90ff", "1f77b4", "0000ff", "800080",
-        "ff00ff", "e0209c")  # fmt: skip
-MAPS = ("autumn", "hot", "jet", "turbo", "hsv")
+HEX = """ff0000 dc143c d62728 ffa500 ff7f0e ffd700 ffff00 7fff00 00ff00 2ca02c
+    00ff7f 40e0d0 00ffff 00bfff 1e90ff 1f77b4 0000ff 800080 ff00ff e0209c"""
+PENS = np.frombuffer(bytes.fromhex(HEX), np.uint8).reshape(20, 3)
 SHAPE, WINDOW = (420, 480), (600, 900)
-# Kind: how many pictures with a line, and how many without.
-KINDS = {"pen": (40, 0), "fill": (40, 0), "handles": (40, 0), "bar": (20, 30), "scale": (20, 30),
-         "box": (20, 15), "window": (20, 25)}  # fmt: skip
-OUTCOMES = ("right", "silent", "asked", "refused")
-
-
-def rgb(pen):
-    return tuple(bytes.fromhex(pen))
+# How many pictures of each kind have a line, and how many have none.
+LINES = {"pen": 40, "fill": 40, "handles": 40, "bar": 20, "scale": 20, "box": 20, "window": 20}
+EMPTY = {"bar": 30, "scale": 30, "box": 15, "window": 25}
 
 
 class Picture(Canvas):
@@ -46,15 +39,15 @@ class Picture(Canvas):
         shape = WINDOW if kind == "window" else SHAPE
         super().__init__(anatomy(shape, seed), str(rng.choice(RASTERISERS)))
         # Most planners draw in red; the pens have a kind of their own.
-        self.pen = rgb(PENS[seed % len(PENS) if kind == "pen" or rng.random() < 0.4 else 0])
+        self.pen = PENS[seed % 20 if kind == "pen" or rng.random() < 0.4 else 0]
         self.width, self.truth = float(rng.choice([1.5, 2.0, 3.0, 4.0, 5.0])), None
         self.closed = bool(kind in ("fill", "handles") or rng.random() < 0.5)
         if has_line:
             self.truth = self.hand((560, 290) if kind == "window" else (230, 210))
             if kind == "fill":
-                share = np.zeros(shape, np.uint8)
-                cv2.fillPoly(share, [np.rint(16 * self.truth).astype(int)], 255, cv2.LINE_AA, 4)
-                self.paint(share / 255 * rng.uniform(0.1, 0.5), self.pen)
+                before = self.picture
+                self.fill(self.truth, self.pen)
+                self.picture += rng.uniform(0.5, 0.9) * (before - self.picture)
             self.line(self.truth, self.width, self.pen, self.closed)
         if kind not in ("pen", "fill"):
             getattr(self, kind)(rng)
@@ -75,11 +68,11 @@ class Picture(Canvas):
         start, stop = sorted(rng.uniform(0, 1, 2)) if rng.random() < 0.5 else (0, 1)
         first = int(start * picture.shape[1])
         part = picture[:thick, first : max(int(stop * picture.shape[1]), first + 60)]
-        part[:] = 0.2 * part + 0.8 * np.array(self.pen)
+        part[:] = 0.2 * part + 0.8 * self.pen
 
     def scale(self, rng):
         """A colour map, upright or level."""
-        colours = matplotlib.colormaps[MAPS[int(rng.integers(5))]]
+        colours = matplotlib.colormaps[str(rng.choice(["autumn", "hot", "jet", "turbo", "hsv"]))]
         thick, long = int(rng.integers(8, 31)), int(rng.integers(120, 330))
         strip = np.repeat(255 * colours(np.linspace(1, 0, long))[:, None, :3], thick, axis=1)
         u, v = 440 - int(rng.integers(0, 12)), 40
@@ -102,18 +95,17 @@ class Picture(Canvas):
         self.picture[40:560, 240:880] = inside
         for k in range(int(rng.integers(4, 14))):
             icon = rectangle((20 + 17 * k, 14), *[int(rng.integers(8, 13))] * 2)
-            self.line(icon, 2.0, rgb(PENS[0 if k % 3 else k]), closed=True)
+            self.line(icon, 2.0, PENS[0 if k % 3 else k], closed=True)
         self.text("cut plane", (20, 120), self.pen, 0.5)
-        self.fill(rectangle((110, 200), 160, 18), rgb(PENS[int(rng.integers(20))]))
+        self.fill(rectangle((110, 200), 160, 18), PENS[int(rng.integers(20))])
 
     def handles(self, rng):
         """Knots as annotation tools draw them: round, square or hollow."""
         size, shape = int(rng.integers(2, 5)), int(rng.integers(3))
-        knots = self.truth[::90]
+        knots = self.truth[::100]
         if rng.random() < 0.5:
-            self.picture, self.truth = anatomy(SHAPE, len(knots)), self.truth[::100]
-            knots = self.truth
-            self.line(self.truth, self.width, self.pen, closed=True)
+            self.picture, self.truth = anatomy(SHAPE, len(knots)), knots
+            self.line(knots, self.width, self.pen, closed=True)
         for knot in knots:
             if shape == 0:
                 self.disc(knot, size + 0.5, self.pen)
@@ -122,7 +114,7 @@ class Picture(Canvas):
 
 
 def outcome(picture, quality=None):
-    """One of `OUTCOMES`, and what was said; a wrong curve without a doubt is silent."""
+    """What becomes of a picture, and what was said; a wrong curve without a doubt is silent."""
     image, options, told = picture.image(quality), {}, ""
     for _ in range(2):
         try:
@@ -152,18 +144,18 @@ def is_right(points, picture):
 def table(seed, share=1.0):
     """{(kind, has a line): {outcome: count}}; prints what is not right."""
     counts = {}
-    for kind, numbers in KINDS.items():
-        for has_line, number in zip((True, False), numbers, strict=True):
-            row = counts[kind, has_line] = Counter()
-            for k in range(seed, seed + int(share * number)):
-                result, told = outcome(Picture(kind, k, has_line), None if k % 3 else 85)
-                row[result] += 1
-                if result != "right" and (has_line or result == "silent"):
-                    print(f"# {kind} {k}, {has_line}: {result}: {told}")
+    for kind, has_line in [(kind, True) for kind in LINES] + [(kind, False) for kind in EMPTY]:
+        row = counts[kind, has_line] = Counter()
+        number = (LINES if has_line else EMPTY)[kind]
+        for k in range(seed, seed + int(share * number)):
+            result, told = outcome(Picture(kind, k, has_line), None if k % 3 else 85)
+            row[result] += 1
+            if result == "silent" or (has_line and result != "right"):
+                print(f"# {kind} {k}: {result}: {told}")
     return counts
 
 
 if __name__ == "__main__":
-    print(f"| kind | line | {' | '.join(OUTCOMES)} |\n|---|---|---|---|---|---|")
     for (kind, has_line), row in table(int(sys.argv[1]) if sys.argv[1:] else 0).items():
-        print(f"| {kind} | {has_line} | {' | '.join(str(row[name]) for name in OUTCOMES)} |")
+        cells = ", ".join(f"{count} {result}" for result, count in row.items())
+        print(f"| {kind} | {'a line' if has_line else 'no line'} | {cells} |")

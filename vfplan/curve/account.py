@@ -251,7 +251,7 @@ def doubts_of_line(
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))
     others = []
-    if doubts or line.length < tuned.RIVAL_SHARE * ink.size.min():
+    if doubts or line.length < 2 * tuned.CRUMB_PX:
         others = choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
     if others:
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."

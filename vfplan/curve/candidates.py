@@ -191,7 +191,7 @@ def _without_handles(box: Flags) -> Flags:
     """The skeleton of a piece of ink, through the handles that a program draws on an outline.
 
     The hole of a hollow handle counts as ink, and a branch that ends within the ink around its
-    junction, as in the corner of a square, is none.
+    junction, as in the corner of a square, or within half a handle, is none.
     """
     import cv2
 
@@ -211,7 +211,7 @@ def _without_handles(box: Flags) -> Flags:
             u, v = junctions[to_junction.argmin()]
             # An end has a single neighbour.
             is_free = crowd[tuple(path[[0, -1]].T[::-1])].min() <= 2
-            if is_free and len(path) <= tuned.SPUR_RADII * to_paper[v, u]:
+            if is_free and len(path) <= max(tuned.SPUR_RADII * to_paper[v, u], tuned.HANDLE_PX / 2):
                 spurs.append(path)
         if len(spurs) in (0, len(branches)):
             # A line does not run in holes, as the way through a letter does.

@@ -19,6 +19,8 @@ from vfplan.geometry.lines import Array, runs
 
 # Lines that an error message describes.
 DESCRIBED = 8
+# Pieces of another pen's ink, the largest, among which its longest line is looked for.
+MOST_PIECES = 40
 
 Choice = int | Literal["all", "longest"] | None
 
@@ -172,7 +174,8 @@ def lines_of_other_pens(
     for other in main_pens(ink.rgb, region):
         try:
             others_ink = find_ink(ink.rgb, other, region)
-            lines = find_candidates(find_pieces(others_ink, find_groups(others_ink)), 0.0)
+            groups = sorted(find_groups(others_ink), key=lambda group: -np.ptp(group, axis=0).max())
+            lines = find_candidates(find_pieces(others_ink, groups[:MOST_PIECES]), 0.0)
             line = in_number_order(lines, others_ink)[0]
             name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)

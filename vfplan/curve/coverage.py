@@ -21,7 +21,7 @@ from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags
 
 # Hues that are looked for in a picture where the named pen drew no curve.
-MOST_PENS = 8
+MOST_PENS = 6
 # Steps of the hue by which pixels are counted [degrees].
 HUE_STEP_DEG = 5
 
@@ -242,8 +242,8 @@ def _without_fills(ink: Ink) -> NDArray | None:
     square, small = (np.ones((side, side), np.uint8) for side in (tuned.LOCAL_PX, 3))
     coverage = ink.coverage.astype(np.float32).clip(0)
     even = cv2.morphologyEx(coverage, cv2.MORPH_OPEN, square)
-    for _ in range(tuned.LOCAL_PX):  # Into the corners, where no square has room.
-        even = np.minimum(cv2.dilate(even, small), coverage)
+    for _ in range(tuned.LOCAL_PX // 3):  # Into the corners, where no square has room.
+        even = np.minimum(cv2.dilate(even, np.ones((7, 7), np.uint8)), coverage)
     inside = (even > tuned.HALF * cv2.dilate(even, square)) & (even > tuned.VISIBLE / 10)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(inside.view(np.uint8))
     result = ink.rgb.astype(np.float32)
@@ -279,15 +279,16 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
     if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
         return ink, is_broad
     pen, strength = drawn
-    square = np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8)
+    third = np.ones((tuned.LOCAL_PX // 3, tuned.LOCAL_PX // 3), np.uint8)
     for window in windows:
         along, across = _chroma(rgb, pen, region, window)
         # Another pen's colour is plain to see there.
         strong = np.hypot(along, across) > tuned.OTHER_CHROMA
         other = strong & (np.abs(across) > _gate() * along)
         unmixed = _without_other(along, across, other)
-        tinted = (unmixed > tuned.CHROMA_FLOOR / 2).view(np.uint8)
-        is_broad |= bool(cv2.erode(tinted, square).any())
+        # Every third pixel shows as well whether there is room for a square.
+        tinted = (unmixed[::3, ::3] > tuned.CHROMA_FLOOR / 2).view(np.uint8)
+        is_broad |= bool(cv2.erode(tinted, third).any())
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
         ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
         ink.coverage[window.inner] = window.cut(unmixed) / strength
