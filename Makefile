@@ -50,6 +50,7 @@ test-full: $(VENV)/.vfplan-test
 docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_cli.py
 	$(BIN)/python docs/make_findings.py
+	$(BIN)/python docs/make_formats.py
 	$(BIN)/python docs/make_format.py
 	$(BIN)/python docs/make_conformance.py
 	$(BIN)/python docs/make_transcripts.py

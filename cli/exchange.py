@@ -136,12 +136,12 @@ def import_warnings(fixture: Any, opening_m: float) -> list[str]:
 @command("export")
 @FIXTURE
 @output_option(
-    "Write this file. Its suffix says the format: .ply, .csv, .mrk.json or .dxf.",
-    kind=OutputFile(".ply", ".csv", ".mrk.json", ".dxf"),
+    "Write this file. Its suffix says the format: .ply, .stl, .csv, .mrk.json or .dxf.",
+    kind=OutputFile(".ply", ".stl", ".csv", ".mrk.json", ".dxf"),
 )
 def vfplan_export(fixture, output) -> CommandResult:
-    """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
-    lines and arcs as .dxf [mm].
+    """Write the points of FIXTURE.h5 as .ply or .csv [m], its mesh as .stl [mm], its strokes as
+    .mrk.json [mm], or its lines and arcs as .dxf [mm].
     """
     from vfplan.bundle.exporting import export, left_out
     from vfplan.bundle.read import read_fixture

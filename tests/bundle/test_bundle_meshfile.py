@@ -6,14 +6,17 @@ import hashlib
 import io
 import struct
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from refusals import refuses
 
 import vfplan
+from vfplan.bundle.exporting import export
 from vfplan.bundle.importing import STL_FACET, import_cloud, read_mesh, refined
 from vfplan.errors import InputError, SessionError
+from vfplan.fixture import RegistrationRecord
 from vfplan.session.read import npz_header
 
 POINTS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 1 / 3, 0], [0, 0, -2.5e-3]])
@@ -203,6 +206,24 @@ def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
     ):  # fmt: skip
         with refuses(InputError, code):
             imported(text, frame)
+
+
+def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):
+    (tmp_path / "a.stl").write_bytes(binary_stl(head=b"SPACE=RAS"))
+    made = import_cloud(tmp_path / "a.stl", units="m")
+    T = np.array([[0, -1, 0, 0.5], [1, 0, 0, 0.2], [0, 0, 1, 0.1], [0, 0, 0, 1]])
+    record = RegistrationRecord(
+        "rigid", "patient_lps", T, ("a",), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), 0, 0, 0
+    )
+    moved = made.points @ T[:3, :3].T + T[:3, 3]
+    carried = replace(made, frame="robot_base", points=moved, registration=record)
+    for fixture in (made, carried):
+        export(fixture, tmp_path / "b.stl", overwrite=True)
+        back = import_cloud(tmp_path / "b.stl", units="mm")
+        assert back.frame == "patient_lps"
+        assert np.abs(back.points[back.mesh] - made.points[made.mesh]).max() < 1e-7
+    export(replace(made, frame="robot_base"), tmp_path / "b.stl", overwrite=True)
+    assert import_cloud(tmp_path / "b.stl", units="mm").frame == "robot_base"
 
 
 def test_facets_without_area_bound_nothing():

@@ -155,3 +155,40 @@ def test_much_of_the_zoo_is_read():
 def test_a_number_of_frames_that_is_none_is_named(tmp_path, count):
     with refuses(ImageError, "no-frames", count=count):
         vfplan.read_image(capture(tmp_path, NumberOfFrames=count))
+
+
+def test_frames_of_an_enhanced_file_lie_where_their_functional_groups_say(tmp_path):
+    for seed in range(54):
+        rng = np.random.default_rng(seed)
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        spacings, corners = rng.uniform(0.3, 1.5, (2, 2)), rng.uniform(-200, 200, (2, 3))
+        frames = [pydicom.Dataset(), pydicom.Dataset()]
+        for frame, spacing, corner in zip(frames, spacings, corners, strict=True):
+            for group, name, values in (
+                ("PlanePosition", "ImagePositionPatient", corner),
+                ("PlaneOrientation", "ImageOrientationPatient", axes[:, :2].T.ravel()),
+                ("PixelMeasures", "PixelSpacing", spacing),
+            ):
+                item = pydicom.Dataset()
+                setattr(item, name, [f"{x:.10f}" for x in values])
+                setattr(frame, f"{group}Sequence", [item])
+        pixels = np.stack([PICTURE, PICTURE])[:, :8, :8]
+        path = capture(tmp_path, pixels, PerFrameFunctionalGroupsSequence=frames)
+        for k in range(2):
+            T = vfplan.read_image(path, frame=k + 1).T_patient_image
+            expected = np.c_[axes[:, :2] * spacings[k, ::-1], corners[k]] * 1e-3
+            assert np.abs(T[:3] - expected).max() < 1e-9
+
+
+def test_what_is_said_beside_the_pixels_is_obeyed_or_told(tmp_path):
+    path = capture(tmp_path, PixelAspectRatio=[2, 1])
+    with pytest.raises(ImageError, match="--pixel-spacing"):
+        vfplan.read_image(path)
+    assert vfplan.read_image(path, pixel_spacing_mm=(1.0, 2.0)).findings == ()
+    grey = capture(tmp_path, PICTURE[..., 1].copy(), "MONOCHROME2")
+    data = pydicom.dcmread(grey)
+    data.add_new(0x60003000, "OW", bytes(150 * 220 // 8))
+    data.save_as(grey)
+    assert [finding.code for finding in vfplan.read_image(grey).findings] == ["overlay-left-out"]
+    with pytest.raises(CurveError, match="overlay planes"):
+        vfplan.extract(grey)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from vfplan.errors import CurveError, InputError, MissingExtra
 from vfplan.surface.build import SurfaceSettings, surface
 from vfplan.surface.outline import outline_of
+from vfplan.surface.volumes import read_nrrd
 
 COARSE = SurfaceSettings(tolerance_m=1e-3)
 GAP = 5
@@ -244,6 +245,76 @@ def test_a_place_of_no_patient_is_refused(tmp_path):
     with refuses(InputError, "volume-places-differ") as refused:
         surface(tmp_path / "n.nii")
     assert refused.value.numbers["distance_mm"] == pytest.approx(0.16, abs=0.005)
+
+
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+SPACES = ["RAS", "LAS", "left-posterior-superior", "right-anterior-superior", "PSL", "AIR"]
+LETTERS = {"L": (0, 1), "R": (0, -1), "P": (1, 1), "A": (1, -1), "S": (2, 1), "I": (2, -1)}
+
+
+def nrrd(path, labels, T_lps_voxel_m, space, units):
+    """A label map whose header gives the same place in any space and units."""
+    letters = [word[0].upper() for word in space.split("-")] if "-" in space else space
+    rows = [LETTERS[letter] for letter in letters]
+    T = np.array([sign * T_lps_voxel_m[axis] / UNITS[units or "mm"] for axis, sign in rows])
+    vectors = [f"({','.join(map(repr, column))})" for column in T.T.tolist()]
+    head = ["NRRD0004", "type: uint8", "dimension: 3", f"space: {space}", "encoding: raw"]
+    head += [f"sizes: {' '.join(map(str, labels.shape))}", "endian: little"]
+    head += [f"space directions: {' '.join(vectors[:3])}", f"space origin: {vectors[3]}"]
+    head += [f'space units: "{units}" "{units}" "{units}"'] * (units is not None)
+    path.write_bytes("\n".join([*head, "", ""]).encode() + labels.tobytes(order="F"))
+    return path
+
+
+def test_a_label_map_lies_where_its_space_and_units_say(tmp_path):
+    labels = np.zeros((5, 6, 7), np.uint8)
+    labels[1:4, 2:5, 1:6] = 1
+    T = np.c_[1e-3 * turned(np.diag([0.5, 0.7, 2.0])).T, [0.01, -0.02, 0.3]]
+    T[:, :3] -= 1e-3 * turned(np.zeros((1, 3))).T
+    for space in SPACES:
+        for units in (None, *UNITS):
+            volume = read_nrrd(nrrd(tmp_path / "a.nrrd", labels, T, space, units))
+            assert np.abs(volume.T_lps_voxel[:3] - T).max() < 1e-12
+    for space, units, code in (
+        ("LPS", "inch", "unit-unknown"), ("LRS", "mm", "volume-without-place"),
+    ):  # fmt: skip
+        with refuses(InputError, code):
+            read_nrrd(nrrd_of_words(tmp_path / "a.nrrd", labels, T, space, units))
+
+
+def nrrd_of_words(path, labels, T, space, units):
+    """The same with other words in its header."""
+    data = nrrd(path, labels, T, "LPS", "mm").read_bytes()
+    path.write_bytes(data.replace(b"LPS", space.encode()).replace(b'"mm"', f'"{units}"'.encode()))
+    return path
+
+
+def plate(thickness):
+    return np.array([[-1, -10], [1, -10], [1, 10], [-1, 10]]) * [thickness / 2, 1.0]
+
+
+def test_thin_walls_stay_or_are_refused_with_their_thickness(tmp_path):
+    drawn = [(plate(0.5), float(z)) for z in range(8)]
+    made = surface(struct(tmp_path, drawn))
+    assert made.report["extent_m"][1][0] - made.report["extent_m"][0][0] == pytest.approx(
+        5e-4, abs=2e-5
+    )
+    assert made.report["grid_mm"] < 0.5
+    with refuses(CurveError, "structure-thin") as refused:
+        surface(struct(tmp_path, [(plate(0.05), float(z)) for z in range(8)]))
+    assert refused.value.numbers["thickness_mm"] == pytest.approx(0.05, rel=0.01)
+    island = [(plate(0.2) + np.array([30, 0]), z) for _, z in drawn]
+    thick = [(plate(20.0), z) for _, z in drawn]
+    made = surface(struct(tmp_path, thick + island), settings=SurfaceSettings(tolerance_m=1e-3))
+    assert any("8 parts or holes of outlines are thinner" in text for text in made.warnings)
+
+
+def test_a_contour_of_two_points_is_left_out_with_a_doubt(tmp_path):
+    made = surface(
+        struct(tmp_path, [*rings(), (np.array([[0, 0], [3.0, 0]]), 0.0)]), settings=COARSE
+    )
+    assert made.report["outlines"] == len(rings())
+    assert any("1 contours are closed, of two points" in text for text in made.warnings)
 
 
 def test_a_structure_is_chosen_by_name_or_number(tmp_path):

@@ -137,3 +137,52 @@ def test_a_number_has_no_effect_on_other_files(tmp_path):
 def test_what_is_no_number_from_1_takes_no_curve(tmp_path, number):
     with refuses(SettingError, "stroke-unknown"):
         read_vector_curve(state(tmp_path, graphic(), graphic(LINE + 200)), number=number)
+
+
+def item(**values):
+    made = Dataset()
+    for name, value in values.items():
+        setattr(made, name, value)
+    return made
+
+
+PIXELS = [10, 10, 60, 10, 60, 40]
+SPACE = [1, 2, 3, 11, 2, 3, 11, 8, 3]
+IMAGE = item(ReferencedSOPInstanceUID="1.2.3.4")
+
+
+KINDS = ["POLYLINE", "ring", "SCOORD3D", "POLYGON", "OPEN_PLANAR", "CLOSED_PLANAR"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lines_of_reports_and_structures_are_read(tmp_path, kind):
+    source = item(ValueType="IMAGE", ReferencedSOPSequence=[IMAGE])
+    flat = {"ValueType": "SCOORD", "GraphicType": "POLYLINE", "ContentSequence": [source]}
+    space = {"ValueType": "SCOORD3D", "GraphicData": SPACE}
+    if kind.endswith("PLANAR"):
+        contour = item(ContourGeometricType=kind, ContourData=SPACE, NumberOfContourPoints=3)
+        point = item(ContourGeometricType="POINT", ContourData=SPACE[:3], NumberOfContourPoints=1)
+        roi = item(ReferencedROINumber=7, ContourSequence=[point, contour])
+        content = {"ROIContourSequence": [roi]}
+    else:
+        mark = {
+            "POLYLINE": item(GraphicData=PIXELS, **flat),
+            "ring": item(GraphicData=[*PIXELS, *PIXELS[:2]], **flat),
+            "SCOORD3D": item(GraphicType="POLYLINE", **space),
+            "POLYGON": item(GraphicType="POLYGON", **space),
+        }[kind]
+        group = item(ValueType="CONTAINER", ContentSequence=[item(ValueType="NUM"), mark])
+        content = {"ContentSequence": [group]}
+    data = empty_dataset("1.2.840.10008.5.1.4.1.1.88.33", "1.2.3.5", "SR")
+    for name, value in content.items():
+        setattr(data, name, value)
+    path = tmp_path / "report.dcm"
+    data.save_as(path, enforce_file_format=True)
+    curve = read_vector_curve(path, number=1)
+    assert curve.closed == (kind in ("ring", "POLYGON", "CLOSED_PLANAR"))
+    if curve.points.shape[1] == 2:
+        assert curve.points.tolist() == (np.reshape(PIXELS, (-1, 2)) - 0.5).tolist()
+        assert curve.drawn_on == {"1.2.3.4": []}
+    else:
+        assert np.allclose(curve.points, np.reshape(SPACE, (-1, 3)) * 1e-3, atol=1e-15)
+    assert bool(curve.warnings) == kind.endswith("PLANAR")

@@ -1,8 +1,9 @@
-"""Points and curves for people's other tools: PLY, CSV, Slicer's .mrk.json and DXF."""
+"""Points and curves for people's other tools: PLY, STL, CSV, Slicer's .mrk.json and DXF."""
 
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle.importing import STL_FACET
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture
 from vfplan.io.writing import write_whole
@@ -22,15 +24,17 @@ Vector = NDArray[np.float64]
 
 
 def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write points as .ply or .csv, strokes as .mrk.json, lines and arcs as .dxf.
+    """Write points as .ply or .csv, a mesh as .stl, strokes as .mrk.json, lines and arcs as .dxf.
 
-    PLY and CSV keep the bundle's unit (m; px in the frame image). Slicer knows millimetres and
-    patient axes only: points of the frame robot_base are written as they are, in mm, labelled LPS.
+    PLY and CSV keep the bundle's unit (m; px in the frame image). STL and .mrk.json are in mm, in
+    the patient's axes where the registration tells them. Slicer knows no others: points of the
+    frame robot_base are then written as they are, and .mrk.json calls them LPS all the same.
 
     Raises
     ------
     InputError
-        Another ending, pixels or a cloud without strokes as .mrk.json, or no lines and arcs.
+        Another ending, pixels or a cloud without strokes as .mrk.json, no mesh, or no lines and
+        arcs.
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
@@ -94,6 +98,26 @@ def ply(fixture: Fixture) -> bytes:
     return "\n".join([*head, "end_header", ""]).encode() + body
 
 
+def in_patient(fixture: Fixture, points: Vector) -> tuple[Vector, str]:
+    """Points in the patient's frame where the registration tells it, and their frame's name."""
+    record = fixture.registration
+    if record is None or record.source_frame != "patient_lps":
+        return points, fixture.frame
+    T_patient_robot = np.linalg.inv(record.T_robot_image)
+    return points @ T_patient_robot[:3, :3].T + T_patient_robot[:3, 3], "patient_lps"
+
+
+def stl(fixture: Fixture) -> bytes:
+    """The triangles as binary STL, whose header names the patient's axes as 3D Slicer does."""
+    if fixture.mesh is None:
+        raise InputError("It has no triangles, which an .stl would hold. Write it as .ply.")
+    points, frame = in_patient(fixture, fixture.points)
+    facets = np.zeros(len(fixture.mesh), STL_FACET)
+    facets["corners"] = 1000 * points[fixture.mesh]
+    head = f"vfplan, mm, frame {frame}{' SPACE=LPS' if frame == 'patient_lps' else ''}"
+    return head.encode().ljust(80) + struct.pack("<I", len(facets)) + facets.tobytes()
+
+
 def csv(fixture: Fixture) -> bytes:
     """The points, their deviations and strokes as a table with a header."""
     unit = unit_of(fixture)
@@ -120,15 +144,13 @@ def slicer_markups(fixture: Fixture) -> bytes:
             "A cloud without strokes cannot be written as .mrk.json. Write it as .ply."
         )
     markups = [
-        slicer_markup(1000 * stroke.points, number, stroke.closed, fixture.frame)
+        slicer_markup(number, stroke.closed, *in_patient(fixture, stroke.points))
         for number, stroke in enumerate(fixture.strokes)
     ]
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
 
 
-def slicer_markup(
-    points_mm: np.ndarray, number: int, is_closed: bool, frame: str
-) -> dict[str, Any]:
+def slicer_markup(number: int, is_closed: bool, points: np.ndarray, frame: str) -> dict[str, Any]:
     """A stroke as Slicer's markup."""
     control_points = [
         {
@@ -137,7 +159,7 @@ def slicer_markup(
             "position": point,
             "positionStatus": "defined",
         }
-        for i, point in enumerate(points_mm.tolist(), start=1)
+        for i, point in enumerate((1000 * points).tolist(), start=1)
     ]
     return {
         "type": "ClosedCurve" if is_closed else "Curve",
@@ -187,6 +209,7 @@ def arbitrary_axes(axis: Vector) -> Vector:
 # Ending -> what makes such a file, and the parts of a fixture that it holds besides the points.
 FORMS: dict[str, tuple[Callable[[Fixture], bytes], tuple[str, ...]]] = {
     ".ply": (ply, ("mesh",)),
+    ".stl": (stl, ("mesh",)),
     ".csv": (csv, ("sigma", "curve")),
     ".mrk.json": (slicer_markups, ("curve",)),
     ".dxf": (dxf, ("curve",)),

@@ -29,6 +29,8 @@ COLOUR_KINDS = ("RGB", "PALETTE COLOR")
 GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
 # Elements that hold pixels.
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
+# The first group of overlay planes; one has even numbers up to 0x60FF.
+OVERLAYS = 0x6000
 # Bytes of memory that a pixel may take while it is decoded, rescaled and windowed.
 BYTES_PER_PIXEL = 48
 # Pixels a second that the slowest decoder reads at least.
@@ -39,7 +41,7 @@ PART_BYTES = MAX_ARRAY_BYTES // 4
 
 def read_dicom(
     data: bytes, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
-) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str]:
+) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str, list[str]]:
     """Pixels, spacing and place of a DICOM file.
 
     Parameters
@@ -55,9 +57,10 @@ def read_dicom(
 
     Returns
     -------
-    rgb, pixel_spacing_mm, T_patient_image, instance
+    rgb, pixel_spacing_mm, T_patient_image, instance, remarks
         (H, W, 3) uint8 or uint16; (along u, along v) [mm/px] or `None`; (4, 3) mapping [u v 1] to
-        the patient's LPS frame [m], or `None`; the SOP instance UID, by which a drawing names it.
+        the patient's LPS frame [m], or `None`; the SOP instance UID, by which a drawing names it;
+        codes of what the file says beside its pixels.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def read_dicom(
             "vfplan.images.dicom:decode", where, frame, imager_spacing, max_pixels,
             file=file, where=where, kind=ImageError,
         )  # fmt: skip
-        shape, dtype, spacing_mm, place, instance = next(parts)
+        shape, dtype, spacing_mm, place, instance, remarks = next(parts)
         rgb = np.empty(shape, dtype)
         row = 0
         for (rows,) in parts:
@@ -79,7 +82,7 @@ def read_dicom(
             row += len(rows)
     pixel_spacing_mm = tuple(spacing_mm) if spacing_mm is not None else None
     T_patient_image = np.array(place) if place is not None else None
-    return rgb, pixel_spacing_mm, T_patient_image, instance
+    return rgb, pixel_spacing_mm, T_patient_image, instance, remarks
 
 
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
@@ -104,14 +107,22 @@ def decode(
                 f"the DICOM file holds no pixels ({modality}). Export the slice itself."
             )
         frames = int(dataset.get("NumberOfFrames") or 1)
-        rgb = read_pixels(dataset, chosen_index("frame", frame, frames), max_pixels)
-        patient_spacing_mm = read_spacing(dataset, "PixelSpacing")
+        index = chosen_index("frame", frame, frames)
+        rgb = read_pixels(dataset, index, max_pixels)
+        patient_spacing_mm = read_spacing(dataset, "PixelSpacing", index)
         spacing_mm = patient_spacing_mm
         if spacing_mm is None and imager_spacing:
-            spacing_mm = read_spacing(dataset, "ImagerPixelSpacing")
-        place = place_in_patient(dataset, patient_spacing_mm)
+            spacing_mm = read_spacing(dataset, "ImagerPixelSpacing", index)
+        place = place_in_patient(dataset, patient_spacing_mm, index)
+        remarks = []
+        if any(tag.group & 0xFF00 == OVERLAYS for tag in dataset.keys()):  # noqa: SIM118
+            remarks.append("overlay-left-out")
+        aspect = dataset.get("PixelAspectRatio") or [1, 1]
+        if float(aspect[0]) != float(aspect[1]):
+            remarks.append("pixel-aspect")
     place = None if place is None else place.tolist()
-    yield [rgb.shape, rgb.dtype.str, spacing_mm, place, str(dataset.get("SOPInstanceUID", ""))]
+    instance = str(dataset.get("SOPInstanceUID", ""))
+    yield [rgb.shape, rgb.dtype.str, spacing_mm, place, instance, remarks]
     rows = max(1, PART_BYTES // rgb[0].nbytes)
     for first in range(0, len(rgb), rows):
         yield (rgb[first : first + rows],)
@@ -177,12 +188,12 @@ def windowed_grey(
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def read_spacing(dataset: Any, name: str) -> tuple[float, float] | None:
+def read_spacing(dataset: Any, name: str, index: int) -> tuple[float, float] | None:
     """(along u, along v) [mm]; DICOM writes the distance between *rows* first (PS3.3 10.7.1.3)."""
     value = dataset.get(name)
     if not value:
-        # An enhanced multi-frame object holds it in its shared functional groups.
-        value = group_value(dataset, "PixelMeasuresSequence", name)
+        # An enhanced multi-frame object holds it in its functional groups.
+        value = group_value(dataset, "PixelMeasuresSequence", name, index)
     if value is None:
         return None
     if not hasattr(value, "__len__"):
@@ -193,14 +204,19 @@ def read_spacing(dataset: Any, name: str) -> tuple[float, float] | None:
     return numbers[1], numbers[0]
 
 
-def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> NDArray | None:
+def place_in_patient(
+    dataset: Any, spacing_mm: tuple[float, float] | None, index: int
+) -> NDArray | None:
     """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1).
 
     `None` where one is missing or not finite, or where the directions are not of length 1 and
     square to each other but for their decimals. Those decimals are then taken off.
     """
-    corner = dataset.get("ImagePositionPatient")
-    axes = dataset.get("ImageOrientationPatient")
+    corner, axes = (
+        dataset.get(f"Image{name}Patient")
+        or group_value(dataset, f"Plane{name}Sequence", f"Image{name}Patient", index)
+        for name in ("Position", "Orientation")
+    )
     if corner is None or axes is None or spacing_mm is None:
         return None
     steps = pixel_axes(axes, spacing_mm)

@@ -40,6 +40,13 @@ MAX_MEGAPIXELS = 64.0
 LARGEST_MEGAPIXELS = 268.5
 
 
+# What is said of DICOM's overlay planes.
+OVERLAY = (
+    "The DICOM file has overlay planes, which are not read. If the curve is drawn there, save the "
+    "slice as a colour picture with the overlay in it."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class PlannedImage:
     """A slice with a surgeon's drawing on it.
@@ -158,12 +165,20 @@ def read_image(
         from vfplan.images.dicom import read_dicom
 
         with naming_place(where):
-            rgb, spacing_mm, T_patient_image, instance = read_dicom(
+            rgb, spacing_mm, T_patient_image, instance, remarks = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
         if pixel_spacing_mm is not None:
             spacing_mm = pixel_spacing_mm
-        return PlannedImage(rgb, spacing_mm, sha256, T_patient_image, instance)
+        if "pixel-aspect" in remarks and spacing_mm is None:
+            raise ImageError(
+                "has pixels that are not square (PixelAspectRatio), of no known size. Give "
+                "--pixel-spacing ALONG_U,ALONG_V.", where=where, code="pixel-aspect",
+            )  # fmt: skip
+        findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
+        return PlannedImage(
+            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings
+        )  # fmt: skip
     with naming_place(where):
         header = read_header(data, max_pixels)
         index = chosen_index("page", frame, len(header.tags))

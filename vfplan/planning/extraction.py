@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.bundle.content import max_number
-from vfplan.errors import ImageError, SettingError
+from vfplan.errors import CurveError, ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry.lines import length_of
@@ -96,6 +96,7 @@ def extract(
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     from vfplan.curve.extraction import extract_curve, load_libraries
+    from vfplan.images.read import OVERLAY
     from vfplan.vectors.read import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
@@ -120,7 +121,12 @@ def extract(
     inputs = {"image": image.sha256}
     if curve is None:
         given = {name: getattr(settings, name) for name in (*PEN_SETTINGS, "stroke")}
-        extraction = extract_curve(image, **{k: v for k, v in given.items() if v is not None})
+        try:
+            extraction = extract_curve(image, **{k: v for k, v in given.items() if v is not None})
+        except CurveError as error:
+            if any(finding.code == "overlay-left-out" for finding in image.findings):
+                error.message = f"{OVERLAY} {error.message}"
+            raise
     else:
         extraction, inputs["curve"] = read_vectors(image, curve, settings, contact_radius)
     if settings.density_per_mm is not None:

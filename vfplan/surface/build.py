@@ -19,8 +19,8 @@ from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
-from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, level_surface
-from vfplan.surface.outline import Contours, SlicedVolume, Stack, slice_contours
+from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, grid_axes, level_surface
+from vfplan.surface.outline import Contours, SlicedVolume, Stack, holes_of, slice_contours
 from vfplan.surface.sources import read_contours
 
 Array = NDArray[np.float64]
@@ -30,6 +30,10 @@ Array = NDArray[np.float64]
 COVER = 0.9
 # Share of the tolerance for dimples between corners. The band takes as much, chords the rest.
 DIMPLE_SHARE = 0.45
+# How often the grid's step is halved for thin walls: each time takes eight times the memory.
+MAX_HALVINGS = 2
+# Around a piece that a disk misses, in widths of the disk: more than a corner of 20 degrees has.
+LONG_MISS = 6.0
 # Number of points of the outlines that are held against the surface.
 MAX_CHECKED_POINTS = 10_000
 # The same of each slice that is left out. A structure shows on some fifty slices.
@@ -121,10 +125,12 @@ def surface(
     settings = settings or SurfaceSettings()
     started = time.perf_counter()
     step = settings.step_m
+    closed = not settings.keep_open
     paths = [Path(source) for source in sources]
     contours = read_contours(paths, structure, colour, settings.curve_type)
     sliced = slice_contours(contours, settings.max_spacing_m)
-    levels = [level_surface(stack, step, closed=not settings.keep_open) for stack in sliced.stacks]
+    step, thin = step_for_thin(sliced, step, closed)
+    levels = [level_surface(stack, step, closed=closed) for stack in sliced.stacks]
     # One mesh of all runs of slices, in the patient.
     points = np.concatenate([level.points for level in levels]) @ sliced.R_slice_patient
     starts = np.cumsum([0, *(len(level.points) for level in levels)])
@@ -144,9 +150,14 @@ def surface(
             point_radius=settings.point_radius,
         ),
     )
-    report = report_of(contours, sliced, levels, fixture, settings)
+    report = report_of(contours, sliced, levels, fixture, settings) | {"grid_mm": 1e3 * step}
     report["elapsed_s"] = time.perf_counter() - started
     texts = [*contours.remarks, *sliced.remarks, ends_remark(sliced, settings)]
+    if thin:
+        texts.append(
+            f"{thin} parts or holes of outlines are thinner in places than the grid of "
+            f"{1e3 * step:.2g} mm and may be missing there. Give a smaller --tolerance."
+        )
     worst = report["contour_error_mm"]
     if worst["max"] > report["tolerance_mm"]:
         place = ", ".join(f"{1e3 * x:.1f}" for x in worst["place_m"])
@@ -158,6 +169,33 @@ def surface(
     if contours.type_difference_m > MAX_TYPE_DIFFERENCE * settings.contact_radius:
         findings += (curve_type_doubt(contours.type_difference_m, "surface"),)
     return Surface(replace(fixture, findings=findings), sliced, report, findings)
+
+
+def step_for_thin(sliced: SlicedVolume, step: float, closed: bool) -> tuple[float, int]:
+    """The grid's step, halved while parts or holes are thinner, and how many still are."""
+    outlines = [outline for stack in sliced.stacks for outline in stack.outlines]
+    shapes = [shape for outline in outlines for shape in (*outline.parts, *holes_of(outline))]
+    for halvings in range(MAX_HALVINGS + 1):
+        shapes = [shape for shape in shapes if is_thin(shape, step)]
+        if not shapes or halvings == MAX_HALVINGS:
+            break
+        try:
+            for stack in sliced.stacks:
+                grid_axes(stack, step / 2, closed)
+        except SettingError:
+            break
+        step /= 2
+    return step, len(shapes)
+
+
+def is_thin(shape: Any, width: float) -> bool:
+    """Whether a disk of that width misses a stretch of a shape, and not its corners alone."""
+    core = shape.buffer(-width / 2, quad_segs=4)
+    if core.is_empty:
+        return True
+    missed = shape.difference(core.buffer(0.55 * width, quad_segs=4))
+    pieces = getattr(missed, "geoms", [missed])
+    return any(piece.length > LONG_MISS * width for piece in pieces)
 
 
 def report_of(
@@ -191,7 +229,6 @@ def report_of(
         "area_mm2": 1e6 * area,
         "extent_m": [points.min(axis=0), points.max(axis=0)],
         "tolerance_mm": 1e3 * settings.tolerance_m,
-        "grid_mm": 1e3 * settings.step_m,
         "largest_opening_mm": 1e3 * largest_cover(fixture.mesh, points),
         "band_mm": 1e3 * fixture.band,
         "contour_error_mm": contour_error(sliced, points, fixture.mesh),

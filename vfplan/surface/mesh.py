@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import SettingError
+from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import ROUNDING_M
 from vfplan.surface.outline import Outline, Stack
 
@@ -81,6 +81,15 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     values = grid_values(stack, axes, step)
     if closed:
         values[:, :, [0, -1]] = step
+    if values.min() >= 0:
+        parts = [part for outline in stack.outlines for part in outline.parts]
+        inner = max(2 * part.area / part.length for part in parts)
+        raise CurveError(
+            f"the structure is thinner than the grid of {1e3 * step:.2g} mm, about "
+            f"{1e3 * inner:.2g} mm, and would vanish. Give a smaller --tolerance.",
+            code="structure-thin",
+            numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
+        )
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
     nodes = nodes.astype(np.float64)
     mesh = snapped(nodes, triangles, axes)

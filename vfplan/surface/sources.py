@@ -151,28 +151,32 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
     structures = without_patient_names(dataset, names)
     chosen = choose_structure(structures, wanted)
 
-    rings = []
-    others = 0
+    rings, others, broken = [], 0, 0
     for roi in dataset.get("ROIContourSequence") or ():
         if int(roi.ReferencedROINumber) != chosen.number:
             continue
         for contour in roi.get("ContourSequence") or ():
             if str(contour.get("ContourGeometricType", "")) in CLOSED_CONTOURS:
-                rings.append(ring_of_contour(contour))
+                ring = ring_of_contour(contour)
+                is_ring = len(np.unique(ring, axis=0)) > 2
+                rings += [ring] * is_ring
+                broken += not is_ring
             else:
                 others += 1
     if not rings:
         raise InputError(
             f"structure {chosen.number} has no closed contour and {others} that are open or single "
-            "points. Choose another with --structure, or draw its outlines.",
+            "points. Choose another with --structure, draw its outlines, or take an open one as a "
+            "curve: vfplan extract SLICE --curve FILE.",
             code="structure-empty",
             numbers={"structure": chosen.number, "others": others},
         )
-    remark = (
-        f"{others} contours are open or single points and are left out. Close them if they are "
-        "outlines."
+    kinds = ((others, "open or single points", "Close"), (broken, "closed, of two points", "Draw"))
+    remarks = tuple(
+        f"{number} contours are {kind} and are left out. {verb} them if they are outlines."
+        for number, kind, verb in kinds
+        if number
     )
-    remarks = (remark,) if others else ()
     return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
 
 
@@ -196,7 +200,12 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     from pydicom.pixels import iter_pixels
 
     segments = dataset.SegmentSequence
-    names = [(int(one.SegmentNumber), str(one.get("SegmentLabel", ""))) for one in segments]
+    # Number 0 is the background of a LABELMAP.
+    names = [
+        (int(one.SegmentNumber), str(one.get("SegmentLabel", "")))
+        for one in segments
+        if int(one.SegmentNumber)
+    ]
     structures = without_patient_names(dataset, names)
     chosen = choose_structure(structures, wanted)
     kind = str(dataset.SegmentationType)

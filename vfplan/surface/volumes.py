@@ -186,15 +186,18 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
 # Distance up to which NIfTI's sform and qform are the same: single precision and a quaternion round
 # as far.
 PLACES_AGREE_M = SAME_M / 2
-# NRRD's name of a space -> the sign of each of its axes against LPS.
-SIGNS_OF_SPACE = {
-    "left-posterior-superior": (1, 1, 1),
-    "lps": (1, 1, 1),
-    "right-anterior-superior": (-1, -1, 1),
-    "ras": (-1, -1, 1),
-    "left-anterior-superior": (1, -1, 1),
-    "las": (1, -1, 1),
-}
+# NRRD's name of a direction -> the axis of LPS and the sign there. Of a space like "LPS" a letter
+# stands for each.
+DIRECTIONS = {
+    "left": (0, 1), "right": (0, -1), "posterior": (1, 1), "anterior": (1, -1),
+    "superior": (2, 1), "inferior": (2, -1),
+}  # fmt: skip
+DIRECTIONS |= {name[0]: axis for name, axis in DIRECTIONS.items()}
+# NRRD's name of a unit -> metres.
+METRES = {
+    "m": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3, "um": 1e-6, "µm": 1e-6, "micron": 1e-6,
+    "nm": 1e-9,
+}  # fmt: skip
 # NRRD's name of an encoding -> the compression that it is.
 COMPRESSIONS = {"raw": None, "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
 # A NIfTI file's first bytes, its header's size -> the order of bytes and the version.
@@ -325,23 +328,33 @@ def require_size(size: int, file_bytes: int) -> None:
 def nrrd_place(header: dict[str, Any]) -> NDArray:
     """(4, 4) T_lps_voxel [m] as the header states it."""
     space = str(header.get("space", "")).lower()
-    if space not in SIGNS_OF_SPACE:
+    axes = [DIRECTIONS.get(word, (0, 0)) for word in (space.split("-") if "-" in space else space)]
+    if sorted(axis for axis, _ in axes) != [0, 1, 2]:
         raise InputError(
-            f"its space is {space!r}. Give one of {', '.join(SIGNS_OF_SPACE)}.",
+            f"its space is {space!r}. Give one of the patient, such as LPS or RAS.",
             code="volume-without-place",
         )
+    units = [str(unit).lower() for unit in header.get("space units", ["mm"] * 3)]
+    if len(units) != 3 or not METRES.keys() >= {*units}:
+        raise InputError(
+            f"its space units are {', '.join(units)[:60]!r}. Give one of {', '.join(METRES)} for "
+            "each axis.",
+            code="unit-unknown",
+        )
+    # Each axis of the space in LPS [m].
+    lps_space = np.zeros((3, 3))
+    for column, (axis, sign) in enumerate(axes):
+        lps_space[axis, column] = sign * METRES[units[column]]
     try:
         directions = np.array(header["space directions"], dtype=float)[-3:]
-        origin = np.array(header["space origin"], dtype=float)
         T_lps_voxel = np.eye(4)
-        T_lps_voxel[:3, :3] = directions.T * 1e-3
-        T_lps_voxel[:3, 3] = origin * 1e-3
+        T_lps_voxel[:3, :3] = lps_space @ directions.T
+        T_lps_voxel[:3, 3] = lps_space @ np.array(header["space origin"], dtype=float)
     except (KeyError, ValueError, TypeError):
         raise InputError(
             "does not say where its voxels lie in the patient. Export it with its place.",
             code="volume-without-place",
         ) from None
-    T_lps_voxel[:3] *= np.array(SIGNS_OF_SPACE[space])[:, None]
     return checked_place(T_lps_voxel)
 
 

@@ -236,7 +236,9 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
             "vfplan.vectors.curve:read_graphics", where, file=file, where=where, kind=CurveError
         )
         for head in answers:
-            points = next(answers)[0] - CORNER_PX if head.pop("is_line") else None
+            points = next(answers)[0] if head.pop("is_line") else None
+            if points is not None and points.shape[1] == 2:
+                points = points - CORNER_PX
             annotations.append(Annotation(points=points, **head))
     return annotations
 
@@ -272,11 +274,21 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
                     )
                 head = {"name": name, "drawn_on": drawn_on, "joined": JOINED[kind]}
                 lines.append(({"is_line": True, **head}, coordinates.reshape(-1, 2)))
+        for kind, name, drawn_on, values, width in (*report_curves(dataset), *contours(dataset)):
+            if kind not in OPEN and kind not in CLOSED:
+                others.append(name)
+                continue
+            points = np.array(values, np.float64).reshape(-1, width)
+            if kind in CLOSED:
+                points = np.vstack([points, points[:1]])
+            head = {"name": name, "drawn_on": drawn_on, "joined": "straight"}
+            lines.append(({"is_line": True, **head}, points * (1e-3 if width == 3 else 1.0)))
         modality = str(dataset.get("Modality", ""))[:16]
     if not lines:
         content = "; ".join(others[:6]) or f"no drawing ({modality})"
         raise CurveError(
-            f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units."
+            f"is DICOM with {content}. Give a presentation state, a report or an RTSTRUCT with a "
+            "line in it."
         )
     for head, points in lines:
         yield head
@@ -285,10 +297,40 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
         yield {"is_line": False, "name": name, "drawn_on": {}}
 
 
-def referenced_images(item: Any) -> dict[str, list[int]]:
+# Lines of reports and contours of structures that are open or closed.
+OPEN = ("POLYLINE", "OPEN_PLANAR", "OPEN_NONPLANAR")
+CLOSED = ("POLYGON", "CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+# A kind, a name, the images that it is drawn on, coordinates [px or mm], and how many a point has.
+Drawn = tuple[str, str, dict[str, list[int]], Any, int]
+
+
+def report_curves(item: Any) -> Iterator[Drawn]:
+    """What a structured report (TID 1500, as OHIF saves it) marks on images or in space."""
+    for part in item.get("ContentSequence") or ():
+        width = {"SCOORD": 2, "SCOORD3D": 3}.get(str(part.get("ValueType", "")))
+        if width is not None:
+            drawn_on: dict[str, list[int]] = {}
+            for source in part.get("ContentSequence") or ():
+                drawn_on |= referenced_images(source, "ReferencedSOPSequence")
+            kind, values = str(part.GraphicType)[:16], part.GraphicData
+            name = f"{kind} of {len(values) // width} points, in the report"
+            yield kind, name, drawn_on, values, width
+        yield from report_curves(part)
+
+
+def contours(dataset: Any) -> Iterator[Drawn]:
+    """The contours of an RTSTRUCT."""
+    for roi in dataset.get("ROIContourSequence") or ():
+        for contour in roi.get("ContourSequence") or ():
+            kind, values = str(contour.ContourGeometricType)[:16], contour.ContourData
+            name = f"{kind} of {len(values) // 3} points, structure {roi.ReferencedROINumber}"
+            yield kind, name, referenced_images(contour, "ContourImageSequence"), values, 3
+
+
+def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> dict[str, list[int]]:
     """The images that an item refers to, each with its frames; without frames all are meant."""
     images = {}
-    for image in item.get("ReferencedImageSequence") or ():
+    for image in item.get(sequence) or ():
         frames = image.get("ReferencedFrameNumber") or []
         if not hasattr(frames, "__iter__"):
             frames = [frames]
