@@ -359,7 +359,12 @@ class ProxyEngine:
 
     @classmethod
     def of(
-        cls, fixture: Fixture, rule: Rule | None = None, *, offline: bool = False
+        cls,
+        fixture: Fixture,
+        rule: Rule | None = None,
+        *,
+        offline: bool = False,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """The engine of a fixture, with the rendering that the fixture asks for.
 
@@ -370,6 +375,8 @@ class ProxyEngine:
             own band. Of a mesh, rules "robust" and "paper" render samples (`sampled`).
         offline
             Takes ticks of any length, for a replay or a study, which can wait.
+        max_hip_step
+            As `ProxyParameters.make`.
 
         Raises
         ------
@@ -396,7 +403,7 @@ class ProxyEngine:
             slow = slow_tick_text(fixture, rule)
         if slow is not None:
             raise SceneError(slow)
-        settings = settings_of(fixture)
+        settings = settings_of(fixture) | {"max_hip_step": max_hip_step}
         if rule != "exact":
             engine = cls(
                 fixture.points, band=None if rule == "paper" else fixture.band, rule=rule,
@@ -418,6 +425,7 @@ class ProxyEngine:
         stiffness: float | ArrayLike = 1000.0,
         ignore_axis: str | ArrayLike | None = "z",
         outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
@@ -430,7 +438,7 @@ class ProxyEngine:
                 "they lie."
             )
         table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
-        return cls._with_shape(shape, table)
+        return cls._with_shape(shape, table, max_hip_step)
 
     @classmethod
     def on(
@@ -441,6 +449,7 @@ class ProxyEngine:
         point_radius: float = 0.0,
         stiffness: float | ArrayLike = 1000.0,
         outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
@@ -448,12 +457,14 @@ class ProxyEngine:
         are those of the class. Raises as the class does.
         """
         table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
-        return cls._with_shape(check_triangles(points, triangles), table)
+        return cls._with_shape(check_triangles(points, triangles), table, max_hip_step)
 
     @classmethod
-    def _with_shape(cls, shape: tuple[Any, ...], table: tuple[Any, ...]) -> ProxyEngine:
+    def _with_shape(
+        cls, shape: tuple[Any, ...], table: tuple[Any, ...], max_hip_step: float
+    ) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        parameters = ProxyParameters.make(shape[0], *table)
+        parameters = ProxyParameters.make(shape[0], *table, max_hip_step=max_hip_step)
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
