@@ -73,6 +73,10 @@ def test_a_million_ticks_allocate_nothing(build):
     assert all(line.endswith("no allocation") for line in lines)
 
 
+def test_a_controller_keeps_its_bounds_whatever_happens(build):
+    assert "stopped" in output(build("controller_ticks", "-O2", "-DVFPLAN_NARROW"), 1_000_000)
+
+
 SANITIZED = "-fsanitize=address,undefined"
 
 

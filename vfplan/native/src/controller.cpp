@@ -74,7 +74,7 @@ void bind_controller(nb::module_& m) {
         .def("pose",
              [](Controller& c, double stamp,
                 const nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>&
-                    matrix) { return c.pose(stamp, vfplan::Pose::of(matrix.data())); })
+                    matrix) { return c.pose(stamp, vfplan::Pose::of_rows(matrix.data())); })
         .def("torque",
              [](const Controller& c, std::size_t joints) {
                  auto torque = array<double>(joints, 1);

@@ -26,8 +26,9 @@
 #include "vfplan/governor.hpp"
 #include "vfplan/moving.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/version.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 class Engine;
 

@@ -20,7 +20,7 @@
 #include "vfplan/bundle/trust.hpp"
 #endif
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace detail {
 
@@ -74,7 +74,7 @@ class Rendered {
                                             : bundle::make_engine(fixture, p, Use::replay));
         else if (!forbidden.empty())
             region.emplace(forbidden.data(), forbidden.size() / 3, p);
-        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture));
+        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture, p.period));
     }
 
     /// Of both springs together, at most [N/m].
@@ -180,6 +180,7 @@ struct ControllerImpl {
     Parameters parameters(const bundle::Fixture& fixture) const {
         Parameters p = bundle::parameters(fixture, settings.rule);
         p.max_hip_step = 0;  // the gate has looked at it
+        p.period = settings.governor.period;
         p.search = settings.search;
         return p;
     }

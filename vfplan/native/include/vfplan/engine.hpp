@@ -29,7 +29,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace bundle {
 struct Fixture;
@@ -242,6 +242,7 @@ class Engine {
     bool apply_next(detail::PendingChanges& changes) noexcept {
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
+        const double stiffness = impl_->stiffness;
         switch (change->kind) {
             case detail::PendingChange::exchange:
                 // While the proxy is on its way out, its side is the one that it had before.
@@ -262,7 +263,7 @@ class Engine {
                 impl_->remove(change->id);
                 break;
         }
-        if (last_.is_placed) changes.force_ramp.begin();
+        if (last_.is_placed) changes.force_ramp.begin(stiffness);
         changes.applied.fetch_add(1, std::memory_order_relaxed);
         changes.queue.pop();
         return true;

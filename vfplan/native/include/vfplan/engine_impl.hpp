@@ -22,7 +22,7 @@
 #include "vfplan/rules/robust.hpp"
 #include "vfplan/rules/rule.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace detail {
 

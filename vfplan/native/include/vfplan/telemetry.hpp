@@ -25,7 +25,7 @@
 #include "vfplan/exchange.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// A tick as it is sent.
 struct TelemetryRecord {

@@ -21,7 +21,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// Time [s] that a tick takes by what it may have to look at: all its iterations, at the place
 /// where most lies together. It follows from the counts, and is much too careful.

@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <class Bounds>
 class BoundsTree {

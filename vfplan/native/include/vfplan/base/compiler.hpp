@@ -23,3 +23,9 @@
 #else
 #define VFPLAN_COMPILED_ONCE inline
 #endif
+
+/// All names stand in a namespace of their version, so that two versions in one program do not mix.
+namespace vfplan::inline v1 {
+namespace bundle::detail {}
+namespace detail {}
+}  // namespace vfplan::inline v1

@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// A queue from one thread to one other. Neither of them locks, waits or allocates.
 template <class T>
@@ -41,6 +41,10 @@ class SpscQueue {
     const T* front() const noexcept {
         const std::uint64_t at = tail_.load(std::memory_order_relaxed);
         return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
+    }
+    /// Whether another one waits behind it; for the thread that takes.
+    bool holds_more() const noexcept {
+        return head_.load(std::memory_order_acquire) - tail_.load(std::memory_order_relaxed) > 1;
     }
     /// Drops the item that `front` gave; for the thread that takes.
     void pop() noexcept {

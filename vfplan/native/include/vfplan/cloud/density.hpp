@@ -14,7 +14,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // How much lies close together: the largest number of points, or of boxes, around any one place.
 

@@ -12,7 +12,7 @@
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <int D>
 class Grid {

@@ -14,7 +14,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/kernels.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 
 /// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.

@@ -11,7 +11,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/points.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // A drawn line is handed to the engine as lines and arcs from vertex to vertex, as DXF has them.
 // Two pieces share their vertex, so a stroke has no gap.

@@ -13,7 +13,7 @@
 
 #include "vfplan/curve/pieces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // A drawn curve as the hand is to feel it. It goes through its points, in order, by circular arcs
 // that meet with one tangent. Where the arcs would leave the straight lines between the points by

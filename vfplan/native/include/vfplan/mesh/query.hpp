@@ -12,7 +12,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 /// Triangle i is met after the part t of a step, where `foot` is its nearest place.
 struct TriangleHit {

@@ -10,7 +10,7 @@
 #include "vfplan/mesh/query.hpp"
 #include "vfplan/mesh/triangles.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 /// The place of the body under another place.
 struct Foot {

@@ -18,7 +18,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// One surface that touches the proxy.
 template <int D>

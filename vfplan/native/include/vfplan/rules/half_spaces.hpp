@@ -6,7 +6,7 @@
 
 #include "vfplan/base/vec.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// What a surface offers the proxy: a unit normal, and how far along it the proxy has to go at
 /// least.

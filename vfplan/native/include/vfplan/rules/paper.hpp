@@ -8,7 +8,7 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <int D>
 class PaperRule {
