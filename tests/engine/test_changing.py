@@ -88,13 +88,12 @@ def test_whatever_the_stiffnesses_the_force_goes_in_small_steps_and_ends_in_free
     e.exchange(engine(sheet(), stiffness=k))
     before = e.run(np.tile(h, (2000, 1))).force[-1]
     e.exchange(engine(sheet(), stiffness=other))
-    steps = sizes(e.run(np.tile(h, (500, 1))).force, before)
-    assert steps.max() <= 1 + 1e-9
-    assert steps.max() <= max(k, other) * R / 256 * (1 + 1e-9)
-    e.exchange(engine(sheet(-1.0), stiffness=other))
-    trace = e.run(np.tile(np.add(h, [0, 0, 50e-3]), (100, 1)))
-    assert trace.force[0].any()
-    assert not trace.force[-5].any()
+    away = np.add(h, [0, 0, 50e-3])
+    path = np.vstack((np.tile(h, (5, 1)), np.linspace(h, away, 50), np.tile(away, (95, 1))))
+    force = e.run(path).force
+    assert sizes(force, before).max() <= 1 + 1e-9
+    assert sizes(force[:5], before).max() <= max(k, other) * R / 256 * (1 + 1e-9)
+    assert not force[-1].any(), "gone within 0.1 s of a clear way"
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -102,6 +101,7 @@ def test_whatever_is_exchanged_for_whatever_the_force_is_bounded_and_the_side_ke
     draw = np.random.default_rng(seed)
     e, h = pressed(depth=0.5e-3)
     last = e.step(h)
+    stiffest = K
     for _ in range(25):
         k, r = draw.uniform(300, 2000), draw.uniform(3e-3, 7e-3)
         z = draw.uniform(-1e-3, 1e-3)
@@ -119,7 +119,8 @@ def test_whatever_is_exchanged_for_whatever_the_force_is_bounded_and_the_side_ke
         n = int(draw.integers(1, 400))
         to = [*draw.uniform(-6e-3, 6e-3, 2), draw.uniform(-2e-3, 1e-3)]
         hips = np.linspace(h, to, n + 1)[1:]
-        _, rest = led(e, hips, last.force, k, r, h)
+        stiffest = max(stiffest, k)  # of all that the force may still be on its way from
+        _, rest = led(e, hips, last.force, stiffest, r, h)
         h = hips[-1]
         last = e.step(h)
         for proxy, status in ((rest.proxy, rest.status), (last.proxy[None], [int(last.status)])):

@@ -1,3 +1,6 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What converts to and from Vec3, poses by rows and by columns, and a status through the governor.
 #include "vfplan/controller.hpp"
 #include <array>
 #include <cassert>

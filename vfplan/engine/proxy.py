@@ -179,9 +179,7 @@ def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
     if fixture.rendering is None or fixture.region is None:
         return None
     if fixture.ignore_axis is not None:
-        if fixture.region.pieces:
-            return "curve"
-        return None
+        return "curve" if fixture.region.pieces else None
     if fixture.mesh is not None and fixture.guidance is None:
         return "mesh"
     return None
@@ -203,9 +201,7 @@ def best_rule(fixture: Fixture) -> Rule:
         return "exact"
     parameters = check_renderable(fixture)
     triangles = check_triangles(fixture.points, fixture.mesh)
-    if _core.by_triangles(*triangles, parameters):
-        return "exact"
-    return "robust"
+    return "exact" if _core.by_triangles(*triangles, parameters) else "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -223,10 +219,8 @@ def sampled(fixture: Fixture) -> Fixture:
     surface = check_triangles(fixture.points, fixture.mesh)
     with core_errors(SceneError):
         points, mesh = _core.sampled(*surface, fixture.sample_radius)
-    registration = fixture.registration
-    if registration is not None:
-        # The errors are those of the corners alone.
-        registration = replace(registration, tre_m=None)
+    # The errors are those of the corners alone.
+    registration = fixture.registration and replace(fixture.registration, tre_m=None)
     return replace(
         fixture, points=points, mesh=mesh, sigma=None, registration=registration, sample_radius=None
     )
@@ -234,9 +228,7 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    if rule == "exact":
-        return fixture
-    return sampled(fixture)
+    return fixture if rule == "exact" else sampled(fixture)
 
 
 def mesh_findings(fixture: Fixture) -> list[Finding]:
@@ -398,10 +390,7 @@ class ProxyEngine:
                 "rule 'robust' for this fixture."
             )
         fixture = as_rendered(fixture, rule)
-        slow = None
-        if not offline:
-            slow = slow_tick_text(fixture, rule)
-        if slow is not None:
+        if not offline and (slow := slow_tick_text(fixture, rule)):
             raise SceneError(slow)
         settings = settings_of(fixture) | {"max_hip_step": max_hip_step}
         if rule != "exact":
@@ -516,8 +505,7 @@ class ProxyEngine:
         Other threads of Python run meanwhile.
         """
         trace = Trace(*self._engine.run(check_path(hips))[:5])
-        if len(trace) > 0:
-            self.status = Status(int(trace.status[-1]))
+        self.status = Status(int(trace.status[-1])) if len(trace) > 0 else self.status
         return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
@@ -538,9 +526,7 @@ class ProxyEngine:
         SceneError
             A fixture that no engine takes, or 4096 changes that wait for a step.
         """
-        engine = other
-        if isinstance(other, Fixture):
-            engine = ProxyEngine.of(other)
+        engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
         if not isinstance(engine, ProxyEngine):
