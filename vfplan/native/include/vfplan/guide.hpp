@@ -257,7 +257,7 @@ class Guide {
     /// Takes the nearest place of the whole curve. The tip is held there if it is within the tube,
     /// or in any case if `at_once`.
     void search(bool at_once) noexcept {
-        const Path::Place nearest = path_.nearest(x_);
+        const Path::PathPlace nearest = path_.nearest(x_);
         strand_ = nearest.strand;
         piece_ = nearest.piece;
         at_ = nearest.at;

@@ -110,13 +110,13 @@ class Path {
     }
 
     /// Strand, piece and point nearest to x.
-    struct Place {
+    struct PathPlace {
         std::size_t strand = 0, piece = 0;
         Vec3 at;
         double distance = std::numeric_limits<double>::infinity();
     };
-    Place nearest(const Vec3& x) const noexcept {
-        Place best;
+    PathPlace nearest(const Vec3& x) const noexcept {
+        PathPlace best;
         std::size_t strand = 0;
         for (const Ball& b : balls_) {
             if (norm(x - b.middle) - b.radius >= best.distance) continue;
