@@ -63,8 +63,7 @@ void bind_controller(nb::module_& m) {
             "data"_a, nb::kw_only(), "accept_unreviewed"_a, "accept_doubts"_a, "governor"_a,
             "max_hip_step"_a = usual.max_hip_step, "hold_time"_a = usual.hold_time,
             "moving"_a = nb::none())
-        .def("add",
-             [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
+        .def("add", [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
         .def("exchange",
              [](Controller& c, const nb::bytes& data, std::size_t which) {
                  return c.exchange(fixture_of(data, c.demand), which);

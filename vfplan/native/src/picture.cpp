@@ -125,9 +125,10 @@ nb::tuple nearest(const Places& points, const Places& places) {
             const Rectangle box = bounds_of(first, last);
             const bool is_wide = box.right - box.left > box.bottom - box.top;
             PicturePlace* const begin = all.data() + first;
-            std::nth_element(
-                begin, begin + (last - first) / 2, all.data() + last,
-                [&](const PicturePlace& a, const PicturePlace& b) { return is_wide ? a.x < b.x : a.y < b.y; });
+            std::nth_element(begin, begin + (last - first) / 2, all.data() + last,
+                             [&](const PicturePlace& a, const PicturePlace& b) {
+                                 return is_wide ? a.x < b.x : a.y < b.y;
+                             });
         };
         tree.build(0, n, bounds_of, halve);
         std::int64_t found = 0;

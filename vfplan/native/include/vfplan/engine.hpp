@@ -104,6 +104,7 @@ class Engine {
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
     /// leaves it unplaced: the first good one of a step is then its start.
     void reset(const Vec3& hip) noexcept {
+        if (!impl_) return;
         last_ = {};
         gate_.reset(hip);
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
@@ -114,8 +115,13 @@ class Engine {
         impl_->reset(hip);
     }
 
-    /// One servo tick.
+    /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
+        if (!impl_) {
+            Step none;
+            none.status = bad_hip;
+            return none;
+        }
         auto* changes = changes_.load(std::memory_order_acquire);
         if (changes) {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
@@ -288,7 +294,7 @@ class Engine {
     Width width_ = Width::automatic;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
 #include "vfplan/engine_impl.hpp"

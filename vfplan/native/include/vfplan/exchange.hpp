@@ -120,7 +120,7 @@ class ForceRamp {
 
   private:
     bool is_on_ = false;
-    int ticks_there_ = 0;  // in which the force was that of the engine
+    int ticks_there_ = 0;   // in which the force was that of the engine
     double stiffness_ = 0;  // the largest K since it is on [N/m]
     double release_ = 0;    // what goes a tick where nothing is in reach [N]
 };
@@ -281,4 +281,4 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
 
 }  // namespace detail
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

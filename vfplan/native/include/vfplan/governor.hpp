@@ -65,7 +65,7 @@ enum GovernorStatus : std::uint8_t {
 };
 
 struct Governed {
-    Vec3 force;            ///< to command [N]
+    Vec3 force;               ///< to command [N]
     double held_back = 0;     ///< |force asked for - force to command| [N]
     std::uint8_t status = 0;  ///< bits of GovernorStatus
     std::uint8_t engine = 0;  ///< bits of Status, of a Step that was governed
@@ -321,4 +321,4 @@ class Governor {
     double closed_given_ = 0, closed_stored_ = 0;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -330,4 +330,4 @@ class Guide {
     bool is_held_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

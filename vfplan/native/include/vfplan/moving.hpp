@@ -45,8 +45,9 @@ struct Pose {
         const auto close = [](double a, double b) { return std::abs(a - b) < matrix_tolerance; };
         const Vec3 x{m[0], m[4], m[8]}, y{m[1], m[5], m[9]}, z{m[2], m[6], m[10]};
         if (!(m[12] == 0 && m[13] == 0 && m[14] == 0 && m[15] == 1))
-            reject("the last row of a pose is not 0 0 0 1. Give its rows to of_rows, as a matrix "
-                   "of NumPy, and its columns to of_columns, as O_T_EE of libfranka.");
+            reject(
+                "the last row of a pose is not 0 0 0 1. Give its rows to of_rows, as a matrix "
+                "of NumPy, and its columns to of_columns, as O_T_EE of libfranka.");
         if (!(close(dot(x, x), 1) && close(dot(y, y), 1) && close(dot(z, z), 1) &&
               close(dot(x, y), 0) && close(dot(y, z), 0) && close(dot(z, x), 0) &&
               dot(cross(x, y), z) > 0))
@@ -302,4 +303,4 @@ class MovingFrame {
     std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

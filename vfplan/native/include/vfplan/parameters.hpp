@@ -56,7 +56,9 @@ struct Parameters {
     /// How many milliseconds a tick takes: ramps are given a millisecond.
     double pace() const noexcept { return period / 1e-3; }
     /// The largest of K [N/m].
-    double stiffest() const noexcept { return std::max({stiffness[0], stiffness[1], stiffness[2]}); }
+    double stiffest() const noexcept {
+        return std::max({stiffness[0], stiffness[1], stiffness[2]});
+    }
 
     bool operator==(const Parameters&) const = default;
 };
@@ -161,4 +163,4 @@ struct Step {
     std::uint8_t status = ok;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -149,4 +149,4 @@ class Telemetry {
     std::thread sender_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

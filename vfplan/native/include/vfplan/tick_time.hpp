@@ -165,4 +165,4 @@ inline bool by_triangles(const mesh::Surface& surface, const Parameters& p) {
     return proven_tick_time(surface, p) <= max_tick_time;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

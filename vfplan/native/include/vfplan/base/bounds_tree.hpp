@@ -65,4 +65,4 @@ class BoundsTree {
     std::vector<Node> nodes_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

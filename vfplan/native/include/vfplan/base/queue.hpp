@@ -58,4 +58,4 @@ class SpscQueue {
     alignas(64) std::atomic<std::uint64_t> tail_{0};
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -84,21 +84,21 @@ struct Vec;
 
 namespace detail {
 
-/// What other libraries have for D numbers, such as std::array<double, 3> and Eigen::Vector3d: it is
-/// indexed, and does not say that it has another number of them, or one that only a program knows.
+/// What other libraries have for D numbers, such as std::array<double, 3> and Eigen::Vector3d: it
+/// is indexed, and does not say that it has another number of them, or one that only a program
+/// knows.
 template <class T, int D>
-concept Indexed =
-    !std::is_pointer_v<T> && !std::is_array_v<T> && !std::is_base_of_v<Vec<D>, T> &&
-    requires(const T& t) {
-        { t[0] } -> std::convertible_to<double>;
-    } && [] {
-        if constexpr (requires { std::tuple_size<T>::value; })
-            return std::tuple_size<T>::value == D;
-        else if constexpr (requires { T::SizeAtCompileTime; })
-            return int(T::SizeAtCompileTime) == D;
-        else
-            return !requires(const T& t) { t.size(); };
-    }();
+concept Indexed = !std::is_pointer_v<T> && !std::is_array_v<T> && !std::is_base_of_v<Vec<D>, T> &&
+                  requires(const T& t) {
+                      { t[0] } -> std::convertible_to<double>;
+                  } && [] {
+                      if constexpr (requires { std::tuple_size<T>::value; })
+                          return std::tuple_size<T>::value == D;
+                      else if constexpr (requires { T::SizeAtCompileTime; })
+                          return int(T::SizeAtCompileTime) == D;
+                      else
+                          return !requires(const T & t) { t.size(); };
+                  }();
 
 }  // namespace detail
 
@@ -297,4 +297,4 @@ class Stiffness {
     bool is_even_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

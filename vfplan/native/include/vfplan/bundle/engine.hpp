@@ -138,4 +138,4 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
 inline Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule, Use use)
     : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -205,4 +205,4 @@ inline double band_for(const double* points, std::size_t n, const Parameters& p)
     return std::min(band, p.contact_radius / 2);
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -310,4 +310,4 @@ Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
     return {thinning.kept(), share * p.band};
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

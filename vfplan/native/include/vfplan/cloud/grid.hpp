@@ -511,4 +511,4 @@ void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, do
     });
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -195,4 +195,4 @@ Kernels<D> kernels(Width width = Width::automatic) noexcept {
     return detail::lanes2::table<D>();
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

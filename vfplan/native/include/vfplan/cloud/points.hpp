@@ -16,7 +16,6 @@
 
 namespace vfplan::inline v1 {
 
-
 /// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
 template <class T>
 struct Aligned {
@@ -100,4 +99,4 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
     return cloud;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

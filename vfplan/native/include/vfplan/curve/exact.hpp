@@ -662,8 +662,7 @@ class CurveMotion {
             // feature is in the way.
             if (contact.curvature > 0 && end.next == feature && end.t < start_slack() &&
                 is_tangent(contact, to_hip)) {
-                const Outcome left =
-                    move_freely(proxy, hip, to_hip, norm(to_hip), ball, feature);
+                const Outcome left = move_freely(proxy, hip, to_hip, norm(to_hip), ball, feature);
                 if (left != Outcome::blocked) return left;
                 if (!holding.add(query_, current_, proxy)) return Outcome::corner;
                 last_tangent = {};
@@ -780,7 +779,8 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
         return std::max(roundings * p.R(), roundings_a_band * rounding);
     }
 
-    CurveRule(Curve curve, const Parameters& p) : GuardedRule(p.R(), p.band, p.pace(), std::move(curve), p) {}
+    CurveRule(Curve curve, const Parameters& p)
+        : GuardedRule(p.R(), p.band, p.pace(), std::move(curve), p) {}
 
     std::size_t bytes() const noexcept {
         return motion().curve().bytes() + motion().query().bytes();
@@ -793,4 +793,4 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };
 
-}  // namespace vfplan::curve
+}  // namespace vfplan::inline v1::curve

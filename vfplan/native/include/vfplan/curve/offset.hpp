@@ -260,4 +260,4 @@ inline double first_entry(const Feature& f, const ArcPath& path, double max_t,
     return first;
 }
 
-}  // namespace vfplan::curve
+}  // namespace vfplan::inline v1::curve

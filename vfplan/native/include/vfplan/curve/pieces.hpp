@@ -194,4 +194,4 @@ inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
 
 }  // namespace curve
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

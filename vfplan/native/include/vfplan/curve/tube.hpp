@@ -427,4 +427,4 @@ inline double widest(const Path& path, double radius, TubeObstacle (*test)(const
     return fits;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -257,7 +257,8 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     }
 
     MeshRule(Mesh mesh, SmoothBody body, const Parameters& p)
-        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), p.pace(), std::move(mesh), body, p) {}
+        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), p.pace(), std::move(mesh), body,
+                      p) {}
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }
@@ -273,4 +274,4 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     }
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

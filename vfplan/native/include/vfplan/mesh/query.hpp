@@ -194,4 +194,4 @@ class TriangleQuery {
     mutable std::size_t steps_ = 0;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

@@ -439,4 +439,4 @@ class SmoothContact {
     int count_ = 0;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

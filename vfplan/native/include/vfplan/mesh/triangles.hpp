@@ -376,4 +376,4 @@ class Mesh {
     BoundsTree<Disc> tree_;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

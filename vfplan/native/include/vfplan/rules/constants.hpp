@@ -129,4 +129,4 @@ inline constexpr double max_sink = 0.75;
 /// to each other to be told apart. Halved or doubled it changes no bit.
 inline constexpr double full_hollow = 0.1;
 
-}  // namespace vfplan::tuned
+}  // namespace vfplan::inline v1::tuned

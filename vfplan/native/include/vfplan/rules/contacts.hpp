@@ -411,4 +411,4 @@ class ContactSurfaces {
     bool is_known_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

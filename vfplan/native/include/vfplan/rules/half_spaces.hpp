@@ -101,4 +101,4 @@ Vec<D> nearest_step(const Vec<D>& u, const ContactPlane<D>* planes, int count, d
     return best;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -184,4 +184,4 @@ class PaperRule {
     bool known_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -526,4 +526,4 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
     }
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

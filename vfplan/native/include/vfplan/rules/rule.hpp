@@ -281,4 +281,4 @@ class GuardedRule {
     RuleAnswer<D> last_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

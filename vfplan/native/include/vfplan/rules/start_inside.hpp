@@ -433,4 +433,4 @@ class PlannedPath {
     int unfinished_ = 0;  // paths that fitted into a tick and had no end
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1
