@@ -517,8 +517,9 @@ class ProxyEngine:
         """Go on with another engine's fixture from the next step on. `other` is then spent.
 
         The proxy goes on from where it is. Where that is inside, it is led out on its own side if
-        there is a way; else the status has CROSSED. Until the rule has taken over, the force
-        changes by at most K (R / 256 + |step of the HIP|) in a tick, and the status is CHANGING.
+        there is a way; else the status has CROSSED. Until the rule has taken over, the status is
+        CHANGING, and the force changes by at most K (R / 256 + |step of the HIP|) and 1 N in a
+        tick; K is the larger of both. In free space the old force is gone within 0.1 s.
         A thread may call this while another one steps.
 
         Raises

@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "vfplan/base/compiler.hpp"
+
 namespace vfplan::inline v1 {
 
 /// A queue from one thread to one other. Neither of them locks, waits or allocates.
