@@ -156,3 +156,27 @@ def test_torques_fade_as_the_force_does(tmp_path):
     with pytest.raises(SettingError, match="force_step_n"):
         Controller(stored(tmp_path / "stiff.h5", rendering=replace(
             bundles.small().rendering, stiffness=np.full(3, 1e6))), **ANY)  # fmt: skip
+
+
+def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path):
+    controller = Controller(stored(tmp_path / "f.h5"), **ANY)
+    forces = [press(controller).force]
+    controller.set_stiffness(2500)
+    forces += [controller.step(DEEP).force for _ in range(1000)]
+    assert controller.stiffness == 2500
+    assert forces[-1] == pytest.approx([0, 17.5, 0], abs=0.2)
+    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+    assert steps.max() <= 2500 * 5e-3 / 256 * (1 + 1e-9)
+    with pytest.raises(SettingError):
+        controller.set_stiffness(1e6)
+    seconds = []
+    for rate_hz in (1000, 8000):
+        governor = vfplan.Governor(
+            force_step_n=1.0, force_max_n=20, stiffness_n_per_m=1, mass_kg=1, rate_hz=rate_hz
+        )
+        controller = Controller(stored(tmp_path / f"{rate_hz}.h5"), governor=governor, **ANY)
+        controller.reset(DEEP)
+        status = [controller.step(DEEP).status for _ in range(rate_hz)]
+        seconds.append(np.count_nonzero(np.array(status) & Status.INSIDE) / rate_hz)
+    assert seconds[0] > 0.1
+    assert seconds[1] == pytest.approx(seconds[0], rel=0.1)

@@ -106,8 +106,10 @@ SHELL = re.compile(r"^```\n(cmake .*?)^```$", re.MULTILINE | re.DOTALL)
 INCLUDE = vfplan.cmake_dir().parents[2] / "include"
 SIGNED = """
 vfplan keygen -o planner.key -q
-vfplan sign fixture.h5 --key planner.key --case 2026-117 --robot-serial R-0042 --despite-findings \\
-    -o approved.h5 -q
+vfplan review fixture.h5 --slice samples/elbow.png --sheet-out sheet.png --json > review.json
+digest=$(python -c "import json; print(json.load(open('review.json'))['digest'])")
+vfplan accept fixture.h5 --digest $digest --by "A. Planner" --answer-all -o accepted.h5 -q
+vfplan sign accepted.h5 --key planner.key --case 2026-117 --robot-serial R-0042 -o approved.h5 -q
 cp approved.h5 elbow.h5
 cp approved.h5 signed.h5
 cp planner.pub keys.pub
@@ -168,7 +170,7 @@ def test_blocks_of_cpp_run(name, tmp_path):
             code += ["{", *[CPP_OF_STROKE] * ("{stroke}" in block), *body, "}"]
     source = tmp_path / "blocks.cpp"
     source.write_text("\n".join([*includes, before, "int main() {", *code, "}"]) + "\n")
-    flags = f"-std=c++20 -O0 -ffp-contract=off -I{INCLUDE}"
+    flags = f"-std=c++20 -O0 -ffp-contract=off -DVFPLAN_SIGNED -I{INCLUDE}"
     run_shell(f"g++ {flags} blocks.cpp -o blocks -lcrypto && ./blocks", tmp_path)
 
 

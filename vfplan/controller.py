@@ -112,17 +112,16 @@ class Controller(_core.Controller):
             keys = [keys]
         if keys is not None and not isinstance(keys, Mapping):
             keys = {name: key for file in keys for name, key in read_keys(file).items()}
-        self._trust = Trust(dict(keys), case, robot_serial, max_age_s) if keys else None
-        demands = (case, robot_serial, max_age_s) != (None, None, None)
-        if not keys and (demands or not accept_unsigned):
+        demands = (case, robot_serial, max_age_s)
+        self._trust = Trust(dict(keys), *demands) if keys else None
+        if not keys and (demands != (None, None, None) or not accept_unsigned):
             raise SignatureError(
                 "comes without keys to check it with. Give keys, or accept_unsigned=True alone.",
                 where=str(path), code="signature.missing",
             )  # fmt: skip
-        if governor is None:
-            governor = Governor(
-                force_step_n=1.0, force_max_n=20.0, stiffness_n_per_m=1.0, mass_kg=1.0
-            )
+        governor = governor or Governor(
+            force_step_n=1.0, force_max_n=20.0, stiffness_n_per_m=1.0, mass_kg=1.0
+        )
         with self._demanded(path) as data:
             super().__init__(
                 data,

@@ -275,7 +275,7 @@ class Changing {
         }
     }
 
-    vfplan::Engine* region_;       // null for a guide, which no event changes
+    vfplan::Engine* region_;      // null for a guide, which no event changes
     vfplan::MovingFrame* frame_;  // null for a fixture that stays
     std::vector<Posed> poses_;
     std::vector<Event> events_;

@@ -2,6 +2,7 @@
 
     python loop.py FIXTURE.h5 --robot HOST --keys KEYS.pub --case CASE --max-age 12h
     python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor] [--log LOG.csv]
+                   [--no-real-time] [--tool-tip X,Y,Z] [--collision-force N] [--collision-torque NM]
 
 Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
 weight, and the only torques that are commanded are the fixture's, limited by the governor. The loop
@@ -31,11 +32,14 @@ from vfplan.io.files import parse_seconds
 from vfplan.io.writing import write_whole
 
 RATE_HZ = 1000
-COLLISION_TORQUES_NM = [100.0] * 7
-"""Torques at which the arm reports a collision [N m]. They are out of the way, because the governor
-limits what is commanded."""
-COLLISION_FORCES_N = [100.0] * 6
-"""The same of the forces and torques at the tip [N, N m]."""
+COLLISION_TORQUE_NM = 40.0
+"""External torque of a joint at which the arm stops [N m]."""
+COLLISION_FORCE_N = 40.0
+"""The same of a force at the tip [N]: twice what the governor lets the fixture command."""
+
+NO_OFFSET = np.zeros(3)
+MAX_TIP_STEP = 0.02
+"""The tip goes no further in a tick [m]."""
 
 ENGINE_STOPS = {
     Status.BAD_HIP: (
@@ -45,6 +49,10 @@ ENGINE_STOPS = {
     Status.STALE: (
         "the pose of the moving fixture was too old, or the loop's clock did not go on",
         "Check the tracker before you start again.",
+    ),
+    Status.JUMPED: (
+        "the arm's position was further from the one before than an arm can go",
+        "Check the arm's connection and its state.",
     ),
     Status.CROSSED: (
         "the way out of the fixture led to its other side",
@@ -91,24 +99,41 @@ class Run:
     error: str | None = None
 
 
-def connect(host: str) -> Any:
-    """Connect to the arm and clear its errors."""
+def connect(
+    host: str,
+    torque_nm: float = COLLISION_TORQUE_NM,
+    force_n: float = COLLISION_FORCE_N,
+    *,
+    is_real_time: bool = True,
+) -> Any:
+    """Connect to the arm, clear its errors, and set where it reports a collision.
+
+    Unless `is_real_time` is False, libfranka refuses to start without a real-time kernel.
+    """
     import pylibfranka
 
-    # kIgnore lets libfranka run on a kernel that is not real-time, as beside the simulator. On an
-    # arm give kEnforce: without a real-time kernel libfranka then refuses to start.
-    robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
+    config = pylibfranka.RealtimeConfig
+    robot = pylibfranka.Robot(host, config.kEnforce if is_real_time else config.kIgnore)
     robot.automatic_error_recovery()
-    robot.set_collision_behavior(
-        COLLISION_TORQUES_NM, COLLISION_TORQUES_NM, COLLISION_FORCES_N, COLLISION_FORCES_N
-    )
+    torques, forces = [torque_nm] * 7, [force_n] * 6
+    robot.set_collision_behavior(torques, torques, forces, forces)
     return robot
 
 
-def read_tip(state: Any) -> np.ndarray:
-    """(3,) the tip in the frame of the arm's base [m]."""
-    # O_T_EE is a 4 x 4 matrix, column by column. Its last column is the position.
-    return np.array(state.O_T_EE[12:15])
+def read_tip(state: Any, offset: np.ndarray = NO_OFFSET) -> np.ndarray:
+    """(3,) the tip in the frame of the arm's base [m]; `offset` (3,) in the end effector's [m]."""
+    # O_T_EE is a 4 x 4 matrix, column by column.
+    pose = np.reshape(state.O_T_EE, (4, 4)).T
+    return pose[:3, :3] @ offset + pose[:3, 3]
+
+
+def tip_jacobian(state: Any, model: Any, offset: np.ndarray = NO_OFFSET) -> np.ndarray:
+    """(6, 7) of the tip: its velocity and turning, from those of the joints."""
+    # It comes column by column, of the end effector.
+    jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T
+    arm = np.reshape(state.O_T_EE, (4, 4)).T[:3, :3] @ offset
+    jacobian[:3] += np.cross(jacobian[3:], arm, axis=0)
+    return jacobian
 
 
 def render(
@@ -120,6 +145,7 @@ def render(
     other_torque: Callable[[Any, np.ndarray, int], np.ndarray] | None = None,
     stop_signals: Sequence[int] = (),
     log: list[list[float]] | None = None,
+    tip_offset: np.ndarray = NO_OFFSET,
 ) -> Run:
     """Run the control loop for a number of ticks, or until the arm stops.
 
@@ -135,21 +161,22 @@ def render(
         A list to which a signal adds its number, which asks the loop to stop.
     log
         A list that takes a row for each tick with a sound position, as `write_log` writes it.
+    tip_offset
+        (3,) the tip in the frame of the end effector [m].
     """
     import pylibfranka
 
     run = Run()
     force = np.zeros(3)
-    torque = np.zeros(7)
+    torque = last_other = np.zeros(7)
     try:
         control = robot.start_torque_control()
         for tick in range(ticks):
             state, _ = control.readOnce()
-            # The Jacobian comes column by column.
-            jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T
+            jacobian = tip_jacobian(state, model, tip_offset)
 
             last_force = force
-            tip = read_tip(state)
+            tip = read_tip(state, tip_offset)
             step = engine.step(tip)
             count_bits(run, step.status)
             stop_at(run, tick, step.status, ENGINE_STOPS)
@@ -173,10 +200,17 @@ def render(
                 torque = governor.torque_nm
                 count_bits(run, governor.status)
                 stop_at(run, tick, governor.status, GOVERNOR_STOPS)
-            if log is not None and not step.status & Status.BAD_HIP:
+            if log is not None and not step.status & (Status.BAD_HIP | Status.JUMPED):
                 log.append(log_row((tick + 1) / RATE_HZ, tip, step, commanded))
+            # The loop ends when the fixture's torque has faded, whatever the hook adds.
+            has_stopped = run.error is not None and not torque.any()
             if other_torque is not None:
-                torque = torque + other_torque(state, jacobian, tick)
+                other = np.asarray(other_torque(state, jacobian, tick))
+                if np.isfinite(other).all():
+                    last_other = other
+                elif run.error is None:
+                    run.error = f"In tick {tick} other_torque was not finite. The loop stopped."
+                torque = torque + last_other
 
             run.ticks = tick + 1
             run.force_max_n = max(run.force_max_n, float(np.linalg.norm(force)))
@@ -186,7 +220,6 @@ def render(
             run.torque_step_nm = max(run.torque_step_nm, torque_step_nm)
 
             command = pylibfranka.Torques(torque.tolist())
-            has_stopped = run.error is not None and not torque.any()
             command.motion_finished = tick + 1 == ticks or has_stopped
             control.writeOnce(command)
             if has_stopped:
@@ -246,6 +279,14 @@ def parse_age(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def parse_place(text: str) -> np.ndarray:
+    """A place of three coordinates, within a metre."""
+    place = np.array([float(word) for word in text.split(",")])
+    if place.shape != (3,) or not (np.abs(place) <= 1).all():
+        raise argparse.ArgumentTypeError(f"{text!r} is no X,Y,Z. Give metres, within 1 m")
+    return place
+
+
 def parse_duration(text: str) -> float:
     """Seconds, of one tick at least."""
     seconds = float(text)
@@ -261,6 +302,15 @@ def parse(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--robot", required=True, metavar="HOST")
     parser.add_argument("--seconds", type=parse_duration, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
+    parser.add_argument(
+        "--no-real-time", action="store_true", help="run on any kernel, as beside the simulator"
+    )
+    parser.add_argument("--collision-torque", type=float, default=COLLISION_TORQUE_NM,
+                        metavar="NM", help="of a joint, at which the arm stops")  # fmt: skip
+    parser.add_argument("--collision-force", type=float, default=COLLISION_FORCE_N, metavar="N",
+                        help="at the tip, at which the arm stops")  # fmt: skip
+    parser.add_argument("--tool-tip", type=parse_place, default=NO_OFFSET, metavar="X,Y,Z",
+                        help="the tip in the frame of the end effector [m]")  # fmt: skip
     parser.add_argument(
         "--log", type=Path, metavar="CSV", help="write every tick, for `vfplan replay`"
     )
@@ -333,7 +383,7 @@ def load(options: argparse.Namespace) -> vfplan.Fixture:
 def make_engine(options: argparse.Namespace) -> tuple[Any, vfplan.Governor | None]:
     """The engine of the fixture, and a governor unless the options leave it out."""
     fixture = load(options)
-    engine = vfplan.ProxyEngine.of(fixture)
+    engine = vfplan.ProxyEngine.of(fixture, max_hip_step=MAX_TIP_STEP)
     governor = None
     if not options.no_governor:
         stiffness_n_per_m = float(np.max(fixture.stiffness))
@@ -379,9 +429,12 @@ def main(words: list[str]) -> int:
         return error.exit_code
 
     try:
-        robot = connect(options.robot)
+        robot = connect(
+            options.robot, options.collision_torque, options.collision_force,
+            is_real_time=not options.no_real_time,
+        )  # fmt: skip
         model = robot.load_model()
-        tip = read_tip(robot.read_once())
+        tip = read_tip(robot.read_once(), options.tool_tip)
     except RuntimeError as error:  # as all errors of pylibfranka are
         print(
             f"{options.robot}: the arm is not ready: {str(error).splitlines()[0]} "
@@ -400,7 +453,10 @@ def main(words: list[str]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda caught, _: stop_signals.append(caught))
     ticks = round(RATE_HZ * options.seconds)
-    run = render(robot, model, engine, governor, ticks, stop_signals=stop_signals, log=log)
+    run = render(
+        robot, model, engine, governor, ticks, stop_signals=stop_signals, log=log,
+        tip_offset=options.tool_tip,
+    )  # fmt: skip
 
     print(
         f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, "

@@ -202,7 +202,7 @@ def connect_when_ready(server: subprocess.Popen) -> Any:
     deadline = time.monotonic() + CONNECT_S
     while True:
         try:
-            return connect(ADDRESS)
+            return connect(ADDRESS, 100.0, 100.0, is_real_time=False)
         except (pylibfranka.NetworkException, pylibfranka.CommandException):
             if server.poll() is not None or time.monotonic() > deadline:
                 raise

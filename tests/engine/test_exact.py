@@ -3,6 +3,7 @@
 `curves.py` draws the cases and judges them.
 """
 
+import itertools
 from collections import Counter
 
 import curves
@@ -157,3 +158,27 @@ def test_what_is_no_curve_is_refused():
     for said, pieces in wrong.items():
         with pytest.raises(SceneError, match=said):
             vfplan.ProxyEngine.along(pieces)
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e5, 1e7, 1e9])
+def test_the_rule_lets_go_wherever_the_way_is_clear(ratio):
+    """Round the end of a line in a few steps, at coordinates of up to `ratio` times R."""
+    draw, r = np.random.default_rng(5), 1 / ratio
+    for _ in range(60):
+        turn, middle = draw.uniform(0, 2 * np.pi), draw.uniform(-1, 1, 2)
+        along = np.array([np.cos(turn), np.sin(turn)])
+        frame = np.stack([along, [-along[1], along[0]]])
+
+        def place(x, y, frame=frame, middle=middle):
+            return np.append(middle + [x * r, y * r] @ frame, 0)
+
+        ends = np.array([place(-100, 0), place(100, 0)])
+        line = Pieces(ends, np.zeros(2), np.zeros(2, np.int32), np.array([False]))
+        engine = vfplan.ProxyEngine.along(line, contact_radius=r)
+        x, down = 100 + draw.uniform(-2, 4), -draw.uniform(1.2, 5)
+        stops = [place(99, 2), place(103, down), place(x, down)]
+        engine.reset(stops[0])
+        for a, b in itertools.pairwise(stops):
+            engine.run(np.linspace(a, b, draw.integers(2, 9)))
+        proxy = engine.run(np.tile(stops[-1], (50, 1))).proxy[-1]
+        assert np.linalg.norm(proxy - stops[-1]) < 1e-3 * r

@@ -278,3 +278,23 @@ def test_a_controllers_bits_are_pythons(program, tmp_path):
 def test_exchanges_and_edits_under_load_race_with_nothing(program, exchanges, edits):
     for word, count in (("exchange", exchanges), ("edit", edits)):
         assert f"{word}ed {count} " in output(program, word, count, timeout=1800)
+
+
+def test_one_stray_stamp_is_overcome_and_a_reset_forgets():
+    """A tracker at 50 Hz sends one pose from the far future, and one from the past."""
+    frame, stale = vfplan.MovingFrame(), []
+    for tick in range(1000):
+        if tick % 20 == 0:
+            stray = {300: 1e9, 600: -1e9}.get(tick, 1e-3 * tick)
+            frame.pose(stray, np.eye(4))
+        frame.at(1e-3 * tick)
+        stale.append(frame.stale)
+    assert not any(stale[:300])
+    assert sum(stale) <= 60
+    assert not any(stale[400:])
+    assert frame.refused <= 4
+    frame.reset()
+    assert frame.stale
+    assert frame.pose(0.0, np.eye(4))
+    frame.at(0.0)
+    assert not frame.stale

@@ -1,5 +1,6 @@
 """The engine's headers without Python: g++ alone builds them; a tick is fit for a controller."""
 
+import os
 import re
 import subprocess
 from collections import defaultdict
@@ -71,6 +72,27 @@ def test_a_million_ticks_allocate_nothing(build):
     lines = output(build("engine_ticks", "-O2"), 1_000_000).splitlines()
     assert len(lines) >= 20
     assert all(line.endswith("no allocation") for line in lines)
+
+
+def test_a_controller_keeps_its_bounds_whatever_happens(build):
+    assert "stopped" in output(build("controller_ticks", "-O2", "-DVFPLAN_NARROW"), 1_000_000)
+
+
+def test_vectors_convert_and_a_pose_knows_its_rows_from_its_columns(build):
+    output(build("types", "-O0", "-DVFPLAN_NARROW"))
+
+
+def test_a_users_file_compiles_within_3_seconds_against_the_library(tmp_path):
+    source, before = tmp_path / "user.cpp", os.times()
+    source.write_text(
+        '#include "vfplan/controller.hpp"\nint main() { return VFPLAN_VERSION_MAJOR; }\n'
+    )
+    words = ["-std=c++20", "-O2", "-DVFPLAN_COMPILED", f"-I{INCLUDE}", "-c", source, "-o", "u.o"]
+    subprocess.run([need_program("g++", "g++"), *words], check=True, cwd=tmp_path)
+    after = os.times()
+    assert after.children_user + after.children_system < 3 + (
+        before.children_user + before.children_system
+    )
 
 
 SANITIZED = "-fsanitize=address,undefined"

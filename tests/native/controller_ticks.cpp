@@ -91,13 +91,15 @@ int main(int, char** argv) {
             // What was handed over this tick is taken up in it.
             if (room < -6e-5) fail("inside", k, room);
         }
-        // 40 mm away from a wall of at most 7 mm.
-        clear = !is_lost && tip[1] > 12e-3 ? clear + 1 : 0;
+        // Away from a wall of at most 7 mm, and not on the way out of one that came over the tip.
+        const bool is_free = !is_lost && tip[1] > 12e-3 && !(out.status & vfplan::inside);
+        clear = is_free ? clear + 1 : 0;
         if (clear > 100 && !(out.force == Vec3{})) fail("held in free space", k, norm(out.force));
         last = out.force;
         stops += out.stop;
         bad += is_lost;
-        if (out.stop && !is_lost) controller.reset(tip);
+        // From a side that is free: a start inside may be led out on the other one.
+        if (out.stop && !is_lost && tip[1] > 12e-3) controller.reset(tip);
     }
     std::printf("%ld ticks, %ld without a position, %ld stopped\n", ticks, bad, stops);
 }

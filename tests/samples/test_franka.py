@@ -21,6 +21,7 @@ import pytest
 from conftest import ROOT, missing, output
 
 import vfplan
+from vfplan import Status
 from vfplan.arm.model import Arm
 from vfplan.arm.rehearsal import ArmHand, run_loop, safety_stops
 from vfplan.errors import SignatureError
@@ -101,7 +102,7 @@ def test_over_the_protocol_the_loop_starts_free_and_not_inside(simulator, tmp_pa
     def run_loop(name, points):
         path = stored(tmp_path, replace(bundles.large(len(points)), points=points), name)
         words = [PYTHON, "-P", FOLDER / "loop.py", path, "--robot", simulator, "--unsigned"]
-        words += ["--seconds", "0.2", "--log", tmp_path / f"{name}.csv"]
+        words += ["--no-real-time", "--seconds", "0.2", "--log", tmp_path / f"{name}.csv"]
         for _ in range(60):
             done = subprocess.run(words, capture_output=True, text=True, timeout=60)
             if "the arm is not ready" not in done.stderr:
@@ -168,7 +169,11 @@ class FakeArm:
         pass
 
     def set_collision_behavior(self, *thresholds):
-        pass
+        self.thresholds = thresholds
+
+    def use(self, config):
+        self.config = config
+        return self
 
 
 @pytest.fixture
@@ -176,8 +181,8 @@ def loop(monkeypatch):
     """The module loop.py, with a binding of Franka's that knows one arm."""
     arm = FakeArm(bundles.small().points[3] + [0, 0.006, 0])
     library = SimpleNamespace(
-        Robot=lambda host, config: arm,
-        RealtimeConfig=SimpleNamespace(kIgnore=0),
+        Robot=lambda host, config: arm.use(config),
+        RealtimeConfig=SimpleNamespace(kIgnore="ignore", kEnforce="enforce"),
         Torques=lambda torque: SimpleNamespace(torque=torque, motion_finished=False),
         ControlException=RuntimeError,
         CommandException=RuntimeError,
@@ -346,7 +351,7 @@ def test_the_loop_stops_at_the_bits_of_the_page_and_lets_the_torque_fade(bit, is
     run = stop_at_tick_5(loop, pushing, small_governor() if is_governed else None)
     torques = np.array(loop.arm.torques)
     assert np.abs(torques[4]).max() > 1
-    stops = vfplan.Status.BAD_HIP | vfplan.Status.STALE | vfplan.Status.CROSSED
+    stops = Status.BAD_HIP | Status.STALE | Status.CROSSED | Status.JUMPED
     if bit & stops:
         assert "In tick 5 " in run.error
         assert not torques[-1].any()
@@ -375,6 +380,50 @@ def test_the_loop_stops_at_a_bad_jacobian(is_governed, loop):
     assert run.ticks < 100
     if is_governed:
         assert run.bits["bad_jacobian"] == run.ticks - 5
+
+
+@pytest.mark.parametrize("bad", ["position", "jump", "hook", "signal"])
+def test_what_a_hook_adds_does_not_keep_the_loop_alive(bad, loop):
+    """The hook holds 2 N m all the time; the fixture's torque fades, and the motion is finished."""
+    signals, hook = [], np.full(7, 2.0)
+
+    def lose():
+        if bad == "signal":
+            signals.append(signal.SIGINT)
+        elif bad == "hook":
+            hook[3] = np.nan
+        else:
+            loop.arm.state.O_T_EE[12] = {"position": np.nan, "jump": 1.0}[bad]
+
+    press_until_tick_5(loop, lose)
+    engine = vfplan.ProxyEngine.of(bundles.small(), max_hip_step=loop.MAX_TIP_STEP)
+    engine.reset(loop.read_tip(loop.arm.state))
+    run = loop.render(
+        loop.arm, loop.arm.load_model(), engine, small_governor(), 100, lambda *_: hook.copy(),
+        signals,
+    )  # fmt: skip
+    torques = np.array(loop.arm.torques)
+    assert "tick 5" in run.error
+    assert 6 <= run.ticks == len(torques) < 40
+    assert (torques[4] != 2).any()
+    assert (torques[-1] == 2).all()
+    assert np.abs(np.diff(torques, axis=0)).max() <= 0.95 + 1e-9
+
+
+def test_thresholds_tip_and_kernel_are_options_with_safe_defaults(loop, call, tmp_path):
+    path = stored(tmp_path, bundles.small())
+    call(path, *SHORT)
+    assert loop.arm.config == "enforce"
+    assert max(max(row) for row in loop.arm.thresholds) <= 40
+    words = ["--collision-force", "15", "--collision-torque", "12", "--tool-tip", "0,0,0.1"]
+    call(path, *SHORT, "--no-real-time", *words)
+    assert loop.arm.config == "ignore"
+    assert loop.arm.thresholds == ([12.0] * 7, [12.0] * 7, [15.0] * 6, [15.0] * 6)
+    offset, state = np.array([0, 0, 0.1]), loop.arm.state
+    assert loop.read_tip(state, offset) == pytest.approx(loop.read_tip(state) + offset)
+    jacobian = loop.tip_jacobian(state, loop.arm.load_model(), offset)
+    assert jacobian[:3, 3] == pytest.approx([0, -0.1, 0]), "a turn about x moves the tip along -y"
+    call(path, *SHORT, "--tool-tip", "0,0,100", code=2)
 
 
 def test_the_loop_stops_at_a_bad_force(loop):

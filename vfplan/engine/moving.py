@@ -70,7 +70,7 @@ class MovingFrame:
         """Take the fixture's pose (4, 4) [m] at time `t` [s] of the loop's clock.
 
         Returns False, and counts it in `refused`, for a pose that is not younger than the last one,
-        or that finds 64 others waiting.
+        or that finds 64 others waiting. After one stray time, the third of poses in order is taken.
 
         Raises
         ------
@@ -78,6 +78,10 @@ class MovingFrame:
             No rigid transform, or one beyond 1e6 m.
         """
         return self._frame.pose(check_time(t), check_rigid(base_from_fixture))
+
+    def reset(self) -> None:
+        """Forget all poses and ticks, while no other thread uses the frame."""
+        self._frame.reset()
 
     def at(self, t: float) -> Vector:
         """The frame (4, 4) at `t` [s]; the identity before any pose.

@@ -179,9 +179,7 @@ def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
     if fixture.rendering is None or fixture.region is None:
         return None
     if fixture.ignore_axis is not None:
-        if fixture.region.pieces:
-            return "curve"
-        return None
+        return "curve" if fixture.region.pieces else None
     if fixture.mesh is not None and fixture.guidance is None:
         return "mesh"
     return None
@@ -203,9 +201,7 @@ def best_rule(fixture: Fixture) -> Rule:
         return "exact"
     parameters = check_renderable(fixture)
     triangles = check_triangles(fixture.points, fixture.mesh)
-    if _core.by_triangles(*triangles, parameters):
-        return "exact"
-    return "robust"
+    return "exact" if _core.by_triangles(*triangles, parameters) else "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -223,10 +219,8 @@ def sampled(fixture: Fixture) -> Fixture:
     surface = check_triangles(fixture.points, fixture.mesh)
     with core_errors(SceneError):
         points, mesh = _core.sampled(*surface, fixture.sample_radius)
-    registration = fixture.registration
-    if registration is not None:
-        # The errors are those of the corners alone.
-        registration = replace(registration, tre_m=None)
+    # The errors are those of the corners alone.
+    registration = fixture.registration and replace(fixture.registration, tre_m=None)
     return replace(
         fixture, points=points, mesh=mesh, sigma=None, registration=registration, sample_radius=None
     )
@@ -234,9 +228,7 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    if rule == "exact":
-        return fixture
-    return sampled(fixture)
+    return fixture if rule == "exact" else sampled(fixture)
 
 
 def mesh_findings(fixture: Fixture) -> list[Finding]:
@@ -360,7 +352,12 @@ class ProxyEngine:
 
     @classmethod
     def of(
-        cls, fixture: Fixture, rule: Rule | None = None, *, offline: bool = False
+        cls,
+        fixture: Fixture,
+        rule: Rule | None = None,
+        *,
+        offline: bool = False,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """The engine of a fixture, with the rendering that the fixture asks for.
 
@@ -371,6 +368,8 @@ class ProxyEngine:
             own band. Of a mesh, rules "robust" and "paper" render samples (`sampled`).
         offline
             Takes ticks of any length, for a replay or a study, which can wait.
+        max_hip_step
+            As `ProxyParameters.make`.
 
         Raises
         ------
@@ -392,12 +391,9 @@ class ProxyEngine:
                 "rule 'robust' for this fixture."
             )
         fixture = as_rendered(fixture, rule)
-        slow = None
-        if not offline:
-            slow = slow_tick_text(fixture, rule)
-        if slow is not None:
+        if not offline and (slow := slow_tick_text(fixture, rule)):
             raise SceneError(slow)
-        settings = settings_of(fixture)
+        settings = settings_of(fixture) | {"max_hip_step": max_hip_step}
         if rule != "exact":
             engine = cls(
                 fixture.points, band=None if rule == "paper" else fixture.band, rule=rule,
@@ -421,6 +417,7 @@ class ProxyEngine:
         stiffness: float | ArrayLike = 1000.0,
         ignore_axis: str | ArrayLike | None = "z",
         outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
@@ -433,7 +430,7 @@ class ProxyEngine:
                 "they lie."
             )
         table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
-        return cls._with_shape(shape, table)
+        return cls._with_shape(shape, table, max_hip_step)
 
     @classmethod
     def on(
@@ -444,6 +441,7 @@ class ProxyEngine:
         point_radius: float = 0.0,
         stiffness: float | ArrayLike = 1000.0,
         outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
@@ -451,12 +449,14 @@ class ProxyEngine:
         are those of the class. Raises as the class does.
         """
         table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
-        return cls._with_shape(check_triangles(points, triangles), table)
+        return cls._with_shape(check_triangles(points, triangles), table, max_hip_step)
 
     @classmethod
-    def _with_shape(cls, shape: tuple[Any, ...], table: tuple[Any, ...]) -> ProxyEngine:
+    def _with_shape(
+        cls, shape: tuple[Any, ...], table: tuple[Any, ...], max_hip_step: float
+    ) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        parameters = ProxyParameters.make(shape[0], *table)
+        parameters = ProxyParameters.make(shape[0], *table, max_hip_step=max_hip_step)
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
@@ -508,8 +508,7 @@ class ProxyEngine:
         Other threads of Python run meanwhile.
         """
         trace = Trace(*self._engine.run(check_path(hips))[:5])
-        if len(trace) > 0:
-            self.status = Status(int(trace.status[-1]))
+        self.status = Status(int(trace.status[-1])) if len(trace) > 0 else self.status
         return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
@@ -521,8 +520,9 @@ class ProxyEngine:
         """Go on with another engine's fixture from the next step on. `other` is then spent.
 
         The proxy goes on from where it is. Where that is inside, it is led out on its own side if
-        there is a way; else the status has CROSSED. Until the rule has taken over, the force
-        changes by at most K (R / 256 + |step of the HIP|) in a tick, and the status is CHANGING.
+        there is a way; else the status has CROSSED. Until the rule has taken over, the status is
+        CHANGING, and the force changes by at most K (R / 256 + |step of the HIP|) and 1 N in a
+        tick; K is the larger of both. In free space the old force is gone within 0.1 s.
         A thread may call this while another one steps.
 
         Raises
@@ -531,9 +531,7 @@ class ProxyEngine:
             A fixture that no engine takes, or one in another frame, or 4096 changes that wait for
             a step.
         """
-        engine = other
-        if isinstance(other, Fixture):
-            engine = ProxyEngine.of(other)
+        engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
         if not isinstance(engine, ProxyEngine):

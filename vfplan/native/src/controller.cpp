@@ -63,8 +63,7 @@ void bind_controller(nb::module_& m) {
             "data"_a, nb::kw_only(), "accept_unreviewed"_a, "accept_doubts"_a, "governor"_a,
             "max_hip_step"_a = usual.max_hip_step, "hold_time"_a = usual.hold_time,
             "moving"_a = nb::none())
-        .def("add",
-             [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
+        .def("add", [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
         .def("exchange",
              [](Controller& c, const nb::bytes& data, std::size_t which) {
                  return c.exchange(fixture_of(data, c.demand), which);
@@ -74,7 +73,7 @@ void bind_controller(nb::module_& m) {
         .def("pose",
              [](Controller& c, double stamp,
                 const nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>&
-                    matrix) { return c.pose(stamp, vfplan::Pose::of(matrix.data())); })
+                    matrix) { return c.pose(stamp, vfplan::Pose::of_rows(matrix.data())); })
         .def("torque",
              [](const Controller& c, std::size_t joints) {
                  auto torque = array<double>(joints, 1);

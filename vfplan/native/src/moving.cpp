@@ -47,11 +47,12 @@ void bind_moving(nb::module_& m) {
             },
             "max_age"_a, "max_speed"_a, "max_turn"_a, "pivot"_a)
         .def("pose", [](MovingFrame& f, double stamp,
-                        const Matrix& m) { return f.pose(stamp, Pose::of(m.data())); })
+                        const Matrix& m) { return f.pose(stamp, Pose::of_rows(m.data())); })
         .def("pose",
              [](MovingFrame& f, double stamp, const Row& place, const Quaternion& q) {
                  return f.pose(stamp, {vec(place), q(0), {{q(1), q(2), q(3)}}});
              })
+        .def("reset", &MovingFrame::reset)
         .def("at",
              [](MovingFrame& f, double t) {
                  auto row = array<double>(1, 7);

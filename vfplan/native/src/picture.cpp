@@ -79,7 +79,7 @@ nb::ndarray<nb::numpy, std::uint8_t> thinned(const Mask& mask) {
     return bone;
 }
 
-struct Place {
+struct PicturePlace {
     double x, y;
     std::int64_t row;
 };
@@ -94,9 +94,9 @@ struct Rectangle {
     }
 };
 
-Rectangle around(const Place* first, const Place* last) {
+Rectangle around(const PicturePlace* first, const PicturePlace* last) {
     Rectangle box{first->x, first->x, first->y, first->y};
-    for (const Place* p = first; p != last; ++p) {
+    for (const PicturePlace* p = first; p != last; ++p) {
         box = {std::min(box.left, p->x), std::max(box.right, p->x), std::min(box.top, p->y),
                std::max(box.bottom, p->y)};
     }
@@ -114,7 +114,7 @@ nb::tuple nearest(const Places& points, const Places& places) {
     std::int64_t* row = rows.data();
     {
         const nb::gil_scoped_release release;
-        std::vector<Place> all(n);
+        std::vector<PicturePlace> all(n);
         for (std::size_t i = 0; i < n; ++i)
             all[i] = {from[2 * i], from[2 * i + 1], static_cast<std::int64_t>(i)};
         vfplan::BoundsTree<Rectangle> tree;
@@ -124,10 +124,11 @@ nb::tuple nearest(const Places& points, const Places& places) {
         const auto halve = [&](std::size_t first, std::size_t last) {
             const Rectangle box = bounds_of(first, last);
             const bool is_wide = box.right - box.left > box.bottom - box.top;
-            Place* const begin = all.data() + first;
-            std::nth_element(
-                begin, begin + (last - first) / 2, all.data() + last,
-                [&](const Place& a, const Place& b) { return is_wide ? a.x < b.x : a.y < b.y; });
+            PicturePlace* const begin = all.data() + first;
+            std::nth_element(begin, begin + (last - first) / 2, all.data() + last,
+                             [&](const PicturePlace& a, const PicturePlace& b) {
+                                 return is_wide ? a.x < b.x : a.y < b.y;
+                             });
         };
         tree.build(0, n, bounds_of, halve);
         std::int64_t found = 0;

@@ -23,11 +23,15 @@
 #include <vector>
 
 #include "vfplan/base/vec.hpp"
+#ifdef __cpp_exceptions
+#include "vfplan/bundle/bytes.hpp"
+#endif
 #include "vfplan/governor.hpp"
 #include "vfplan/moving.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/version.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 class Engine;
 
@@ -45,9 +49,9 @@ struct Demand {
     std::optional<std::string> case_id;       ///< for which it was signed
     std::optional<std::string> robot_serial;  ///< for which it was signed
     std::optional<double> max_age_s;          ///< how long ago it was signed at most [s]
-    bool accept_unsigned = false;    ///< anybody may have made it, where no keys are given
-    bool accept_unreviewed = false;  ///< nobody may have looked at its plan
-    bool accept_doubts = false;      ///< doubts about its plan may be open
+    bool accept_unsigned = false;             ///< anybody may have made it, where no keys are given
+    bool accept_unreviewed = false;           ///< nobody may have looked at its plan
+    bool accept_doubts = false;               ///< doubts about its plan may be open
 };
 
 /// The fixture of a bundle that meets the demands. Throws bundle::BundleError.
@@ -145,7 +149,7 @@ class Controller {
     std::unique_ptr<detail::ControllerImpl> impl_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
 #include "vfplan/controller_impl.hpp"

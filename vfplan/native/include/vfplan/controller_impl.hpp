@@ -20,7 +20,7 @@
 #include "vfplan/bundle/trust.hpp"
 #endif
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace detail {
 
@@ -74,7 +74,7 @@ class Rendered {
                                             : bundle::make_engine(fixture, p, Use::replay));
         else if (!forbidden.empty())
             region.emplace(forbidden.data(), forbidden.size() / 3, p);
-        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture));
+        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture, p.period));
     }
 
     /// Of both springs together, at most [N/m].
@@ -170,7 +170,9 @@ struct AllRendered {
 struct ControllerImpl {
     ControllerImpl(const bundle::Fixture& fixture, const Demand& demand,
                    const ControllerSettings& settings)
-        : demand(demand), settings(settings), all(make(fixture), settings.max_hip_step),
+        : demand(demand),
+          settings(settings),
+          all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
         check_from("max_hip_step", settings.max_hip_step, 0, unbounded, " m");
@@ -180,6 +182,7 @@ struct ControllerImpl {
     Parameters parameters(const bundle::Fixture& fixture) const {
         Parameters p = bundle::parameters(fixture, settings.rule);
         p.max_hip_step = 0;  // the gate has looked at it
+        p.period = settings.governor.period;
         p.search = settings.search;
         return p;
     }
@@ -251,9 +254,9 @@ struct ControllerImpl {
     std::unique_ptr<MovingFrame> frame;
     Governor governor;
     std::atomic<bool> is_asked{false};
-    double time = 0;              // [s]
-    double bad_ticks = 0;         // without a good position, in a row
-    std::uint16_t stopping = 0;   // as in Command
+    double time = 0;             // [s]
+    double bad_ticks = 0;        // without a good position, in a row
+    std::uint16_t stopping = 0;  // as in Command
     bool has_torque = false;
 };
 
@@ -291,9 +294,8 @@ VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip,
 VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
                                               const double* jacobian, int joints) noexcept {
     impl_->has_torque = true;
-    return impl_->step(tip, time_s, [&](const Vec3& f) {
-        return impl_->governor.step(f, jacobian, joints);
-    });
+    return impl_->step(tip, time_s,
+                       [&](const Vec3& f) { return impl_->governor.step(f, jacobian, joints); });
 }
 VFPLAN_COMPILED_ONCE const double* Controller::torque() const noexcept {
     return impl_->governor.torque();
@@ -347,4 +349,4 @@ VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const noexcept {
     return impl_->governor;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -29,7 +29,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace bundle {
 struct Fixture;
@@ -104,6 +104,7 @@ class Engine {
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
     /// leaves it unplaced: the first good one of a step is then its start.
     void reset(const Vec3& hip) noexcept {
+        if (!impl_) return;
         last_ = {};
         gate_.reset(hip);
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
@@ -114,8 +115,13 @@ class Engine {
         impl_->reset(hip);
     }
 
-    /// One servo tick.
+    /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
+        if (!impl_) {
+            Step none;
+            none.status = bad_hip;
+            return none;
+        }
         auto* changes = changes_.load(std::memory_order_acquire);
         if (changes) {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
@@ -242,6 +248,7 @@ class Engine {
     bool apply_next(detail::PendingChanges& changes) noexcept {
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
+        const double stiffness = impl_->stiffness;
         switch (change->kind) {
             case detail::PendingChange::exchange:
                 // While the proxy is on its way out, its side is the one that it had before.
@@ -262,7 +269,7 @@ class Engine {
                 impl_->remove(change->id);
                 break;
         }
-        if (last_.is_placed) changes.force_ramp.begin();
+        if (last_.is_placed) changes.force_ramp.begin(stiffness);
         changes.applied.fetch_add(1, std::memory_order_relaxed);
         changes.queue.pop();
         return true;
@@ -287,7 +294,7 @@ class Engine {
     Width width_ = Width::automatic;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
 #include "vfplan/engine_impl.hpp"

@@ -22,7 +22,7 @@
 #include "vfplan/rules/robust.hpp"
 #include "vfplan/rules/rule.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace detail {
 
@@ -305,4 +305,4 @@ VFPLAN_COMPILED_ONCE double proven_tick_time(const mesh::Surface& surface, const
     return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -23,7 +23,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace detail {
 
@@ -32,6 +32,8 @@ struct EngineImpl {
     explicit EngineImpl(const Parameters& p) noexcept
         : stiffness(p.stiffest()),
           radius(p.R()),
+          ramp(tuned::force_ramp * p.R() * p.pace()),
+          period(p.period),
           band(p.band),
           max_hip_step(p.max_hip_step) {}
     virtual ~EngineImpl() = default;
@@ -54,6 +56,8 @@ struct EngineImpl {
 
     double stiffness;            ///< the largest of K [N/m]
     double radius;               ///< R [m]
+    double ramp;                 ///< of the spring, a tick [m]
+    double period;               ///< of a tick [s]
     double band;                 ///< [m]
     double max_hip_step;         ///< [m]
     EngineImpl* next = nullptr;  ///< in the list of those that are retired
@@ -75,11 +79,15 @@ struct PendingChange {
     Vec3 point;  ///< or K [N/m]
 };
 
-/// The ramp of the force after an exchange or an edit. The force follows that of the engine by
-/// K (R/256 + |motion of the HIP|) a tick, until it is there.
+/// The ramp of the force after an exchange, an edit or another K. The force follows that of the
+/// engine by K (R/256 + |motion of the HIP|) in a millisecond, and by a newton at most, until it is
+/// there; K is the larger of the two. Where nothing is in reach the force of before is gone sooner.
 class ForceRamp {
   public:
-    void begin() noexcept {
+    /// `stiffness`: the largest of K before [N/m].
+    void begin(double stiffness) noexcept {
+        if (!is_on_) stiffness_ = release_ = 0;
+        stiffness_ = std::max(stiffness_, stiffness);
         is_on_ = true;
         ticks_there_ = 0;
     }
@@ -87,7 +95,15 @@ class ForceRamp {
     /// `last`: the force of the tick before; `moved`: how far the HIP has moved since [m].
     void limit_force(Step& s, const EngineImpl& engine, const Vec3& last, double moved) noexcept {
         if (!is_on_) return;
-        const double allowed = engine.stiffness * (tuned::force_ramp * engine.radius + moved);
+        const bool is_free = s.force == Vec3{};
+        if (!is_free)
+            release_ = 0;
+        else if (release_ == 0)
+            release_ = norm(last) * engine.period / tuned::release_time;
+        const double allowed =
+            std::max(std::min(std::max(stiffness_, engine.stiffness) * (engine.ramp + moved),
+                              tuned::max_force_ramp * engine.period),
+                     release_);
         const Vec3 change = s.force - last;
         const double size = norm(change);
         if (size <= allowed) {
@@ -104,7 +120,9 @@ class ForceRamp {
 
   private:
     bool is_on_ = false;
-    int ticks_there_ = 0;  // in which the force was that of the engine
+    int ticks_there_ = 0;   // in which the force was that of the engine
+    double stiffness_ = 0;  // the largest K since it is on [N/m]
+    double release_ = 0;    // what goes a tick where nothing is in reach [N]
 };
 
 /// Between the editor's thread and the loop.
@@ -263,4 +281,4 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
 
 }  // namespace detail
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

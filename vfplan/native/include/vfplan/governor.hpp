@@ -20,14 +20,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
 #include <string>
 
 #include "vfplan/base/vec.hpp"
+#include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 struct GovernorLimits {
     static constexpr int max_joints = 16;
@@ -63,9 +65,10 @@ enum GovernorStatus : std::uint8_t {
 };
 
 struct Governed {
-    Vec3 force;            ///< to command [N]
-    double held_back = 0;  ///< |force asked for - force to command| [N]
-    std::uint8_t status = 0;
+    Vec3 force;               ///< to command [N]
+    double held_back = 0;     ///< |force asked for - force to command| [N]
+    std::uint8_t status = 0;  ///< bits of GovernorStatus
+    std::uint8_t engine = 0;  ///< bits of Status, of a Step that was governed
 };
 
 /// Throws OutOfRange on a value outside its range, and on a force_step that is not passive.
@@ -126,6 +129,15 @@ class Governor {
         }
         const bool good = is_sound(force.c, 3);
         return govern(force, good, good ? 0 : bad_force, {jacobian, n});
+    }
+
+    /// The next tick for what an engine answered, whose status is kept; with a Jacobian, of an arm
+    /// that takes torques.
+    template <std::same_as<Step> S>
+    Governed step(const S& rendered, const double* jacobian = nullptr, int joints = 0) noexcept {
+        Governed g = jacobian ? step(rendered.force, jacobian, joints) : step(rendered.force);
+        g.engine = rendered.status;
+        return g;
     }
 
     const GovernorLimits& limits() const noexcept { return limits_; }
@@ -309,4 +321,4 @@ class Governor {
     double closed_given_ = 0, closed_stored_ = 0;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -21,7 +21,7 @@
 #include "vfplan/curve/tube.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// What an open curve's ends do.
 enum class Ends {
@@ -70,8 +70,8 @@ inline void check(const GuideParameters& p) {
 
 class Guide {
   public:
-    /// What the proxy may move in a tick besides following the HIP [m]. With it the force changes
-    /// by K (|dx| + 2e-5 m) at most, the part of the pull included.
+    /// What the proxy may move in a millisecond besides following the HIP [m]. With it the force
+    /// changes by K (|dx| + 2e-5 m) at most, the part of the pull included.
     static constexpr double give = 0.95e-5;
 
     /// One curve through `n` points [m], x y z of each in turn.
@@ -191,8 +191,7 @@ class Guide {
     /// What the stretch may change in a tick besides following the HIP [m]. A pull takes the other
     /// half of it.
     double step_allowance() const noexcept {
-        if (p_.lead_force == 0) return 2 * give;
-        return give;
+        return (p_.lead_force == 0 ? 2 : 1) * give * (p_.period / 1e-3);
     }
 
     /// Proxy less HIP when the place is c: the shortest way into the ball of the radius of the tube
@@ -258,7 +257,7 @@ class Guide {
     /// Takes the nearest place of the whole curve. The tip is held there if it is within the tube,
     /// or in any case if `at_once`.
     void search(bool at_once) noexcept {
-        const Path::Place nearest = path_.nearest(x_);
+        const Path::PathPlace nearest = path_.nearest(x_);
         strand_ = nearest.strand;
         piece_ = nearest.piece;
         at_ = nearest.at;
@@ -299,7 +298,7 @@ class Guide {
 
         // The pull grows at a quarter of the rate at which it falls, so that a light arm does not
         // overshoot the speed limit.
-        double max_change = p_.stiffness * give;
+        double max_change = p_.stiffness * give * (p_.period / 1e-3);
         if (norm(wanted) > norm(pull_)) max_change *= 0.25;
         const Vec3 change = wanted - pull_;
         const double size = norm(change);
@@ -331,4 +330,4 @@ class Guide {
     bool is_held_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

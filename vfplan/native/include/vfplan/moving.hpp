@@ -22,7 +22,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// Where a frame lies: place + rotation by the unit quaternion w + v. Square roots only, so that
 /// every processor computes the same.
@@ -39,8 +39,33 @@ struct Pose {
     Vec3 out(const Vec3& x) const noexcept { return turn(x) + place; }  ///< from the frame
     Vec3 in(const Vec3& x) const noexcept { return back(x - place); }   ///< into the frame
 
-    /// The pose of a rigid (4, 4) matrix, given row by row.
-    static Pose of(const double* m) noexcept {
+    /// The pose of a rigid (4, 4) matrix, given row by row. Throws std::invalid_argument for one
+    /// that is not rigid, or whose last row is not 0 0 0 1, as of one given column by column.
+    static Pose of_rows(const double* m) {
+        const auto close = [](double a, double b) { return std::abs(a - b) < matrix_tolerance; };
+        const Vec3 x{m[0], m[4], m[8]}, y{m[1], m[5], m[9]}, z{m[2], m[6], m[10]};
+        if (!(m[12] == 0 && m[13] == 0 && m[14] == 0 && m[15] == 1))
+            reject(
+                "the last row of a pose is not 0 0 0 1. Give its rows to of_rows, as a matrix "
+                "of NumPy, and its columns to of_columns, as O_T_EE of libfranka.");
+        if (!(close(dot(x, x), 1) && close(dot(y, y), 1) && close(dot(z, z), 1) &&
+              close(dot(x, y), 0) && close(dot(y, z), 0) && close(dot(z, x), 0) &&
+              dot(cross(x, y), z) > 0))
+            reject("a pose is no rotation and translation. Give a rigid matrix.");
+        return of_rigid(m);
+    }
+    /// The same, given column by column.
+    static Pose of_columns(const double* m) {
+        double rows[16];
+        for (int i = 0; i < 16; ++i) rows[i] = m[4 * (i % 4) + i / 4];
+        return of_rows(rows);
+    }
+
+  private:
+    /// How far an entry of R^T R may be from that of the unit matrix: files have six digits.
+    static constexpr double matrix_tolerance = 1e-5;
+
+    static Pose of_rigid(const double* m) noexcept {
         const double d[3] = {m[0], m[5], m[10]};
         Pose p{{{m[3], m[7], m[11]}}, 0, {}};
         // From the largest of four squares, so that no small difference is divided by.
@@ -78,6 +103,7 @@ class MovingFrame {
     static constexpr std::size_t most_waiting = 64;
     /// By how much the size of a unit quaternion may be off.
     static constexpr double rigid_tolerance = 1e-3;
+    static constexpr int resyncs_after = 3;
 
     /// Throws std::invalid_argument for a limit out of range.
     explicit MovingFrame(const MovingLimits& limits = {}) : limits_(limits), poses_(most_waiting) {
@@ -89,7 +115,10 @@ class MovingFrame {
 
     /// Hands over the fixture's frame at `stamp`, on the loop's clock [s]; for the thread of the
     /// tracker. False, and counted, for a pose that is not rigid to 1e-3, that is not younger than
-    /// the last, or that finds `most_waiting` poses which the loop has not seen.
+    /// the last, or that finds `most_waiting` poses which the loop has not seen. One stray stamp
+    /// does no harm for long: of poses that come younger and younger, but all older than the last
+    /// one taken, the `resyncs_after`-th is taken; and one that lies ahead of the loop by more than
+    /// max_age is dropped when another follows it.
     bool pose(double stamp, const Pose& pose) noexcept {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
@@ -99,9 +128,14 @@ class MovingFrame {
             p.w /= size;
             p.v = (1 / size) * p.v;
             const bool is_younger = !has_given_ || !(stamp <= youngest_);
-            is_taken = is_younger && poses_.push({stamp, p});
+            if (!is_younger) {
+                older_ = stamp > last_older_ ? older_ + 1 : 1;
+                last_older_ = stamp;
+            }
+            is_taken = (is_younger || older_ >= resyncs_after) && poses_.push({stamp, p});
         }
         if (is_taken) {
+            older_ = 0;
             has_given_ = true;
             youngest_ = stamp;
         } else {
@@ -121,17 +155,29 @@ class MovingFrame {
         if (is_placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
         t_ = std::max(t, t_);
         const Stamped* next = poses_.front();
-        while (next && next->stamp <= t) {
-            accept_pose(*next, t);
+        const auto is_ahead = [&] { return next->stamp > t + limits_.max_age; };
+        while (next && (next->stamp <= t || (is_ahead() && poses_.holds_more()))) {
+            if (next->stamp <= t) accept_pose(*next, t);
             poses_.pop();
             ++taken_;
             next = poses_.front();
         }
         seen_ = taken_ + (next != nullptr);
-        is_clock_ahead_ = next && next->stamp > t + limits_.max_age;
+        is_clock_ahead_ = next && is_ahead();
         return now_;
     }
     const Pose& now() const noexcept { return now_; }
+    /// There was no pose and no tick; while neither thread uses it.
+    void reset() noexcept {
+        while (poses_.front()) poses_.pop();
+        refused_ = 0;
+        taken_ = seen_ = 0;
+        older_ = 0;
+        has_given_ = is_placed_ = is_clock_ahead_ = is_clock_bad_ = false;
+        t_ = stepped_at_ = -std::numeric_limits<double>::infinity();
+        now_ = goal_ = {};
+        stamp_ = arrives_at_ = 0;
+    }
     /// Whether there is no pose yet, or only one older than max_age, or the tracker's clock is that
     /// much ahead, or the last t of the loop was not later than the one before.
     bool stale() const noexcept {
@@ -242,7 +288,9 @@ class MovingFrame {
     std::atomic<std::uint64_t> refused_{0};
     // What the tracker's thread keeps.
     bool has_given_ = false;
-    double youngest_ = 0;  // stamp of the last pose given [s]
+    double youngest_ = 0;    // stamp of the last pose given [s]
+    int older_ = 0;          // poses in order, each older than that
+    double last_older_ = 0;  // stamp of the last of them [s]
     // What the loop keeps.
     Pose now_, goal_;
     double t_ = -std::numeric_limits<double>::infinity();           // latest [s]
@@ -255,4 +303,4 @@ class MovingFrame {
     std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -11,8 +11,9 @@
 #include <optional>
 
 #include "vfplan/base/vec.hpp"
+#include "vfplan/rules/constants.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// Radii that float64 serves among coordinates of up to 1e6 m: their squares neither under- nor
 /// overflow, in the float32 seeds of the loops either (1e-38 to 3e38).
@@ -46,13 +47,18 @@ struct Parameters {
     int max_iterations = 16;     ///< of the robust rule, a tick
     double max_hip_step = 0.02;  ///< a HIP further than this from the last counts as no HIP [m];
                                  ///< 0: none does
+    double period = 1e-3;        ///< of a tick, by which the force is led from one to another [s]
 
     double r1() const noexcept { return contact_radius - band; }
     double r2() const noexcept { return contact_radius + band; }
     /// R = r_c + r_v, where the proxy rests on a point.
     double R() const noexcept { return contact_radius + point_radius; }
+    /// How many milliseconds a tick takes: ramps are given a millisecond.
+    double pace() const noexcept { return period / 1e-3; }
     /// The largest of K [N/m].
-    double stiffest() const noexcept { return std::max({stiffness[0], stiffness[1], stiffness[2]}); }
+    double stiffest() const noexcept {
+        return std::max({stiffness[0], stiffness[1], stiffness[2]});
+    }
 
     bool operator==(const Parameters&) const = default;
 };
@@ -103,6 +109,7 @@ inline void check(const Parameters& p) {
     check_stiffness(p.stiffness);
     if (p.ignore_axis) check_axis(*p.ignore_axis);
     check_from("max_hip_step", p.max_hip_step, 0, unbounded, " m");
+    check_from("period", p.period, 1e-6, 1, " s");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
@@ -156,4 +163,4 @@ struct Step {
     std::uint8_t status = ok;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

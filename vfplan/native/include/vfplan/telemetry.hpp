@@ -25,7 +25,7 @@
 #include "vfplan/exchange.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// A tick as it is sent.
 struct TelemetryRecord {
@@ -149,4 +149,4 @@ class Telemetry {
     std::thread sender_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -21,7 +21,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// Time [s] that a tick takes by what it may have to look at: all its iterations, at the place
 /// where most lies together. It follows from the counts, and is much too careful.
@@ -88,20 +88,20 @@ inline double most_work_found(EngineImpl& engine, const std::vector<Vec3>& geome
         return most;
     };
 
-    struct Place {
+    struct TriedStart {
         double work;
         Vec3 at;
     };
-    std::vector<Place> tried;
+    std::vector<TriedStart> tried;
     for (std::size_t i = 0; i < places; ++i) tried.push_back({0, any_place()});
     double most = 0;
     for (int ticks = first_ticks; !tried.empty(); ticks *= 2) {
-        for (Place& place : tried) {
+        for (TriedStart& place : tried) {
             place.work = most_work(place.at, ticks);
             most = std::max(most, place.work);
         }
         std::stable_sort(tried.begin(), tried.end(),
-                         [](const Place& a, const Place& b) { return a.work > b.work; });
+                         [](const TriedStart& a, const TriedStart& b) { return a.work > b.work; });
         tried.resize(tried.size() / 2);
     }
     return most;
@@ -165,4 +165,4 @@ inline bool by_triangles(const mesh::Surface& surface, const Parameters& p) {
     return proven_tick_time(surface, p) <= max_tick_time;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

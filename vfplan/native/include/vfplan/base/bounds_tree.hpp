@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <class Bounds>
 class BoundsTree {
@@ -86,4 +86,4 @@ class BoundsTree {
     std::vector<Node> nodes_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -16,10 +16,16 @@
 #error "vfplan: needs vector extensions: build with g++, clang or MinGW"
 #endif
 
-/// Stands before a function that engine_impl.hpp or controller_impl.hpp defines. With VFPLAN_COMPILED it is compiled in
-/// engine.cpp alone, without it in each source file.
+/// Stands before a function that engine_impl.hpp or controller_impl.hpp defines. With
+/// VFPLAN_COMPILED it is compiled in engine.cpp alone, without it in each source file.
 #ifdef VFPLAN_COMPILED
 #define VFPLAN_COMPILED_ONCE
 #else
 #define VFPLAN_COMPILED_ONCE inline
 #endif
+
+/// All names stand in a namespace of their version, so that two versions in one program do not mix.
+namespace vfplan::inline v1 {
+namespace bundle::detail {}
+namespace detail {}
+}  // namespace vfplan::inline v1

@@ -9,7 +9,9 @@
 #include <cstdint>
 #include <vector>
 
-namespace vfplan {
+#include "vfplan/base/compiler.hpp"
+
+namespace vfplan::inline v1 {
 
 /// A queue from one thread to one other. Neither of them locks, waits or allocates.
 template <class T>
@@ -42,6 +44,10 @@ class SpscQueue {
         const std::uint64_t at = tail_.load(std::memory_order_relaxed);
         return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
     }
+    /// Whether another one waits behind it; for the thread that takes.
+    bool holds_more() const noexcept {
+        return head_.load(std::memory_order_acquire) - tail_.load(std::memory_order_relaxed) > 1;
+    }
     /// Drops the item that `front` gave; for the thread that takes.
     void pop() noexcept {
         tail_.store(tail_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
@@ -54,4 +60,4 @@ class SpscQueue {
     alignas(64) std::atomic<std::uint64_t> tail_{0};
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -6,15 +6,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
 #include <cstdio>
 #include <cstdlib>
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <tuple>
+#include <type_traits>
 
 #include "vfplan/base/compiler.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// Throws; in a program without exceptions, prints the reason and aborts.
 template <class Error = std::invalid_argument>
@@ -77,9 +80,62 @@ inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
 
 template <int D>
+struct Vec;
+
+namespace detail {
+
+/// What other libraries have for D numbers, such as std::array<double, 3> and Eigen::Vector3d: it
+/// is indexed, and does not say that it has another number of them, or one that only a program
+/// knows.
+template <class T, int D>
+concept Indexed = !std::is_pointer_v<T> && !std::is_array_v<T> && !std::is_base_of_v<Vec<D>, T> &&
+                  requires(const T& t) {
+                      { t[0] } -> std::convertible_to<double>;
+                  } && [] {
+                      if constexpr (requires { std::tuple_size<T>::value; })
+                          return std::tuple_size<T>::value == D;
+                      else if constexpr (requires { T::SizeAtCompileTime; })
+                          return int(T::SizeAtCompileTime) == D;
+                      else
+                          return !requires(const T & t) { t.size(); };
+                  }();
+
+}  // namespace detail
+
+template <int D>
 struct Vec {
     static_assert(D == 2 || D == 3);
     double c[D] = {};
+
+    constexpr Vec() noexcept = default;
+    /// Vec3{{x, y, z}}
+    constexpr Vec(const double (&x)[D]) noexcept {
+        for (int k = 0; k < D; ++k) c[k] = x[k];
+    }
+    constexpr Vec(double x, double y) noexcept
+        requires(D == 2)
+        : c{x, y} {}
+    constexpr Vec(double x, double y, double z) noexcept
+        requires(D == 3)
+        : c{x, y, z} {}
+    template <detail::Indexed<D> T>
+    constexpr Vec(const T& x) noexcept {
+        for (int k = 0; k < D; ++k) c[k] = x[k];
+    }
+    template <detail::Indexed<D> T>
+        requires std::is_default_constructible_v<T>
+    constexpr operator T() const noexcept {
+        T x;
+        for (int k = 0; k < D; ++k) x[k] = c[k];
+        return x;
+    }
+
+    Vec operator-() const noexcept { return -1.0 * *this; }
+    Vec operator*(double s) const noexcept { return s * *this; }
+    Vec operator/(double s) const noexcept { return (1 / s) * *this; }
+    Vec& operator+=(const Vec& other) noexcept { return *this = *this + other; }
+    Vec& operator-=(const Vec& other) noexcept { return *this = *this - other; }
+    Vec& operator*=(double s) noexcept { return *this = s * *this; }
 
     // A template, so that an index of any integer type is taken as it is.
     template <class Index>
@@ -241,4 +297,4 @@ class Stiffness {
     bool is_even_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

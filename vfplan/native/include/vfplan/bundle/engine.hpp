@@ -17,7 +17,7 @@
 #include "vfplan/guide.hpp"
 #include "vfplan/tick_time.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 namespace bundle {
 
@@ -101,7 +101,7 @@ inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) 
 
 /// The guide of a fixture with guidance, which takes hold once the tip is in its tube. Throws
 /// std::invalid_argument where there is none, or its tube runs into itself.
-inline Guide make_guide(const Fixture& fixture) {
+inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     if (!fixture.guidance)
         reject(
             "the fixture has no guidance. Plan one with a guide, or make an Engine of this one.");
@@ -114,6 +114,7 @@ inline Guide make_guide(const Fixture& fixture) {
     p.cut_bends = true;  // who planned it was told
     p.lead_force = g.lead_force;
     p.lead_speed = g.lead_speed;
+    p.period = period;
     if (fixture.rendering && fixture.rendering->ignore_axis) {
         const auto& a = *fixture.rendering->ignore_axis;
         p.ignore_axis = Vec3{{a[0], a[1], a[2]}};
@@ -137,4 +138,4 @@ inline Guide make_guide(const Fixture& fixture) {
 inline Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule, Use use)
     : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -13,7 +13,7 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/contacts.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 namespace detail {
 
 /// Balls that come from two sides towards points of a cloud, and roll on each way until they touch
@@ -205,4 +205,4 @@ inline double band_for(const double* points, std::size_t n, const Parameters& p)
     return std::min(band, p.contact_radius / 2);
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -14,7 +14,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // How much lies close together: the largest number of points, or of boxes, around any one place.
 
@@ -310,4 +310,4 @@ Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
     return {thinning.kept(), share * p.band};
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

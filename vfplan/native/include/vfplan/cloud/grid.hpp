@@ -12,7 +12,7 @@
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <int D>
 class Grid {
@@ -511,4 +511,4 @@ void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, do
     });
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

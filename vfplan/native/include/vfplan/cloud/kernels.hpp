@@ -28,7 +28,7 @@
 #define VFPLAN_WIDE 0
 #endif
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// How many float64 the processor's registers are asked to hold; `automatic`: the most it has.
 enum class Width { automatic = 0, two = 2, four = 4, eight = 8 };
@@ -195,4 +195,4 @@ Kernels<D> kernels(Width width = Width::automatic) noexcept {
     return detail::lanes2::table<D>();
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

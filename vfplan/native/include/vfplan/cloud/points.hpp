@@ -14,8 +14,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/kernels.hpp"
 
-namespace vfplan {
-
+namespace vfplan::inline v1 {
 
 /// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
 template <class T>
@@ -100,4 +99,4 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
     return cloud;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -47,7 +47,7 @@
 #include "vfplan/rules/rule.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan::curve {
+namespace vfplan::inline v1::curve {
 
 /// Stands for the number of a feature where there is none.
 inline constexpr int none = -1;
@@ -585,11 +585,12 @@ class CurveMotion {
         return touches && dot(contact.normal, to_hip) < -rounding;
     }
 
-    /// Straight to the HIP, up to the first feature in the way, which becomes the current one. (E5)
+    /// Straight to the HIP, up to the first feature in the way, which becomes the current one; the
+    /// feature `skip` is in no way. (E5)
     Outcome move_freely(Vec2& proxy, const Vec2& hip, const Vec2& to_hip, double length,
-                        const ForceBall<2>* ball) noexcept {
+                        const ForceBall<2>* ball, int skip = none) noexcept {
         const ArcPath path(proxy, (1 / length) * to_hip, 0);
-        const FeatureHit hit = query_.sweep(path, length, none);
+        const FeatureHit hit = query_.sweep(path, length, skip);
         if (ball) {
             const double t = exit_from(*ball, path);
             if (t < std::min(hit.t, length)) {
@@ -657,6 +658,17 @@ class CurveMotion {
                 continue;
             }
 
+            // The HIP is in sight already, along the tangent, though roundings have it that the
+            // feature is in the way.
+            if (contact.curvature > 0 && end.next == feature && end.t < start_slack() &&
+                is_tangent(contact, to_hip)) {
+                const Outcome left = move_freely(proxy, hip, to_hip, norm(to_hip), ball, feature);
+                if (left != Outcome::blocked) return left;
+                if (!holding.add(query_, current_, proxy)) return Outcome::corner;
+                last_tangent = {};
+                continue;
+            }
+
             // Whether the path meets another feature before that. One that blocks it at its start
             // holds the proxy as well, and another feature is tried. (E5)
             const FeatureHit hit = query_.sweep(path, end.t, feature);
@@ -680,6 +692,13 @@ class CurveMotion {
         }
         // So many features were tried and none let the proxy move.
         return Outcome::rests;
+    }
+
+    /// Whether a straight way to the HIP sinks by no more than the start slack into what
+    /// holds the proxy here.
+    bool is_tangent(const FeatureContact& contact, const Vec2& to_hip) const noexcept {
+        const double sine = dot(contact.normal, to_hip) / norm(to_hip);
+        return sine >= 0 || sine * sine < 2 * contact.curvature * start_slack();
     }
 
     /// Where a path along a feature ends if it meets no other one.
@@ -760,7 +779,8 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
         return std::max(roundings * p.R(), roundings_a_band * rounding);
     }
 
-    CurveRule(Curve curve, const Parameters& p) : GuardedRule(p.R(), p.band, std::move(curve), p) {}
+    CurveRule(Curve curve, const Parameters& p)
+        : GuardedRule(p.R(), p.band, p.pace(), std::move(curve), p) {}
 
     std::size_t bytes() const noexcept {
         return motion().curve().bytes() + motion().query().bytes();
@@ -773,4 +793,4 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };
 
-}  // namespace vfplan::curve
+}  // namespace vfplan::inline v1::curve

@@ -29,7 +29,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/rules/constants.hpp"
 
-namespace vfplan::curve {
+namespace vfplan::inline v1::curve {
 
 /// The parameter of a place that a path does not reach.
 inline constexpr double never = std::numeric_limits<double>::infinity();
@@ -260,4 +260,4 @@ inline double first_entry(const Feature& f, const ArcPath& path, double max_t,
     return first;
 }
 
-}  // namespace vfplan::curve
+}  // namespace vfplan::inline v1::curve

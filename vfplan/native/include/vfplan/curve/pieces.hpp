@@ -11,7 +11,7 @@
 #include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/points.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // A drawn line is handed to the engine as lines and arcs from vertex to vertex, as DXF has them.
 // Two pieces share their vertex, so a stroke has no gap.
@@ -194,4 +194,4 @@ inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
 
 }  // namespace curve
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -13,7 +13,7 @@
 
 #include "vfplan/curve/pieces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 // A drawn curve as the hand is to feel it. It goes through its points, in order, by circular arcs
 // that meet with one tangent. Where the arcs would leave the straight lines between the points by
@@ -110,13 +110,13 @@ class Path {
     }
 
     /// Strand, piece and point nearest to x.
-    struct Place {
+    struct PathPlace {
         std::size_t strand = 0, piece = 0;
         Vec3 at;
         double distance = std::numeric_limits<double>::infinity();
     };
-    Place nearest(const Vec3& x) const noexcept {
-        Place best;
+    PathPlace nearest(const Vec3& x) const noexcept {
+        PathPlace best;
         std::size_t strand = 0;
         for (const Ball& b : balls_) {
             if (norm(x - b.middle) - b.radius >= best.distance) continue;
@@ -427,4 +427,4 @@ inline double widest(const Path& path, double radius, TubeObstacle (*test)(const
     return fits;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

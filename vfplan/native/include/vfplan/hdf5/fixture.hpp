@@ -8,6 +8,6 @@
 #include "vfplan/bundle/trust.hpp"
 #endif
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 namespace hdf5 = bundle;
 }

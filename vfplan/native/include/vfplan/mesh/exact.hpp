@@ -18,7 +18,7 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/rule.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 /// What a start may be inside of: all that lies nearer to the mesh than R.
 class InsideMesh {
@@ -257,7 +257,8 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     }
 
     MeshRule(Mesh mesh, SmoothBody body, const Parameters& p)
-        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), std::move(mesh), body, p) {}
+        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), p.pace(), std::move(mesh), body,
+                      p) {}
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }
@@ -268,4 +269,4 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     double distance(const Vec3& x) const noexcept { return motion().mesh().distance(x); }
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

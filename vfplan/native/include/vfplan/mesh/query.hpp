@@ -12,7 +12,7 @@
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 /// Triangle i is met after the part t of a step, where `foot` is its nearest place.
 struct TriangleHit {
@@ -194,4 +194,4 @@ class TriangleQuery {
     mutable std::size_t steps_ = 0;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

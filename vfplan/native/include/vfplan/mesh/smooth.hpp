@@ -10,10 +10,10 @@
 #include "vfplan/mesh/query.hpp"
 #include "vfplan/mesh/triangles.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 /// The place of the body under another place.
-struct Foot {
+struct FacetFoot {
     Vec3 at;                       ///< the nearest place of the body
     Vec3 n;                        ///< the body's unit normal there
     std::uint32_t i = Mesh::none;  ///< the triangle that it lies over
@@ -60,7 +60,7 @@ class SmoothBody {
     ///
     /// The search begins over triangle i. It goes on over the triangle beside it where the place
     /// lies beyond a side. Returns false where it finds none within 64 triangles.
-    bool foot(const Mesh& mesh, const Vec3& y, std::uint32_t i, Foot& foot) const noexcept {
+    bool foot(const Mesh& mesh, const Vec3& y, std::uint32_t i, FacetFoot& foot) const noexcept {
         constexpr int max_triangles = 64;
         foot.steps = 0;
         for (int k = 0; k < max_triangles; ++k) {
@@ -102,7 +102,7 @@ class SmoothBody {
     /// `b` becomes the shares of the corners in the place. Returns false where it does not
     /// converge.
     static bool place(const Triangle& t, const FacetShape& e, const Vec3& y, double (&b)[3],
-                      Foot& foot) noexcept {
+                      FacetFoot& foot) noexcept {
         const Vec3 over = cross(t.ab, t.ac), w = y - t.a, u = e.n[1] - e.n[0], v = e.n[2] - e.n[0];
         const double area = dot(over, over);
         if (!(area > 0)) return false;
@@ -132,7 +132,7 @@ class SmoothBody {
         return false;
     }
     /// Puts the foot at the place of a side that is nearest to y.
-    static void on_edge(const Triangle& t, int side, const Vec3& y, Foot& foot) noexcept {
+    static void on_edge(const Triangle& t, int side, const Vec3& y, FacetFoot& foot) noexcept {
         const Vec3 from = corner(t, side), way = corner(t, (side + 1) % 3) - from;
         const double share = dot(y - from, way) / dot(way, way);
         foot.at = from + std::min(std::max(share, 0.0), 1.0) * way;
@@ -321,7 +321,7 @@ class SmoothContact {
     static constexpr int max_sheets = ContactPlanes::max_planes;
 
     /// A part of the body that may hold the proxy: its foot, with the normal towards the proxy.
-    struct BodySheet : Foot {
+    struct BodySheet : FacetFoot {
         std::uint32_t from = Mesh::none;  // the triangle by which it was found
         double side = 1;                  // -1 where the proxy is below the triangles
     };
@@ -439,4 +439,4 @@ class SmoothContact {
     int count_ = 0;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

@@ -17,7 +17,7 @@
 #include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/cloud/points.hpp"
 
-namespace vfplan::mesh {
+namespace vfplan::inline v1::mesh {
 
 inline constexpr double never = std::numeric_limits<double>::infinity();
 
@@ -385,4 +385,4 @@ class Mesh {
     BoundsTree<Disc> tree_;
 };
 
-}  // namespace vfplan::mesh
+}  // namespace vfplan::inline v1::mesh

@@ -9,7 +9,9 @@
 // sqrt(2) g R beside the foot.
 #pragma once
 
-namespace vfplan::tuned {
+#include "vfplan/base/compiler.hpp"
+
+namespace vfplan::inline v1::tuned {
 
 /// Radius of the fit, in spacings of a cloud whose dimples are as deep as the band. A quadric needs
 /// the second ring of samples, and bends away from what is further away.
@@ -79,9 +81,16 @@ inline constexpr double max_lift_bands = 2;
 /// anywhere.
 inline constexpr double narrowest_hollow = 0.2;
 
-/// How much the force may change a tick after a start inside, an exchange or an edit, besides
-/// following the HIP: K times this share of R.
+/// How much the force may change in a millisecond after a start inside, an exchange or an edit,
+/// besides following the HIP: K times this share of R.
 inline constexpr double force_ramp = 0.00390625;  // 1/256
+
+/// The most that the force changes after an exchange, an edit or another K, whatever K is [N/s]: a
+/// newton in a millisecond is what arms take.
+inline constexpr double max_force_ramp = 1000;
+
+/// How long the force of before lasts after an exchange where nothing is in reach now [s].
+inline constexpr double release_time = 0.09;
 
 // The five margins that follow are far above what float64 rounds and far below what is felt. Ten
 // times as much, or a tenth, changes no bit of the scenes of tests/native/engine_bits.cpp; of
@@ -120,4 +129,4 @@ inline constexpr double max_sink = 0.75;
 /// to each other to be told apart. Halved or doubled it changes no bit.
 inline constexpr double full_hollow = 0.1;
 
-}  // namespace vfplan::tuned
+}  // namespace vfplan::inline v1::tuned

@@ -18,7 +18,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// One surface that touches the proxy.
 template <int D>
@@ -411,4 +411,4 @@ class ContactSurfaces {
     bool is_known_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -6,7 +6,7 @@
 
 #include "vfplan/base/vec.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// What a surface offers the proxy: a unit normal, and how far along it the proxy has to go at
 /// least.
@@ -101,4 +101,4 @@ Vec<D> nearest_step(const Vec<D>& u, const ContactPlane<D>* planes, int count, d
     return best;
 }
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -8,7 +8,7 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 template <int D>
 class PaperRule {
@@ -184,4 +184,4 @@ class PaperRule {
     bool known_ = false;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

@@ -45,7 +45,7 @@
 #include "vfplan/rules/half_spaces.hpp"
 #include "vfplan/rules/rule.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// The spheres around points at which a sweep ends. One that the path meets steeply ends it at the
 /// radius `outer`. One that the path grazes, as it does those of the surface that the proxy slides
@@ -493,7 +493,7 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
 
   public:
     RobustRule(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
-        : Guarded(p.R(), p.band, thinned, p, kernels) {}
+        : Guarded(p.R(), p.band, p.pace(), thinned, p, kernels) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
     /// Time that the work of all ticks so far takes [s], from what was counted and what each count
@@ -526,4 +526,4 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
     }
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

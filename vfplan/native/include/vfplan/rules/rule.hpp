@@ -14,7 +14,7 @@
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// What an engine holds: something that moves a proxy, one servo tick after the other.
 template <class R>
@@ -162,10 +162,10 @@ class GuardedRule {
 
     /// `of_motion`: what the motion is made of.
     template <class... OfMotion>
-    GuardedRule(double radius, double band, OfMotion&&... of_motion)
+    GuardedRule(double radius, double band, double pace, OfMotion&&... of_motion)
         : motion_(std::forward<OfMotion>(of_motion)...),
           stall_(band),
-          start_inside_(radius),
+          start_inside_(radius, tuned::force_ramp * radius * pace),
           path_(radius) {}
 
     void reset() noexcept {
@@ -281,4 +281,4 @@ class GuardedRule {
     RuleAnswer<D> last_;
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

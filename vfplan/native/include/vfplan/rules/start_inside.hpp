@@ -15,7 +15,7 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 
-namespace vfplan {
+namespace vfplan::inline v1 {
 
 /// A ball that holds the proxy for one tick, so that the force changes no faster than it may. Its
 /// middle is where the proxy would be had it gone with the HIP; K times its radius is what the tick
@@ -100,7 +100,8 @@ class WayOut {
     static constexpr int max_hops_to_choose = 128;
     static constexpr int max_ticks_to_choose = 1024;
 
-    explicit WayOut(double radius) noexcept : R_(radius) {}
+    /// `ramp`: how much longer the spring may become in a tick [m].
+    WayOut(double radius, double ramp) noexcept : R_(radius), ramp_(ramp) {}
 
     bool is_active() const noexcept { return is_active_; }
     const Vec<D>& direction() const noexcept { return direction_; }
@@ -156,7 +157,7 @@ class WayOut {
     /// Where the proxy, now at x, may go while the rule takes over and the HIP has come to `hip`.
     ForceBall<D> force_ball(const Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> moved = hip - std::exchange(last_hip_, hip);
-        return {x + moved, tuned::force_ramp * R_ + norm(moved)};
+        return {x + moved, ramp_ + norm(moved)};
     }
 
   private:
@@ -167,18 +168,17 @@ class WayOut {
     static constexpr double free = -never;
 
     /// One tick of the way out. K times the change of length_ is the change of force, so it changes
-    /// by R/256 a tick at most, and by what the HIP itself moves against the direction (W2). True
+    /// by `ramp` a tick at most, and by what the HIP itself moves against the direction (W2). True
     /// once the proxy is outside.
     template <class Geometry>
     bool advance(const Geometry& geometry, const Vec<D>& hip) noexcept {
-        const double step = tuned::force_ramp * R_;
         const double needed = distance_to_free(geometry, hip, direction_, length_);
         if (needed < length_) {
             // The HIP has come nearer to the free space, or through to its other side: shorten.
-            length_ = std::max(needed, length_ - step);
+            length_ = std::max(needed, length_ - ramp_);
         } else {
             const double backwards = std::max(0.0, -dot(hip - last_hip_, direction_));
-            const double allowed = step + backwards;
+            const double allowed = ramp_ + backwards;
             const double ahead =
                 distance_to_free(geometry, hip + length_ * direction_, direction_, allowed);
             length_ += std::min(ahead, allowed);
@@ -271,7 +271,7 @@ class WayOut {
         return s == free ? s : s + tuned::hop_margin * R_;
     }
 
-    double R_;
+    double R_, ramp_;
     bool is_active_ = false;
     Vec<D> direction_, last_hip_;
     double length_ = 0;  // from the HIP to the proxy [m]
@@ -288,7 +288,7 @@ class WayOut {
 template <int D>
 class StartInside {
   public:
-    explicit StartInside(double radius) noexcept : way_out_(radius) {}
+    StartInside(double radius, double ramp) noexcept : way_out_(radius, ramp) {}
 
     void reset() noexcept {
         way_out_.stop();
@@ -433,4 +433,4 @@ class PlannedPath {
     int unfinished_ = 0;  // paths that fitted into a tick and had no end
 };
 
-}  // namespace vfplan
+}  // namespace vfplan::inline v1

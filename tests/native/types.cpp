@@ -1,0 +1,70 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What converts to and from Vec3, poses by rows and by columns, and a status through the governor.
+#include <array>
+#include <cassert>
+#include <vector>
+
+#include "vfplan/controller.hpp"
+#include "vfplan/engine.hpp"
+#if __has_include(<eigen3/Eigen/Core>)
+#include <eigen3/Eigen/Core>
+#endif
+using vfplan::Vec3;
+struct Own {
+    double x[3];
+    double operator[](int i) const { return x[i]; }
+    double& operator[](int i) { return x[i]; }
+};
+static_assert(std::is_convertible_v<std::array<double, 3>, Vec3> &&
+              std::is_convertible_v<Vec3, std::array<double, 3>>);
+static_assert(!std::is_convertible_v<std::array<double, 16>, Vec3> &&
+              !std::is_convertible_v<std::vector<double>, Vec3>);
+static_assert(!std::is_convertible_v<const double*, Vec3>);
+static_assert(!std::is_convertible_v<double[16], Vec3>);
+static_assert(std::is_trivially_copyable_v<Vec3>);
+int main() {
+    const Vec3 a(1, 2, 3), b{{1, 2, 3}}, c = std::array<double, 3>{1, 2, 3}, d = Own{{1, 2, 3}},
+                                         e{1.0, 2.0, 3.0};
+    assert(a == b && a == c && a == d && a == e);
+    assert(-a == Vec3(-1, -2, -3) && a * 2.0 == Vec3(2, 4, 6) && a / 2 == Vec3(0.5, 1, 1.5));
+    Vec3 s = a;
+    s += a;
+    s -= b;
+    s *= 3;
+    assert(s == Vec3(3, 6, 9));
+    std::array<double, 3> back = a;
+    Own own = a;
+    assert(back[2] == 3 && own[1] == 2);
+    Vec3 z{{}};
+    assert(z == Vec3{});
+    vfplan::GovernorLimits l;
+    vfplan::Governor g(l);
+    vfplan::Step st;
+    st.status = vfplan::bad_hip;
+    assert(g.step(st).engine == vfplan::bad_hip);
+    double rows[16] = {0, -1, 0, 5, 1, 0, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1}, cols[16];
+    for (int i = 0; i < 16; ++i) cols[i] = rows[4 * (i % 4) + i / 4];
+    auto p = vfplan::Pose::of_rows(rows), q = vfplan::Pose::of_columns(cols);
+    assert(p.place == q.place && p.w == q.w && p.v == q.v &&
+           norm(p.out(Vec3(1, 0, 0)) - Vec3(5, 7, 7)) < 1e-12);
+    int thrown = 0;
+    for (auto* m : {rows, cols}) try {
+            m == rows ? vfplan::Pose::of_columns(m) : vfplan::Pose::of_rows(m);
+        } catch (const std::invalid_argument&) {
+            ++thrown;
+        }
+    assert(thrown == 2);
+    const double point[3] = {0, 0, 0};
+    vfplan::Engine given(point, 1, vfplan::Parameters{}), taken = std::move(given);
+    given.reset(a);
+    assert(given.step(a).status == vfplan::bad_hip && given.step(a).force == Vec3{});
+    assert(taken.set_stiffness(Vec3(500, 500, 500)) &&
+           taken.parameters().stiffness == Vec3(500, 500, 500));
+#if __has_include(<eigen3/Eigen/Core>)
+    Eigen::Vector3d ev(1, 2, 3);
+    Vec3 fe = ev;
+    Eigen::Vector3d be = a;
+    assert(fe == a && be == ev);
+#endif
+}
