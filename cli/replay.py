@@ -75,6 +75,8 @@ SESSION_OPTIONS = options_in_order(
     option("--time", "bag_time", type=click.Choice(["header", "log"]),
            help="Take a ROS bag's times from the messages' headers, or from its log.  [default: "
            "header, where every message has one]"),
+    option("--skip-unordered", is_flag=True,
+           help="Sort samples however many are out of order, and leave doubled ones out."),
     option("--row-major", is_flag=True, help="Read a ROS bag's matrices row by row."),
     option("--topic", metavar="NAME",
            help="Read this topic of a ROS bag. Needed if several topics hold positions."),
@@ -149,9 +151,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
-        image = None
-        if replayed.fixture.image is not None:
-            image = "IMAGE"
+        image = "IMAGE" if replayed.fixture.image is not None else None
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
@@ -187,7 +187,10 @@ def replay_with_outputs(
     names = ("topic", "field", "tool_tip", "frame", "child_frame", "sender", "bag_time")
     ros = RosOptions(*map(arguments.get, names), arguments["row_major"])
     frame = arguments["frame"] or "robot_base"
-    source = open_session(session, units=arguments["units"], frame=frame, ros=ros)
+    source = open_session(
+        session, units=arguments["units"], frame=frame, ros=ros,
+        skip_unordered=arguments["skip_unordered"],
+    )  # fmt: skip
     poses, events = arguments["poses"], arguments["events"]
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])
@@ -212,9 +215,7 @@ def replay_with_outputs(
     with ExitStack() as files:
         writer = table = None
         if result_path is not None:
-            groups = ("",)
-            if second_rule:
-                groups = ("", second_rule)
+            groups = ("", second_rule) if second_rule else ("",)
             writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))

@@ -34,9 +34,7 @@ def written(report: dict[str, Any], key: str) -> str:
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
-    engine = ""
-    if report["engine"] != "native":
-        engine = f" ({report['engine']} engine)"
+    engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     untested = untested_reason(report)
     lines = [f"NOT TESTED: {untested}"] if untested else []
     lines.append(
@@ -72,9 +70,7 @@ def figure_lines(report: dict[str, Any]) -> list[str]:
         force += f", rms {written(report, 'force_rms_n')}"
     lines = [penetration, f"{force}, step max {written(report, 'force_step_max_n')}"]
     if "clearance_min_m" in report:
-        geometry = ""
-        if is_verbose():
-            geometry = f" ({geometry_text(report['scene'])})"
+        geometry = f" ({geometry_text(report['scene'])})" if is_verbose() else ""
         lines.append(
             f"clearance    min {length(report['clearance_min_m'])}{geometry}; "
             f"{report['entrenched_ticks']} ticks entrenched"
@@ -212,9 +208,7 @@ def episode_lines(report: dict[str, Any]) -> list[str]:
             f"{written(episode, 'force_max_n')}"
         )
     if len(report["episodes"]) > MAX_LISTED:
-        kept = "all"
-        if "episodes_left_out" in report:
-            kept = "the deepest"
+        kept = "the deepest" if "episodes_left_out" in report else "all"
         lines.append(f"  and {episode_count(report) - MAX_LISTED} more (--json has {kept})")
     return lines
 
@@ -248,20 +242,14 @@ def next_step(
         return f"hold it against a robot's limits: {again} --robot NAME"
     if report["verdict"] == "fail":
         drawing = f"draw the session tick by tick: {again} --report DIR"
-        if index_page:
-            return f"look at the ticks that failed: {index_page}"
-        return drawing
+        return f"look at the ticks that failed: {index_page}" if index_page else drawing
     return shlex.join(["vfplan", "stability", str(fixture), "--robot", str(robot or "NAME")])
 
 
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
-    sense = "at_least"
-    if "at_most" in check:
-        sense = "at_most"
+    sense = "at_most" if "at_most" in check else "at_least"
     name = check["name"]
-    unit = ""
-    if not name.endswith(("_ticks", "_tick")):
-        unit = f" {unit_of(name)}".rstrip()
+    unit = f" {unit_of(name)}".rstrip() if not name.endswith(("_ticks", "_tick")) else ""
     bound = f"{sense.replace('_', ' ')} {check[sense]:g}{unit}"
     return f"{name} is {check['value']:.6g}{unit}, {bound} is allowed"

@@ -188,9 +188,7 @@ class Governor:
             Arrays of another shape, or no Jacobian though torques are limited.
         """
         wanted = check_hip(force, "force")
-        matrix = ()
-        if jacobian is not None:
-            matrix = (real_array(jacobian, "jacobian"),)
+        matrix = (real_array(jacobian, "jacobian"),) if jacobian is not None else ()
         self._check_joints(matrix[0].shape if matrix else None)
         row, self.held_back_n, status = self._governor.step(wanted, *matrix)
         self.status = GovernorStatus(status)
@@ -203,9 +201,7 @@ class Governor:
     def trace(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Governed:
         """As `run`, with the torques and what was held back in each tick."""
         wanted = check_path(forces, "forces")
-        matrices = None
-        if jacobians is not None:
-            matrices = real_array(jacobians, "jacobians")
+        matrices = real_array(jacobians, "jacobians") if jacobians is not None else None
         if matrices is not None and matrices.shape[:1] != (len(wanted),):
             raise SceneError(
                 f"jacobians has shape {matrices.shape}. Give one for each force: "
@@ -231,9 +227,7 @@ class Governor:
         if self._joints is None:
             allowed = range(1, _core.most_joints + 1)
         if len(shape) != 2 or shape[0] != 3 or shape[1] not in allowed:
-            wanted = self._joints
-            if self._joints is None:
-                wanted = f"1 to {_core.most_joints}"
+            wanted = f"1 to {_core.most_joints}" if self._joints is None else self._joints
             raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
         self._torque_size = shape[1]
 
@@ -244,9 +238,7 @@ class Governor:
         They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
         """
         size = self._torque_size
-        if size > 0:
-            return self._governor.torque(size).reshape(size)
-        return np.empty(0)
+        return self._governor.torque(size).reshape(size) if size > 0 else np.empty(0)
 
     @property
     def energy_given_j(self) -> float:
@@ -288,9 +280,7 @@ def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
             f"torque_step_nm and torque_max_nm are of {min(counts)} and {max(counts)} joints. Give "
             "both for the same joints."
         )
-    if not counts:
-        return None
-    return counts.pop()
+    return None if not counts else counts.pop()
 
 
 def of_all_joints(limits: Vector | None) -> Vector:
