@@ -74,12 +74,8 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
-    triangles = 0
-    if fixture.mesh is not None:
-        triangles = len(fixture.mesh)
-    rule = None
-    if fixture.rendering:
-        rule = best_rule(fixture)
+    triangles = len(fixture.mesh) if fixture.mesh is not None else 0
+    rule = best_rule(fixture) if fixture.rendering else None
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
         "band_m": fixture.band,
@@ -96,9 +92,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         opening = f"no point further than {millimetres(opening_m)} from the next"
         if data["points"] == 1:
             opening = "a single point"
-    certified = "not certified"
-    if content["/leak@certified"]:
-        certified = "certified"
+    certified = "certified" if content["/leak@certified"] else "not certified"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
         f"{content['/leak@kind']}, {certified}: {opening}"

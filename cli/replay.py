@@ -52,8 +52,8 @@ LINK_OPTIONS = options_in_order(
 )  # fmt: skip
 MOTION_OPTIONS = options_in_order(
     option("--poses", type=FILE, metavar="POSES.csv",
-           help="Move the fixture by these poses: t,x,y,z,qw,qx,qy,qz [s, m], and `arrived` for "
-           "the time when the loop got the pose."),
+           help="Move the fixture by these poses: t,x,y,z,qw,qx,qy,qz [s, --units], and `arrived` "
+           "for the time when the loop got the pose."),
     option("--events", type=FILE, metavar="EVENTS.csv",
            help="Exchange and edit the fixture at the ticks of this file."),
     option("--pose-limits", type=options.Numbers(3, metavar="AGE,SPEED,TURN"),
@@ -178,7 +178,7 @@ def replay_with_outputs(
     from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
     from vfplan.session.bags import RosOptions
-    from vfplan.session.events import as_the_loop_saw
+    from vfplan.session.events import as_the_loop_saw, read_poses
     from vfplan.session.read import open_session
     from vfplan.session.result import CsvWriter, ResultWriter
     from vfplan.session.session import resampled
@@ -192,6 +192,8 @@ def replay_with_outputs(
         skip_unordered=arguments["skip_unordered"],
     )  # fmt: skip
     poses, events = arguments["poses"], arguments["events"]
+    if poses is not None:
+        poses = read_poses(poses, arguments["units"])
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])
     else:

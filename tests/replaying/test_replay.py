@@ -341,7 +341,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
 
 ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
 """Keys of parts of a report, which docs/replay.md explains by their words."""
-MOVING = {"fixture_energy_j", "pose_age_max_s"}
+MOVING = {"fixture_energy_j", "pose_age_max_s", "frame_lag_max_m"}
 
 
 def test_the_page_about_replays_and_the_report_have_the_same_numbers(pressed):

@@ -180,9 +180,7 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
         rims = int(rim_of.max()) + 1
         of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
         widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
-        of_rims = "1 rim"
-        if rims != 1:
-            of_rims = f"{rims} rims"
+        of_rims = f"{rims} rims" if rims != 1 else "1 rim"
         texts.append(
             f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
@@ -249,9 +247,7 @@ def tick_work(content: Content) -> dict[str, Any]:
 def summary(value: Any, row: Row, values: bool) -> Any:
     """A value as it is; of a table with a row for each point or triangle a summary."""
     if "N" not in row.shape and "K" not in row.shape:
-        if isinstance(value, tuple):
-            return list(value)
-        return value
+        return list(value) if isinstance(value, tuple) else value
     data = np.ascontiguousarray(value)
     described = {
         "shape": list(data.shape),
@@ -287,9 +283,7 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
 def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
     """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
-        if a == b:
-            return None
-        return {"what": "value", "a": a, "b": b}
+        return None if a == b else {"what": "value", "a": a, "b": b}
     a, b = np.asarray(a), np.asarray(b)
     if a.shape != b.shape:
         return {"what": "shape", "a": list(a.shape), "b": list(b.shape)}

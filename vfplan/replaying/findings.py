@@ -166,7 +166,8 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
         severity = "warning" if inside_ticks else "error"
         text = (
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
-            f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."
+            f"{parameters.band:.3g} m. "
+            + ("Take rule 'robust' or 'exact'." if parameters.rule == "paper" else "Begin outside.")
         )
         yield finding("proxy-inside", severity, text)
     if clearance_m > NEVER_NEAR_M:

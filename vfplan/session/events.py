@@ -39,7 +39,7 @@ from vfplan.io.files import (
     split_rows,
 )
 from vfplan.io.writing import write_whole
-from vfplan.session.session import Array
+from vfplan.session.session import Array, unit_factor
 
 POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -56,8 +56,8 @@ class Poses:
     arrived: Array
 
 
-def read_poses(path: str | Path) -> Poses:
-    """Read a CSV of poses.
+def read_poses(path: str | Path, units: str = "m") -> Poses:
+    """Read a CSV of poses, whose places are in "m" or "mm".
 
     Raises SessionError: the file is no such table, or a pose in it is not one
     """
@@ -69,7 +69,7 @@ def read_poses(path: str | Path) -> Poses:
         raise SessionError("holds no pose. Give at least one", where=str(path), code="poses-empty")
     rows = np.concatenate(blocks)
     time = rows[:, 0].copy()
-    pose = rows[:, 1:8].copy()
+    pose = rows[:, 1:8] * [*[unit_factor(units)] * 3, 1, 1, 1, 1]
     arrived = rows[:, 8].copy() if "arrived" in table.columns else time
 
     length = np.linalg.norm(pose[:, 3:], axis=1)

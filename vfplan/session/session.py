@@ -340,8 +340,8 @@ def in_order(
     mended |= {"swapped": swapped - doubled, "doubled": doubled}
     if first is not None and swapped > MENDED_SHARE * count and not skip:
         raise SessionError(
-            f"time does not increase: {first[1]:.9g} s at sample {first[0]} follows {first[2]:.9g} "
-            f"s. Give each sample a later time than the one before, or --skip-unordered to leave "
+            f"time does not increase: {first[1]!r} s at sample {first[0]} follows {first[2]!r} s. "
+            f"Give each sample a later time than the one before, or --skip-unordered to leave "
             f"{doubled} of {count} samples out",
             where=where,
             code="time-not-increasing",
