@@ -205,16 +205,16 @@ def _check_senders(
         )
         numbers = {"connections": len({sender.number for sender in chosen})}
         raise SessionError(message, where=where, code="several-connections", numbers=numbers)
-    option = ""
     for name, values in (
-        ("--child-frame", [sender.child_frame for sender in chosen]),
         ("--frame", [sender.frame for sender in chosen]),
+        ("--child-frame", [sender.child_frame for sender in chosen]),
     ):
         if len(set(values)) > 1:
-            option = f"{name} {shlex.quote(values[0])}"
-    if option:
-        message = f"the frame changes within topic {topic!r}: {told}. Choose one with {option}"
-        raise SessionError(message, where=where, code="frame-changes")
+            message = (
+                f"the frame changes within topic {topic!r}: {told}. Choose one with {name} "
+                f"{shlex.quote(values[0])}"
+            )
+            raise SessionError(message, where=where, code="frame-changes")
 
 
 def _messages(reader: Any, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
