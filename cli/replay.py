@@ -52,8 +52,8 @@ LINK_OPTIONS = options_in_order(
 )  # fmt: skip
 MOTION_OPTIONS = options_in_order(
     option("--poses", type=FILE, metavar="POSES.csv",
-           help="Move the fixture by these poses: t,x,y,z,qw,qx,qy,qz [s, m], and `arrived` for "
-           "the time when the loop got the pose."),
+           help="Move the fixture by these poses: t,x,y,z,qw,qx,qy,qz [s, --units], and `arrived` "
+           "for the time when the loop got the pose."),
     option("--events", type=FILE, metavar="EVENTS.csv",
            help="Exchange and edit the fixture at the ticks of this file."),
     option("--pose-limits", type=options.Numbers(3, metavar="AGE,SPEED,TURN"),
@@ -75,6 +75,8 @@ SESSION_OPTIONS = options_in_order(
     option("--time", "bag_time", type=click.Choice(["header", "log"]),
            help="Take a ROS bag's times from the messages' headers, or from its log.  [default: "
            "header, where every message has one]"),
+    option("--skip-unordered", is_flag=True,
+           help="Sort samples however many are out of order, and leave doubled ones out."),
     option("--row-major", is_flag=True, help="Read a ROS bag's matrices row by row."),
     option("--topic", metavar="NAME",
            help="Read this topic of a ROS bag. Needed if several topics hold positions."),
@@ -176,7 +178,7 @@ def replay_with_outputs(
     from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
     from vfplan.session.bags import RosOptions
-    from vfplan.session.events import as_the_loop_saw
+    from vfplan.session.events import as_the_loop_saw, read_poses
     from vfplan.session.read import open_session
     from vfplan.session.result import CsvWriter, ResultWriter
     from vfplan.session.session import resampled
@@ -185,8 +187,13 @@ def replay_with_outputs(
     names = ("topic", "field", "tool_tip", "frame", "child_frame", "sender", "bag_time")
     ros = RosOptions(*map(arguments.get, names), arguments["row_major"])
     frame = arguments["frame"] or "robot_base"
-    source = open_session(session, units=arguments["units"], frame=frame, ros=ros)
+    source = open_session(
+        session, units=arguments["units"], frame=frame, ros=ros,
+        skip_unordered=arguments["skip_unordered"],
+    )  # fmt: skip
     poses, events = arguments["poses"], arguments["events"]
+    if poses is not None:
+        poses = read_poses(poses, arguments["units"])
     if arguments["rate_hz"]:
         source = resampled(source, arguments["rate_hz"])
     else:
@@ -210,9 +217,7 @@ def replay_with_outputs(
     with ExitStack() as files:
         writer = table = None
         if result_path is not None:
-            groups = ("",)
-            if second_rule:
-                groups = ("", second_rule)
+            groups = ("", second_rule) if second_rule else ("",)
             writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from meshes import sphere
 from refusals import refuses
 
 import vfplan
@@ -292,31 +293,6 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(shape, tmp_path):
         import_cloud(tmp_path / "a.npy", units="mm")
 
 
-def ball(subdivisions=5, radius=20.0):
-    """(corners (N, 3), facets (K, 3)) of a sphere, closed, all facing out."""
-    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1) if x * y * z == 1]
-    points, faces = np.array(corners, float), [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]
-    for _ in range(subdivisions):
-        middles = {}
-        points = list(points)
-
-        def middle(i, j, points=points, middles=middles):
-            key = (min(i, j), max(i, j))
-            if key not in middles:
-                middles[key] = len(points)
-                points.append(np.add(points[i], points[j]))
-            return middles[key]
-
-        faces = [part for a, b, c in faces
-                 for ab, bc, ca in [(middle(a, b), middle(b, c), middle(c, a))]
-                 for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]  # fmt: skip
-        points = [np.asarray(p) / np.linalg.norm(p) for p in points]
-    points, faces = radius * np.array(points), np.array(faces)
-    one, two, three = points[faces].transpose(1, 0, 2)
-    volume = (one * np.cross(two, three)).sum()
-    return points, faces if volume > 0 else faces[:, ::-1]
-
-
 def stl_of(path, corners):
     """Binary STL of corners (K, 3, 3), which float32 rounds."""
     rows = np.zeros(len(corners), STL_FACET)
@@ -327,7 +303,7 @@ def stl_of(path, corners):
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.8, 1.0])
 def test_turned_facets_are_felt_as_if_they_were_not(share, tmp_path):
-    points, faces = ball()
+    points, faces = sphere(20.0, 4)
     draw = np.random.default_rng(3)
     is_turned = draw.permutation(len(faces)) < round(share * len(faces))
     drawn = np.where(is_turned[:, None], faces[:, ::-1], faces)
@@ -347,7 +323,7 @@ def test_turned_facets_are_felt_as_if_they_were_not(share, tmp_path):
 
 
 def test_corners_a_hair_apart_are_one_and_lost_facets_are_counted(tmp_path):
-    points, faces = ball()
+    points, faces = sphere(20.0, 4)
     corners = points[faces] + np.random.default_rng(4).normal(scale=1e-6, size=(len(faces), 3, 3))
     corners = np.concatenate((corners, points[[[0, 0, 1]]]))
     fixture = import_cloud(stl_of(tmp_path / "a.stl", corners), units="mm")

@@ -272,7 +272,7 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
         count = struct.unpack(">I", first[0][2][:4])[0]
         assert count == len(fixture.points)
         sent = np.frombuffer(first[0][2], ">f4", 3 * count, 40).reshape(-1, 3)
-        assert np.array_equal(sent, (1e3 * fixture.points).astype(">f4"))
+        assert np.array_equal(sent, (igtl.TO_RAS * fixture.points).astype(">f4"))
         feed.put(made(3)[2:])
         kinds = [next(coming) for _ in range(4)]
         assert [m[:2] for m in kinds] == [
@@ -280,7 +280,7 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
             ("SENSOR", "vfplan_force"), ("STATUS", "vfplan_status"),
         ]  # fmt: skip
         force = np.frombuffer(kinds[2][2], ">f8", 3, 10)
-        assert np.array_equal(force, made(3)[2]["force"])
+        assert np.array_equal(force, made(3)[2]["force"] * [-1, -1, 1])
         client.sendall(igtl.message("GET_POLYDATA", "vfplan_cloud", 0.0, b""))
         again = next(m for m in coming if m[0] == "POLYDATA")
         assert again[2] == first[0][2]
@@ -302,7 +302,7 @@ def test_a_client_is_told_when_the_source_is_silent(server, feed, monkeypatch):
         client.close()
     tick = np.zeros(1, sources.SHOWN)[0]
     tick["received"] = before
-    stamp = igtl.HEADER.unpack_from(igtl.tick_messages(tick, np.ones(3)))[3]
+    stamp = igtl.HEADER.unpack_from(igtl.tick_messages(tick))[3]
     assert stamp >> 32 == int(before)
 
 
@@ -357,7 +357,7 @@ def test_a_client_too_many_is_told_so(server, monkeypatch):
 def test_slicer_sees_the_patient_unmirrored():
     """LPS to RAS turns x and y: a scene that no mirror image fits keeps its handedness."""
     lps = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
-    ras = lps * igtl.to_ras("patient_lps")
+    ras = lps * igtl.TO_RAS
     handed = [np.linalg.det(p[1:] - p[0]) for p in (1e3 * lps, ras)]
     assert handed[0] == pytest.approx(handed[1])
     assert np.allclose(ras[1], [-100, 0, 0])
@@ -384,7 +384,7 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
         path.write_bytes(damaged)
         with refuses(SessionError, "mcap-broken"):
             read_ticks(path)
-    # What was cut off is read as far as it is whole, also before zeros that were reserved.
+    # What was cut off is read as far as it is whole.
     for cut, fewest in (
         (data[:-40], 5000),
         (data[: len(data) // 2], 1500),
@@ -397,9 +397,8 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
 
 @pytest.fixture
 def short_of_room(monkeypatch):
-    """Files may not grow beyond 80 kB, of which the writer keeps 40 for its end."""
+    """Files may not grow beyond 80 kB."""
     monkeypatch.setattr(mcapfile, "CHUNK_BYTES", 2**13)
-    monkeypatch.setattr(mcapfile, "RESERVE_BYTES", 40_000)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (80_000, before[1]))
     yield
@@ -513,12 +512,12 @@ def test_the_reference_library_reads_it(server, feed, reference_client):
     lines = client.communicate(timeout=60)[0].splitlines()
     assert client.returncode == 0, lines
     fixture = bundles.whole()
-    first = " ".join(f"{x:.9g}" for x in (1e3 * fixture.points[0]).astype(np.float32))
+    first = " ".join(f"{x:.9g}" for x in (igtl.TO_RAS * fixture.points[0]).astype(np.float32))
     assert lines[0].startswith(f"POLYDATA vfplan_cloud {len(fixture.points)} points {first}")
     assert f"{len(fixture.curve.closed)} lines" in lines[0]
     assert lines[1].startswith("POLYDATA vfplan_contact")
     forces = [line for line in lines if line.startswith("SENSOR vfplan_force")]
-    known = {" ".join(f"{x:.17g}" for x in tick["force"]) for tick in ticks}
+    known = {" ".join(f"{x:.17g}" for x in tick["force"] * [-1, -1, 1]) for tick in ticks}
     assert len(forces) == 10
     assert all(line.split(" ", 2)[2] in known for line in forces)
     assert [device for device, _ in static_messages(fixture)] == ["vfplan_cloud", "vfplan_contact"]

@@ -136,6 +136,7 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     poses = read_poses(path)
     assert poses.pose.shape == (2, 7)
     assert np.array_equal(poses.arrived, [0, 0.02])
+    assert read_poses(path, "mm").pose[1].tolist() == [1e-6, 0, 0, 0.6, 0.8, 0, 0]
     head = "t,x,y,z,qw,qx,qy,qz\n"
     for text, code in (("t,x,y,z\n0,0,0,0\n", "column-missing"), (head, "poses-empty"),
                        (head + "0,0,0,0,2,0,0,0\n", "pose-invalid"),

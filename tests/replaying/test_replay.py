@@ -10,9 +10,10 @@ from itertools import groupby
 import numpy as np
 import pytest
 from conftest import ROOT, output
+from meshes import sphere
 from motion import PEAK_KIB
 from refusals import refuses
-from replays import codes_of, fixture_of, line, probing
+from replays import codes_of, fixture_of, line, meshed, probing
 from triangle_scenes import nearest_on
 
 import vfplan
@@ -226,6 +227,31 @@ def test_gaps_repeats_and_jumps_are_reported():
     assert {"session-gap", "session-jump"} <= codes_of(found)
 
 
+def test_doubtful_time_and_held_positions_are_named():
+    session = probing(seconds=10)
+    held = Session(session.time, np.repeat(session.hip[::10], 10, axis=0))
+    slow = Session(1e3 * session.time[::10], session.hip[::10])  # 100 Hz in milliseconds
+    limits = (("force_max_n", "at_most", 100.0),)
+    for one, code in ((session, None), (held, "session-held"), (slow, "session-time")):
+        found = replay(fixture_of(line()), one, limits=limits, rule="robust")
+        assert codes_of(found) & {"session-held", "session-time"} == ({code} - {None})
+        assert ("seconds" in open_words(found.metrics)) == (code == "session-time")
+        assert found.metrics["samples_read"] == one.ticks
+        assert found.metrics["samples_left_out"] == 0
+
+
+@pytest.mark.parametrize("depth", [-8e-3, 1e-6, 12e-3])
+@pytest.mark.parametrize("rule", ["exact", "robust"])
+def test_a_start_inside_a_closed_mesh_proves_nothing(depth, rule):
+    points, triangles = sphere(30e-3, 3)
+    hip = np.tile([0, 0, 30e-3 - depth], (500, 1)) * np.linspace(1, 0.9, 500)[:, None]
+    body = meshed(points, triangles)
+    limits = (("force_max_n", "at_most", 100.0),)
+    found = replay(body, Session(1e-3 * np.arange(500), hip), limits=limits, rule=rule)
+    assert found.verdict == ("pass" if depth < 0 else "not-tested")
+    assert ("started-in-mesh" in codes_of(found)) == (depth > 0)
+
+
 @pytest.mark.parametrize("rate_hz", [None, 1000.0, 250.0])
 def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     session = probing()
@@ -315,7 +341,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
 
 ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
 """Keys of parts of a report, which docs/replay.md explains by their words."""
-MOVING = {"fixture_energy_j", "pose_age_max_s"}
+MOVING = {"fixture_energy_j", "pose_age_max_s", "frame_lag_max_m"}
 
 
 def test_the_page_about_replays_and_the_report_have_the_same_numbers(pressed):

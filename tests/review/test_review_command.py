@@ -54,6 +54,7 @@ class Review(Tab):
             if finding["severity"] == "doubt" and finding["answered_by"] is None:
                 self.step(do="answer", finding=number, by="A. Planner")
         super().approve()
+        self.approved = self.digest
         return self.heard("approved")["approved"]["text"]
 
     def end(self):
@@ -114,7 +115,7 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert review.end()[0] == 0
     assert vfplan_cli("sign", output, "--key", tmp_path / "k.key", "-o", signed).sound
     run = vfplan_cli("review", output, "--sheet-out", tmp_path / "s.png", "--json", *words)
-    assert run.json["digest"] == review.digest
+    assert run.json["digest"] == review.approved
     approved = vfplan.read_fixture(output)
     assert approved.reviewed.digest == review_digest(approved)
 

@@ -12,7 +12,7 @@ from refusals import refuses
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
 from vfplan.session.read import open_session, read_session
 from vfplan.session.result import CsvWriter, ResultWriter, TickBlock, read_result, require_fixture
-from vfplan.session.session import BLOCK, Session, resampled
+from vfplan.session.session import BLOCK, SamplingReport, Session, resampled
 
 
 def recording(ticks, seed=1):
@@ -121,12 +121,53 @@ def test_bad_line_is_named(tmp_path):
     assert caught.value.where == "s.csv, line 40001"
 
 
-def test_time_going_back_between_blocks_is_seen(tmp_path):
-    time, hip = recording(BLOCK + 3)
-    time[BLOCK] = time[BLOCK - 1]
-    for path in write_all(tmp_path, time, hip):
-        with refuses(SessionError, "time-not-increasing", sample=BLOCK):
-            read_session(path)
+DISORDER = {
+    # name: (order of the samples, how many are swapped and doubled when they are mended)
+    "doubled between blocks": ([*range(BLOCK), *range(BLOCK - 1, BLOCK + 3)], (0, 1)),
+    "swapped": ([*range(500), 501, 500, *range(502, 1000)], (1, 0)),
+    "a datagram": ([*range(500), *range(510, 520), *range(500, 510), *range(520, 2000)], (10, 0)),
+    "late": ([*range(500), *range(501, 2000), 500], (1, 0)),
+    "far too late": ([*range(500), *range(501, BLOCK + 2000), 500], (0, 1)),
+    "many doubled": (sorted([*range(500)] * 2), None),
+    "begins again": ([*range(500), *range(400)], None),
+}
+
+
+@pytest.mark.parametrize("name", DISORDER)
+def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, name):
+    order, counts = DISORDER[name]
+    time, hip = recording(max(order) + 1)
+    for path in write_all(tmp_path, time[order], hip[order]):
+        if counts is None:
+            with refuses(SessionError, "time-not-increasing"):
+                read_session(path)
+        session = open_session(path, skip_unordered=counts is None).load()
+        swapped, doubled = counts or session.notes["mended"].values()
+        assert session.notes["mended"] == {"swapped": swapped, "doubled": doubled}
+        assert session.ticks == len(order) - doubled
+        kept = np.isin(time, session.time)
+        assert np.array_equal(session.hip, hip[kept])
+
+
+def test_what_is_only_late_is_no_gap():
+    draw = np.random.default_rng(9)
+    even = 1e-3 * np.arange(12_000)
+    steady = np.column_stack((even / 10, 0 * even, 0 * even))
+    held = np.repeat(steady[::10], 10, axis=0)
+    lost = np.sort(draw.permutation(12_000)[:-1200])
+    late = even + 6e-4 * (np.arange(12_000) % 10 == 5)
+    for time, hip, missing in (
+        (even + draw.normal(scale=1e-4, size=12_000), steady, 0),
+        (even + draw.uniform(-3e-4, 3e-4, 12_000), steady, 0),
+        (late, steady, 0),
+        (even, held, 0),
+        (even[lost], steady[lost], 1200),
+    ):
+        report = SamplingReport()
+        report.update(time, hip)
+        seen = report.report()
+        assert seen["missing_samples"] == pytest.approx(missing, rel=0.02)
+        assert seen["changes"] == (1199 if hip is held else len(time) - 1)
 
 
 THREE = {"time": np.arange(3.0), "hip": np.ones((3, 3))}

@@ -187,9 +187,7 @@ class Guide:
                 raise
             except ValueError as error:
                 # The core names the radius where the tube does not fit the curve.
-                kind = SceneError
-                if "radius" in str(error):
-                    kind = SettingError
+                kind = SettingError if "radius" in str(error) else SceneError
                 raise kind(str(error).removeprefix("vfplan: ")) from None
         if self.tight_bend is not None:
             warnings.warn(self.tight_bend, stacklevel=2)

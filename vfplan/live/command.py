@@ -94,9 +94,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
 
     refused = sum(server.refused for server in servers)
     warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
-    warnings = []
-    if refused:
-        warnings = [warning]
+    warnings = [warning] if refused else []
     if data["bad_datagrams"]:
         warnings.append(
             f"{data['bad_datagrams']} datagrams were left out, the first because "

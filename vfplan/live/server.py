@@ -3,8 +3,7 @@
 Each OpenIGTLink client has a thread of its own, so that a client that stalls only misses ticks and
 delays nobody. What does not move (the cloud or the curve, the contact sphere) goes out once to each
 client, and again when it asks. Messages have headers of version 1, which every version reads.
-Lengths are in mm. Slicer's world is RAS. Positions in `patient_lps` therefore change the signs of x
-and y; the robot's frame has no sides of a patient and is sent as it is.
+Lengths are in mm. Slicer's world is RAS, so x and y change their signs.
 
 The page of `vfplan live --web` is the report's scene. It gets its ticks by a WebSocket, on the
 loopback, if it came from here.
@@ -86,11 +85,9 @@ def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
     return head + body
 
 
-def to_ras(frame: str) -> Array:
-    """(3,) factors of each coordinate from m in `frame` to mm in RAS."""
-    if frame == "patient_lps":
-        return np.array([-1e3, -1e3, 1e3])
-    return np.array([1e3, 1e3, 1e3])
+# Factors of each coordinate from m to Slicer's mm in RAS. Points of the robot's frame are taken for
+# LPS as well, as in every file that `vfplan export` writes.
+TO_RAS = np.array([-1e3, -1e3, 1e3])
 
 
 def transform(device: str, time_s: float, place_mm: Array) -> bytes:
@@ -120,9 +117,7 @@ def polydata(
 ) -> bytes:  # fmt: skip
     """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
     is_bare = lines is None and triangles is None
-    vertices = ()
-    if is_bare:
-        vertices = np.arange(len(points_mm))[:, None]
+    vertices = np.arange(len(points_mm))[:, None] if is_bare else ()
     # Of each kind of cell: how many there are, and each as its length and its points' indices.
     counts, data = [], b""
     for cells in (vertices, lines or (), () if triangles is None else triangles):
@@ -176,7 +171,6 @@ class Server:
     """
 
     def __init__(self, fixture: Fixture, port: int, feed: PositionStream) -> None:
-        self._scale = to_ras(fixture.frame)
         self._static = static_messages(fixture)
         self._feed = feed
         self._closing = threading.Event()
@@ -253,7 +247,7 @@ class Server:
                 self._send_static(client)
                 while not self._closing.is_set():
                     count, ticks = self._feed.after(count, WAIT_S)
-                    client.sendall(b"".join(tick_messages(tick, self._scale) for tick in ticks))
+                    client.sendall(b"".join(tick_messages(tick) for tick in ticks))
                     if ticks:
                         told = time.monotonic()
                     elif time.monotonic() - told >= SILENT_S:
@@ -302,14 +296,13 @@ class Server:
 
 def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
     """What does not move: each device with the function that makes its message."""
-    scale = to_ras(fixture.frame)
     lines = None
     if fixture.mesh is None and fixture.curve is not None:
         lines = []
         for stroke, closed in enumerate(fixture.curve.closed):
             line = np.flatnonzero(fixture.curve.stroke == stroke)
             lines.append(np.append(line, line[0]) if closed else line)
-    points_mm = fixture.points * scale
+    points_mm = fixture.points * TO_RAS
     cloud = functools.partial(polydata, points_mm=points_mm, lines=lines, triangles=fixture.mesh)
     radius_m = fixture.contact_radius + fixture.point_radius
     points, faces = ball(1e3 * radius_m)
@@ -317,21 +310,17 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
 
 
-def tick_messages(tick: NDArray[np.void], scale: Array) -> bytes:
-    """What moves: HIP, proxy, force and status of a tick, stamped with its receipt.
-
-    tick: of `vfplan.live.sources.SHOWN`
-    scale: (3,) as of `to_ras`
-    """
+def tick_messages(tick: NDArray[np.void]) -> bytes:
+    """What moves: HIP, proxy, force and status of a tick of `SHOWN`, stamped with its receipt."""
     now = float(tick["received"])
     flags = [name for bit, name in FLAGS if tick["status"] & bit]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
     code = StatusCode.WARNING if flags or tick["state"] == 2 else StatusCode.OK
     return (
-        transform("vfplan_hip", now, tick["hip"] * scale)
-        + transform("vfplan_proxy", now, tick["proxy"] * scale)
-        + sensor("vfplan_force", now, tick["force"] * np.sign(scale))
+        transform("vfplan_hip", now, tick["hip"] * TO_RAS)
+        + transform("vfplan_proxy", now, tick["proxy"] * TO_RAS)
+        + sensor("vfplan_force", now, tick["force"] * np.sign(TO_RAS))
         + status("vfplan_status", now, code, state, text)
     )
 

@@ -46,9 +46,7 @@ def dots(a: Array, b: Array) -> Array:
 
 def flattened(places: Array, axis: Array | None) -> Array:
     """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
-    if axis is None:
-        return places
-    return places - np.outer(places @ axis, axis)
+    return places if axis is None else places - np.outer(places @ axis, axis)
 
 
 def penetration(hip: Array, proxy: Array) -> Array:
@@ -182,9 +180,7 @@ class PairedTicks:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
         self._last = block[-1:], hand[-1:]
-        if len(block) < 2:
-            return None
-        return self._steps(block, hand)
+        return None if len(block) < 2 else self._steps(block, hand)
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""
@@ -231,9 +227,7 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
         if kind == "mesh":
             return MeshClearance(fixture.points, fixture.mesh, radius)
     points = fixture.forbidden
-    if not len(points):
-        return None
-    return PointClearance(points, radius, fixture.ignore_axis)
+    return None if not len(points) else PointClearance(points, radius, fixture.ignore_axis)
 
 
 class Clearance:
@@ -318,6 +312,16 @@ class MeshClearance(Clearance):
         difference = on_triangles(place, self._corners[triangle[may_count]]) - place
         distance = np.linalg.norm(difference, axis=1).min(initial=self._distance)
         self._distance = float(distance)
+
+
+def is_enclosed(place: Array, corners: Array) -> bool:
+    """Whether a closed mesh of triangles (K, 3, 3), all turned alike, has a place (3,) inside."""
+    # The solid angle of each triangle (A. van Oosterom and J. Strackee, 1983).
+    a, b, c = np.moveaxis(corners - place, 1, 0)
+    x, y, z = row_norms(a), row_norms(b), row_norms(c)
+    below = x * y * z + dots(a, b) * z + dots(b, c) * x + dots(c, a) * y
+    angle = 2 * np.arctan2(dots(a, np.cross(b, c)), below).sum()
+    return abs(angle) > 0.99 * 4 * np.pi
 
 
 class PointClearance(Clearance):

@@ -27,6 +27,10 @@ NEVER_NEAR_M = 0.5
 LAG_TOLD_M = 1e-3
 # No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds.
 SLOWEST_HZ = 5.0
+# No hand holds a tool so still for a whole session that it never moves faster than this [m/s].
+SLOWEST_M_S = 2e-3
+# Positions that repeat for less than this [s] at a time are held, and not those of a tool at rest.
+LONGEST_HOLD_S = 0.1
 # No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds.
 FASTEST_HZ = 50_000.0
 
@@ -58,6 +62,12 @@ def replay_findings(
             "Mend the link, or raise its speed."
         )
         yield finding("robot-stops", "error", text)
+    if "start_depth_m" in record:
+        text = (
+            f"The tool begins {1e3 * record['start_depth_m']:.3g} mm inside the closed mesh, of "
+            "which the inner side is rendered. Begin outside; check --units and the registration."
+        )
+        yield finding("started-in-mesh", "error", text)
     yield from run_findings(report, parameters)
     if robot is None:
         yield from common_arm_findings(report, record["session"])
@@ -66,9 +76,7 @@ def replay_findings(
 def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     rate = session["rate_hz"]
-    robot_rate = rate
-    if robot is not None:
-        robot_rate = robot.rate_hz
+    robot_rate = robot.rate_hz if robot is not None else rate
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
         text = (
@@ -78,6 +86,22 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             "without gaps, or do not rely on the ticks there."
         )
         yield finding("session-gap", "warning", text)
+    mended = session.get("mended", {})
+    if any(mended.values()):
+        text = (
+            f"{mended['swapped']} samples came late and were put in order; {mended['doubled']} "
+            "were there twice, or came far too late, and were left out. Check what records them."
+        )
+        yield finding("session-unordered", "warning", text)
+    held_s = recorded["repeats_longest"] * recorded["dt_nominal_s"]
+    if recorded["repeats"] > recorded["changes"] and held_s < LONGEST_HOLD_S:
+        changes_hz = recorded["changes"] / (recorded["samples"] - 1) * recorded["rate_hz"]
+        text = (
+            f"Positions are held: they change {changes_hz:.4g} times a second, of "
+            f"{recorded['rate_hz']:.6g} samples. Speeds and force steps are those of the jumps "
+            "between. Record each sample, or resample at that rate with --rate."
+        )
+        yield finding("session-held", "warning", text)
     if session.get("cut"):
         text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
         yield finding("session-cut", "warning", text)
@@ -104,10 +128,12 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
         text = f"Some columns are not used: {others}. Only time and position count."
         yield finding("session-columns", "info", text)
 
-    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
+    fastest = session["speed_max_m_s"]
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S:
         text = (
             f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
-            f"{FASTEST_HZ:g} are usual. Is the time in seconds?"
+            f"{FASTEST_HZ:g} are usual, and a highest speed of {fastest:.3g} m/s. Is the time in "
+            "seconds?"
         )
         yield finding("session-time", "warning", text)
     if not 0.9 < rate / robot_rate < 1.1:
@@ -137,12 +163,11 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     inside_ticks = report["inside_ticks"]
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
-        severity = "error"
-        if inside_ticks:
-            severity = "warning"
+        severity = "warning" if inside_ticks else "error"
         text = (
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
-            f"{parameters.band:.3g} m. Take rule 'robust' or 'exact'."
+            f"{parameters.band:.3g} m. "
+            + ("Take rule 'robust' or 'exact'." if parameters.rule == "paper" else "Begin outside.")
         )
         yield finding("proxy-inside", severity, text)
     if clearance_m > NEVER_NEAR_M:
@@ -230,9 +255,7 @@ def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
         return
     first = ""
     if listed:
-        of_which = ""
-        if unlisted:
-            of_which = " of those listed"
+        of_which = " of those listed" if unlisted else ""
         first = f" (the first{of_which} is {listed[0]})"
     text = (
         f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
@@ -347,6 +370,7 @@ def open_words(report: dict[str, Any]) -> str:
     jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
     words = (
         (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
+        ("session-time" in codes, "its time may not be in seconds"),
         (session.get("cut"), "the recording was cut off"),
         (left_out, f"{left_out} samples of the recording were left out"),
         (
@@ -363,6 +387,8 @@ def open_words(report: dict[str, Any]) -> str:
 
 def untested_reason(report: dict[str, Any]) -> str:
     """Why the ticks prove nothing, whatever the limits say; empty where they do."""
+    if "start_depth_m" in report:
+        return "the tool began inside the mesh, where nothing says which side is forbidden"
     if not has_touched(report):
         return "the tool never touched the fixture"
     untrue = report.get("stale_contact_ticks")

@@ -62,16 +62,12 @@ class Guided:
     def stiffness(self) -> Vector:
         """(3,) of all springs together [N/m]."""
         stiffness = np.full(3, self._guide.stiffness)
-        if self.region is None:
-            return stiffness
-        return self.parameters.stiffness + stiffness
+        return stiffness if self.region is None else self.parameters.stiffness + stiffness
 
     @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need."""
-        if self.region is None:
-            return {"region": 1}
-        return self.region.left_out
+        return {"region": 1} if self.region is None else self.region.left_out
 
     def reset(self, hip: Vector) -> None:
         """Both begin with the tip at `hip` (3,) [m]."""
@@ -157,9 +153,7 @@ class Guided:
         }
         if self.region is not None:
             guide["region_force_max_n"] = self._region_force_max
-        arc = None
-        if held_ticks:
-            arc = [self._arc_min, self._arc_max]
+        arc = [self._arc_min, self._arc_max] if held_ticks else None
         return {"arc_m": arc, "lateral_max_m": self._lateral_max.value, "guide": guide}
 
 

@@ -209,12 +209,8 @@ class Episodes:
         ticks = steps.ticks
         deepest = start + int(np.argmax(ticks.penetration[rows]))
         # The step into contact loads the spring, though its force was still 0.
-        speed_at_touch = self._speed
-        if start:
-            speed_at_touch = steps.speed[start - 1]
-        hold_before = self._hold_j
-        if start:
-            hold_before = steps.hold_j[start - 1]
+        speed_at_touch = steps.speed[start - 1] if start else self._speed
+        hold_before = steps.hold_j[start - 1] if start else self._hold_j
         run = {
             "start_s": float(ticks.time[start]),
             "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
@@ -266,9 +262,7 @@ class CurveRuler:
     @staticmethod
     def of(fixture: Fixture) -> CurveRuler | None:
         """The ruler of a fixture, or `None` when it was not drawn as a curve."""
-        if fixture.curve is None:
-            return None
-        return CurveRuler(fixture)
+        return None if fixture.curve is None else CurveRuler(fixture)
 
     def locate(self, place: Array) -> dict[str, Any]:
         """The stroke, the arc length [m] and the index of the planned point nearest to a place."""

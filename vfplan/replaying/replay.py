@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import Trace, as_rendered, best_rule
+from vfplan.engine.proxy import ProxyEngine, Trace, as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.changing import ChangingFixture
-from vfplan.replaying.clearance import CONTACT_M, PairedTicks, overlap, penetration
+from vfplan.replaying.clearance import CONTACT_M, PairedTicks, is_enclosed, overlap, penetration
 from vfplan.replaying.findings import (
     Limits,
     check_limits,
@@ -178,9 +178,7 @@ class EngineRun:
         if self._last_packet is None and not self._times.ticks and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        if self._governor is None:
-            return trace
-        return self._governor.run(hip, trace)
+        return trace if self._governor is None else self._governor.run(hip, trace)
 
     def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
         depth = penetration(hip, trace.proxy)
@@ -349,6 +347,9 @@ def replay(
     if link is not None and not link.faulty:
         link = None
     with naming_place(path):
+        corners = None
+        if fixture.mesh is not None and poses is None and events is None:
+            corners = fixture.points[fixture.mesh]
         # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
         changing = None
@@ -371,6 +372,10 @@ def replay(
     recording = SamplingReport()
     between_rules, between_links = Comparison(), Comparison()
     for times, positions in session.blocks():
+        if corners is not None and is_enclosed(positions[0], corners):
+            distance = ProxyEngine.of(fixture, rules[0], offline=True).distance(positions[:1])
+            common["start_depth_m"] = float(distance[0])
+        corners = None
         recording.update(times, positions)
         blocks = [run.feed(times, positions) for run in runs]
         for run, block in zip(runs, blocks, strict=True):
@@ -389,7 +394,8 @@ def replay(
         unused = [c for c in session.notes["ignored_columns"] if c not in CHANGE_COLUMNS]
         common["session"]["ignored_columns"] = unused
     common["samples_read"] = common["session"]["samples"]
-    common["samples_left_out"] = common["session"].pop("left_out", 0)
+    doubled = common["session"].get("mended", {}).get("doubled", 0)
+    common["samples_left_out"] = common["session"].pop("left_out", 0) + doubled
     common["connections"] = common["session"].pop("connections", [])
     if session.sha256 is not None:
         common["session"]["sha256"] = session.sha256
@@ -436,9 +442,7 @@ def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
     """The rules to run: the one that is asked for, "robust" and "paper" for "both", or the best."""
     if rule is not None and rule not in RULES:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
-    if rule == "both":
-        return ["robust", "paper"]
-    return [rule or best_rule(fixture)]
+    return ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
 
 
 def link_report(
@@ -448,9 +452,7 @@ def link_report(
     assert run.link is not None
     report = perfect.finish()
     numbers = {name: value for name, value in report.items() if isinstance(value, (int, float))}
-    lost_limit = None
-    if robot is not None:
-        lost_limit = robot.lost_packets_limit
+    lost_limit = robot.lost_packets_limit if robot is not None else None
     return {
         **link.report(),
         **run.link.report(lost_limit),

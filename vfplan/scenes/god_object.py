@@ -151,9 +151,7 @@ def sensitivity(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: 
         return 0.0
     bent = np.eye(3) - np.einsum("k,kij->ij", force, view.hessian[active])
     smallest = np.linalg.eigvalsh(free @ bent @ free.T)[0]
-    if smallest <= 0:
-        return np.inf
-    return float(1 / smallest)
+    return np.inf if smallest <= 0 else float(1 / smallest)
 
 
 def _look_scaled(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> Look:
@@ -219,6 +217,4 @@ def _exact_minimum(
         holds = force.min() > -1e-9 and np.abs(error).max() < 1e-12
     is_free = _look_scaled(pieces, y, scale).distance.min() > 1 - 1e-12
     is_closer = np.linalg.norm(y - hip) < np.linalg.norm(x - hip) + 1e-12
-    if not (holds and is_free and is_closer):
-        return None
-    return y
+    return y if holds and is_free and is_closer else None

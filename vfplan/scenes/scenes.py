@@ -121,9 +121,7 @@ class Scene(ABC):
     @property
     def _flat(self) -> Vector:
         """(3,) 1 for each coordinate of a position that counts, else 0."""
-        if self.along_z:
-            return np.array([1.0, 1.0, 0.0])
-        return np.ones(3)
+        return np.array([1.0, 1.0, 0.0]) if self.along_z else np.ones(3)
 
     @property
     def along_z(self) -> bool:
@@ -178,9 +176,7 @@ class Drawn(Scene):
     @property
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""
-        if self.extrude:
-            return None
-        return "z"
+        return None if self.extrude else "z"
 
     @property
     def along_z(self) -> bool:

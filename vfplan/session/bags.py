@@ -6,14 +6,11 @@ that Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: htt
 
 from __future__ import annotations
 
-import errno
 import functools
 import hashlib
-import io
 import itertools
-import math
-import os
 import shlex
+from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, replace
@@ -127,51 +124,43 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     """
     path = Path(place)
     ros = RosOptions(*options)
-    # Of each sender: the number of its messages, those with a stamp of their own, the first and the
-    # last time by the header, and by the log.
-    senders: dict[Sender, list[Any]] = {}
-    first = None
+    # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
+    senders: dict[Sender, array[int]] = {}
     with _opened_bag(path) as reader:
         ros = replace(ros, topic=_choose_topic(reader, ros, path.name))
-        for k, (sender, stamp, recorded, message) in enumerate(_messages(reader, ros)):
-            if ros.field is None:
+        for k, (sender, *stamps, message) in enumerate(_messages(reader, ros)):
+            if not k:
                 ros = replace(ros, field=_choose_field(message, ros, path.name))
-            first = first or message
-            counts = senders.setdefault(sender, [0, 0, stamp, stamp, recorded, recorded])
-            counts[0] += 1
-            counts[1] += stamp > 0
-            counts[2:4] = min(counts[2], stamp), max(counts[3], stamp)
-            counts[4:] = min(counts[4], recorded), max(counts[5], recorded)
+            senders.setdefault(sender, array("q")).extend(stamps)
             if k % BLOCK == BLOCK - 1:
                 yield []
-    if first is None:
+    if not senders:
         message = f"topic {ros.topic!r} has no messages. Choose another"
         raise SessionError(message, where=path.name, code="topic-empty")
-    _choose_field(first, ros, path.name)
     # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
     if ros.frame in FRAMES and all(sender.frame != ros.frame for sender in senders):
         ros = replace(ros, frame=None)
-    chosen = {sender: counts for sender, counts in senders.items() if is_chosen(sender, ros)}
-    stamped = all(counts[0] == counts[1] for counts in chosen.values())
-    by_header = stamped if ros.time is None else ros.time == "header"
-    if by_header and not stamped:
+    times = {sender: np.reshape(stamps, (-1, 2)).T for sender, stamps in senders.items()}
+    chosen = {sender: times[sender] for sender in senders if is_chosen(sender, ros)}
+    stamped = all(header.min() > 0 for header, _ in chosen.values())
+    if ros.time == "header" and not stamped:
         message = f"not every message of {ros.topic!r} has a time of its own. Give --time log"
         raise SessionError(message, where=path.name, code="no-header-time")
-    rows = slice(2, 4) if by_header else slice(4, 6)
-    spans = {sender: tuple(counts[rows]) for sender, counts in chosen.items()}
+    ros = replace(ros, time=ros.time or ("header" if stamped else "log"))
+    column = int(ros.time == "log")
+    spans = {s: (int(t[column].min()), int(t[column].max())) for s, t in chosen.items()}
     _check_senders(ros.topic, senders, spans, path.name)
 
-    count = sum(counts[0] for counts in chosen.values())
     start = min(span[0] for span in spans.values())
     notes = {
         "topic": ros.topic,
         "message": next(iter(chosen)).type,
         "field": ros.field,
-        "stamp": "header" if by_header else "bag",
-        "left_out": sum(counts[0] for counts in senders.values()) - count,
+        "stamp": "bag" if column else "header",
+        "left_out": sum(t.shape[1] for sender, t in times.items() if sender not in chosen),
         "connections": [
-            {**sender._asdict(), "samples": counts[0], "used": sender in chosen}
-            for sender, counts in senders.items()
+            {**sender._asdict(), "samples": t.shape[1], "used": sender in chosen}
+            for sender, t in times.items()
         ],
     }
     if start > 1e18:
@@ -180,7 +169,6 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
         notes["ros_frame_id"] = next(iter(chosen)).frame
     if ros.tool_tip is not None:
         notes["tool_tip_m"] = list(ros.tool_tip)
-    ros = replace(ros, time="header" if by_header else "log")
     yield [[start, *astuple(ros)], notes]
 
 
@@ -217,16 +205,16 @@ def _check_senders(
         )
         numbers = {"connections": len({sender.number for sender in chosen})}
         raise SessionError(message, where=where, code="several-connections", numbers=numbers)
-    option = ""
     for name, values in (
-        ("--child-frame", [sender.child_frame for sender in chosen]),
         ("--frame", [sender.frame for sender in chosen]),
+        ("--child-frame", [sender.child_frame for sender in chosen]),
     ):
         if len(set(values)) > 1:
-            option = f"{name} {shlex.quote(values[0])}"
-    if option:
-        message = f"the frame changes within topic {topic!r}: {told}. Choose one with {option}"
-        raise SessionError(message, where=where, code="frame-changes")
+            message = (
+                f"the frame changes within topic {topic!r}: {told}. Choose one with {name} "
+                f"{shlex.quote(values[0])}"
+            )
+            raise SessionError(message, where=where, code="frame-changes")
 
 
 def _messages(reader: Any, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
@@ -256,9 +244,7 @@ def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[S
     """Yield (time since `start` [s], hip [m]) a block at a time, as `bag_header` chose them."""
     path = Path(place)
     ros = RosOptions(*options)
-    tip = None
-    if ros.tool_tip is not None:
-        tip = np.asarray(ros.tool_tip, float)
+    tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
     times, hips = [], []
     with _opened_bag(path) as reader:
         for sender, stamp, recorded, message in _messages(reader, ros):
@@ -469,53 +455,21 @@ CHUNK_BYTES = 2**17
 # A time that goes back by more than this [s] is that of a controller that began again.
 RESTART_S = 1.0
 
-# Bytes that are reserved ahead: more than the last chunk and the index of an hour need.
-RESERVE_BYTES = 2**22
-
-
-class ReservingFile(io.FileIO):
-    """A file that reserves room ahead, so that its end can still be written on a full disk."""
-
-    # Bytes of the file that are reserved.
-    reserved = 0.0
-    # Why no more could be reserved.
-    full: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        """Write, after room has been reserved beyond the data."""
-        needed = self.tell() + len(data) + RESERVE_BYTES
-        if needed > self.reserved and self.full is None:
-            try:
-                os.posix_fallocate(self.fileno(), 0, needed)
-                self.reserved = needed
-            except OSError as error:
-                if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-                    self.full = error
-                else:
-                    self.reserved = math.inf  # This file system cannot reserve room.
-        return super().write(data)
-
-    def close(self) -> None:
-        """Give back the room that was not needed."""
-        if not self.closed:
-            self.truncate(self.tell())
-        super().close()
-
 
 class McapWriter:
-    """Write ticks as they come; the file is whole once it is closed, also on a full disk.
+    """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
     Raises MissingExtra: without the package mcap
     """
 
     def __init__(self, path: Path) -> None:
-        # Ticks that are in the file, and why later ones are not.
+        # Ticks that are in the file, once it is closed, and why later ones are not.
         self.kept = 0
         self.full: OSError | None = None
         writer_module = _mcap_module("writer")
-        self._raw_file = ReservingFile(path, "wb")
-        self._file = io.BufferedWriter(self._raw_file)
+        self._path = path
+        self._file = path.open("wb")
         self._writer = writer_module.Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library="vfplan")
         schema = self._writer.register_schema("vfplan_msgs/msg/Tick", "ros2msg", DEFINITION)
@@ -524,22 +478,28 @@ class McapWriter:
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`."""
         now = int(received_s * 1e9)
-        for tick in ticks:
-            if self._raw_file.full:
-                self.full = self._raw_file.full
-                return
-            self.kept += 1
-            body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
-            # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
-            publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
-            sequence = int(tick["index"]) % 2**32
-            self._writer.add_message(self._channel, now, body, publish_ns, sequence)
-        self._file.flush()
+        try:
+            for tick in ticks if self.full is None else ():
+                body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
+                # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
+                publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
+                sequence = int(tick["index"]) % 2**32
+                self._writer.add_message(self._channel, now, body, publish_ns, sequence)
+                self.kept += 1
+            self._file.flush()
+        except OSError as error:
+            self.full = error
 
     def close(self) -> None:
         """Write the index; nothing may be added afterwards."""
-        self._writer.finish()
-        self._file.close()
+        try:
+            if self.full is None:
+                self._writer.finish()
+            self._file.close()
+        except OSError as error:
+            self.full = self.full or error
+        if self.full is not None:
+            self.kept = len(read_ticks(self._path))
 
     def __enter__(self) -> Self:
         return self

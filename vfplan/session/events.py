@@ -39,7 +39,7 @@ from vfplan.io.files import (
     split_rows,
 )
 from vfplan.io.writing import write_whole
-from vfplan.session.session import Array
+from vfplan.session.session import Array, unit_factor
 
 POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -56,25 +56,21 @@ class Poses:
     arrived: Array
 
 
-def read_poses(path: str | Path) -> Poses:
-    """Read a CSV of poses.
+def read_poses(path: str | Path, units: str = "m") -> Poses:
+    """Read a CSV of poses, whose places are in "m" or "mm".
 
     Raises SessionError: the file is no such table, or a pose in it is not one
     """
     file = OpenedFile(Path(path), SessionError)
     table = open_number_table(file.view, str(path), SessionError, POSE_COLUMNS)
-    columns = POSE_COLUMNS
-    if "arrived" in table.columns:
-        columns = (*POSE_COLUMNS, "arrived")
+    columns = (*POSE_COLUMNS, "arrived") if "arrived" in table.columns else POSE_COLUMNS
     blocks = list(table.blocks(columns))
     if not blocks:
         raise SessionError("holds no pose. Give at least one", where=str(path), code="poses-empty")
     rows = np.concatenate(blocks)
     time = rows[:, 0].copy()
-    pose = rows[:, 1:8].copy()
-    arrived = time
-    if "arrived" in table.columns:
-        arrived = rows[:, 8].copy()
+    pose = rows[:, 1:8] * [*[unit_factor(units)] * 3, 1, 1, 1, 1]
+    arrived = rows[:, 8].copy() if "arrived" in table.columns else time
 
     length = np.linalg.norm(pose[:, 3:], axis=1)
     good = np.isfinite(rows).all(axis=1)
@@ -131,9 +127,7 @@ class Event:
         """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
-        if self.fixture is None:
-            return "edit"
-        return "exchange"
+        return "edit" if self.fixture is None else "exchange"
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:

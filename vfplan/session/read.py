@@ -29,6 +29,7 @@ from vfplan.session.session import (
     Samples,
     Session,
     SessionStream,
+    in_order,
     unit_factor,
 )
 
@@ -66,13 +67,17 @@ def read_session(
 
 
 def open_session(
-    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None
-) -> SessionStream:
-    """Open a recording to be read block by block; as `read_session` otherwise."""
+    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None,
+    skip_unordered: bool = False,
+) -> SessionStream:  # fmt: skip
+    """Open a recording to be read block by block; as `read_session` otherwise.
+
+    skip_unordered: sort samples however many are out of order, and leave doubled ones out
+    """
     path = Path(path)
     factor = unit_factor(units)
     if path.is_dir() and is_bag(path):
-        return _open_bag(path, factor, units, frame, ros)
+        return _open_bag(path, factor, units, frame, ros, skip_unordered)
     try:
         file = OpenedFile(path, SessionError)
     except SessionError as error:
@@ -87,7 +92,7 @@ def open_session(
     if name.endswith((".mcap", ".mcap.part")):
         is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", name, **source)
     if is_bag(path) and not is_our_mcap:
-        return _open_bag(path, factor, units, frame, ros)
+        return _open_bag(path, factor, units, frame, ros, skip_unordered)
     if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
         message = (
             "topic, field, tool tip, child frame, sender, time and row-major are for ROS bags, and "
@@ -104,9 +109,7 @@ def open_session(
             run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
         )
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
-        kind = "npz"
-        if signature == HDF5_SIGNATURE:
-            kind = "hdf5"
+        kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
         length, statements = run_once(f"vfplan.session.read:{kind}_header", name, **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
@@ -136,12 +139,15 @@ def open_session(
             for rows in table.blocks(HIP_COLUMNS):
                 yield rows[:, 0].copy(), rows[:, 1:] * factor
 
-    read = functools.partial(_read_unchanged, read, file.require_unchanged)
-    return SessionStream(read, name, frame, file.sha256(), notes, length)
+    mended: dict[str, int] = {}
+    read = functools.partial(
+        _read_unchanged, read, file.require_unchanged, mended, name, skip_unordered
+    )
+    return SessionStream(read, name, frame, file.sha256(), {**notes, "mended": mended}, length)
 
 
 def _open_bag(
-    path: Path, factor: float, units: str, frame: str, ros: RosOptions | None
+    path: Path, factor: float, units: str, frame: str, ros: RosOptions | None, skip: bool
 ) -> SessionStream:
     # A bag may be several files, which its library opens by itself. None of them may change
     # between the digest and the end of the reading.
@@ -163,15 +169,18 @@ def _open_bag(
 
     job = "vfplan.session.bags:read_bag"
     read = functools.partial(run_in_sandbox, job, place, factor, *chosen, **told)
-    read = functools.partial(_read_unchanged, read, require_unchanged)
-    return SessionStream(read, name, frame, sha256, {"format": "ros", "units": units, **notes})
+    mended: dict[str, int] = {}
+    read = functools.partial(_read_unchanged, read, require_unchanged, mended, name, skip)
+    notes |= {"format": "ros", "units": units, "mended": mended}
+    return SessionStream(read, name, frame, sha256, notes)
 
 
 def _read_unchanged(
-    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None]
-) -> Iterator[Samples]:
-    """Read to the end, and then refuse a file that no longer has the digest that was taken."""
-    yield from read()
+    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None],
+    mended: dict[str, int], name: str, skip: bool,
+) -> Iterator[Samples]:  # fmt: skip
+    """Read to the end, in order, and refuse a file that no longer has the digest that was taken."""
+    yield from in_order(read(), mended, name, skip=skip)
     require_unchanged()
 
 
@@ -275,9 +284,7 @@ def plain_attribute(value: Any) -> Any:
     """An attribute's value in Python's types. h5py gives text of fixed length as bytes."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
 def _check_shapes(time: Any, hip: Any, where: str) -> int:

@@ -144,9 +144,7 @@ def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
         if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
             message = f"has no group {group!r}. Replay the session again"
             raise InputError(message, where=where, code="group-missing")
-        place = file
-        if group:
-            place = file[group]
+        place = file[group] if group else file
         datasets = []
         for name, (columns, _, _) in TABLE.items():
             dataset = plain_dataset(place, name, where, TABLE, InputError)
@@ -295,9 +293,7 @@ class ResultWriter(WholeFileWriter):
         self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
         self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
         for group in self._groups:
-            place = self._file
-            if group:
-                place = self._file.require_group(group)
+            place = self._file.require_group(group) if group else self._file
             for name, (columns, dtype, unit) in TABLE.items():
                 dataset = place.create_dataset(
                     name,

@@ -5,6 +5,7 @@ What is measured block by block, `WithPrevious`, `Largest` and `LongestRun`, ser
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -68,8 +69,11 @@ class LongestRun:
         self._open = int(lengths[-1])
 
 
-# An interval longer than this many nominal ones misses samples: half a sample beyond one.
+# An interval longer than this many nominal ones may miss samples: half a sample beyond one.
 GAP = 1.5
+
+# Samples on each side of a long interval, by which time is told that is only late.
+AROUND = 16
 
 # No hand moves a tool faster than this [m/s]: the position jumped.
 JUMP_M_S = 20.0
@@ -112,17 +116,25 @@ class SamplingReport:
 
         # Intervals: gaps and jitter.
         is_gap = dt > GAP * self._nominal_s
-        self._intervals_without_gap += int(np.count_nonzero(~is_gap))
-        self._jitter_squares += float(((dt[~is_gap] - self._nominal_s) ** 2).sum())
-        self._longest_s = max(self._longest_s, float(dt.max()))
+        phase = time - self._nominal_s * np.arange(len(time))
         for k in np.flatnonzero(is_gap):
-            missing = int(round(dt[k] / self._nominal_s) - 1)
+            # Only the samples around it tell a late sample from one that is missing.
+            before, after = np.sort(phase[max(0, k + 1 - AROUND) : k + 1]), phase[k + 1 :][:AROUND]
+            shift = np.sort(after)[len(after) // 2] - before[len(before) // 2]
+            late = min(dt[k] - self._nominal_s, shift) / self._nominal_s
+            missing = round(late)
+            is_gap[k] = missing > 0
+            if not missing:
+                continue
             gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
             self._counts["missing_samples"] += missing
             self._counts["gaps"] += 1
             self._counts["gap_s"] += gap["length_s"]
             if len(self._gaps) < MAX_LISTED:
                 self._gaps.append(gap)
+        self._intervals_without_gap += int(np.count_nonzero(~is_gap))
+        self._jitter_squares += float(((dt[~is_gap] - self._nominal_s) ** 2).sum())
+        self._longest_s = max(self._longest_s, float(dt.max()))
 
         # Positions: repeats and jumps.
         step = np.diff(hip, axis=0)
@@ -146,6 +158,7 @@ class SamplingReport:
             "jitter_rms_s": float(np.sqrt(jitter_squares)),
             **self._counts,
             "repeats_longest": self._repeats.length,
+            "changes": self._count - 1 - self._counts["repeats"],
             "speed_max_m_s": self._speed.value,
             "speed_max_tick": self._speed.tick,
         }
@@ -169,6 +182,12 @@ MAX_TIME_S = 1e20
 
 # Smallest difference between two time stamps [s]. A smaller one would make speeds overflow.
 MIN_STEP_S = 1e-9
+
+# Samples that wait for earlier ones.
+REORDERED = 256
+
+# Share of swapped and doubled samples up to which they are mended, and told.
+MENDED_SHARE = 0.01
 
 # Highest rate of resampling. No arm's loop is as fast, and a rate mistyped by some zeros would fill
 # the memory.
@@ -268,9 +287,7 @@ def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
     if units not in ("m", "mm"):
         raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
-    if units == "m":
-        return 1.0
-    return 1e-3
+    return 1.0 if units == "m" else 1e-3
 
 
 def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
@@ -284,6 +301,52 @@ def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
             time, hip = time[size:], hip[size:]
     if len(time):
         yield time, hip
+
+
+def in_order(
+    portions: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
+) -> Iterator[Samples]:
+    """The samples in the order of their times; one that is doubled, or far too late, is left out.
+
+    mended: counts, when all is read, the samples that were `swapped` and those that were `doubled`
+    skip: take any number of them
+
+    Raises SessionError: more than `MENDED_SHARE` of them
+    """
+    time, hip = np.empty(0), np.empty((0, 3))
+    count = swapped = doubled = 0
+    newest = last = -np.inf
+    first: tuple[int, float, float] | None = None
+    for more_time, more_hip in itertools.chain(portions, [(np.empty(0), np.empty((0, 3)))]):
+        before = np.maximum.accumulate(np.append(newest, more_time))
+        is_late = np.diff(before) < MIN_STEP_S
+        if is_late.any() and first is None:
+            k = int(np.argmax(is_late))
+            first = count + k, float(more_time[k]), float(before[k])
+        newest = before[-1]
+        count += len(more_time)
+        swapped += int(np.count_nonzero(is_late))
+        time, hip = np.concatenate((time, more_time)), np.concatenate((hip, more_hip))
+        if np.isfinite(time).all():
+            order = np.argsort(time, kind="stable")
+            order = order[np.diff(np.maximum(time[order], last), prepend=last) >= MIN_STEP_S]
+            doubled += len(time) - len(order)
+            time, hip = time[order], hip[order]
+        done = len(time) - REORDERED if len(more_time) else len(time)
+        if done > 0:
+            yield time[:done], hip[:done]
+            last = time[done - 1]
+            time, hip = time[done:], hip[done:]
+    mended |= {"swapped": swapped - doubled, "doubled": doubled}
+    if first is not None and swapped > MENDED_SHARE * count and not skip:
+        raise SessionError(
+            f"time does not increase: {first[1]!r} s at sample {first[0]} follows {first[2]!r} s. "
+            f"Give each sample a later time than the one before, or --skip-unordered to leave "
+            f"{doubled} of {count} samples out",
+            where=where,
+            code="time-not-increasing",
+            numbers={"sample": first[0]},
+        )
 
 
 def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
@@ -300,16 +363,12 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
             k = int(np.argmin(good))
             x, y, z = hip[k]
             is_finite = np.isfinite([time[k], x, y, z]).all()
-            fault = "is not finite"
-            if is_finite:
-                fault = "is out of range"
+            fault = "is out of range" if is_finite else "is not finite"
             message = (
                 f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Give "
                 f"finite positions within {MAX_COORDINATE:g} m"
             )
-            code = "sample-not-finite"
-            if is_finite:
-                code = "sample-out-of-range"
+            code = "sample-out-of-range" if is_finite else "sample-not-finite"
             raise SessionError(message, where=where, code=code, numbers={"sample": count + k})
         with_last = np.concatenate(([last_time], time))
         increases = np.diff(with_last) >= MIN_STEP_S
