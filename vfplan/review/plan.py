@@ -380,36 +380,36 @@ def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
 
     An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
     """
-    if fixture.frame == "image" or fixture.rendering is None:
-        return
-    _refuse_other_than_recipe(
-        fixture, FixtureSettings, given,
-        "The fixture is planned already, and these settings would not change it: {}. Leave them "
-        "out, or plan anew with them: vfplan plan IMAGE MARKERS.", "planned-already",
-    )  # fmt: skip
+    others = other_than_recipe(fixture, FixtureSettings, given)
+    if others and fixture.frame != "image" and fixture.rendering is not None:
+        text = (
+            "The fixture is planned already, and these settings would not change it: "
+            f"{', '.join(others)}. Leave them out, or plan anew with them: vfplan plan IMAGE "
+            "MARKERS."
+        )
+        raise SettingError(text, code="planned-already", numbers={"settings": others})
 
 
 def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> None:
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     names = {*PEN_SETTINGS, "stroke", "density_per_mm", "curve_origin"}
-    if recalled(ExtractSettings, fixture.provenance.settings) is None:
+    if "colour" not in fixture.provenance.settings:
         names.remove("colour")  # The page needs to know the pen.
-    _refuse_other_than_recipe(
-        fixture, ExtractSettings, {name: given[name] for name in given if name in names},
-        "The curve is extracted already, and these settings would not change it: {}. Leave them "
-        "out, or extract it anew with them: vfplan review IMAGE.", "extracted-already",
-    )  # fmt: skip
+    others = [name for name in other_than_recipe(fixture, ExtractSettings, given) if name in names]
+    if others:
+        text = (
+            "The curve is extracted already, and these settings would not change it: "
+            f"{', '.join(others)}. Leave them out, or extract it anew with them: vfplan review "
+            "IMAGE."
+        )
+        raise SettingError(text, code="extracted-already", numbers={"settings": others})
 
 
-def _refuse_other_than_recipe(
-    fixture: Fixture, kind: type, given: dict[str, Any], text: str, code: str
-) -> None:
-    """Refuse what is given and is not as the bundle's recipe has it."""
+def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> list[str]:
+    """What is given otherwise than the recipe of a bundle has it."""
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
-    others = [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
-    if others:
-        raise SettingError(text.format(", ".join(others)), code=code, numbers={"settings": others})
+    return [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
