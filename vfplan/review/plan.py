@@ -235,10 +235,14 @@ class Plan:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
-        margin, is_restated = self.fit.settings.margin, False
-        if source.opened is not None and (self.fit is not source.fit or source.pairs is not None):
-            is_restated = margin == source.opened.provenance.settings.get("margin")
-        if is_restated and isinstance(margin, (int, float)):
+        margin, opened = self.fit.settings.margin, source.opened
+        is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
+        # A margin from the bound is made anew; a number cannot be.
+        if (
+            is_other
+            and type(margin) is float
+            and margin == opened.provenance.settings.get("margin")
+        ):
             text = (
                 f"The margin of {millimetres(margin)} was made for other markers. Run vfplan "
                 "campaign on a plan with these, and give its --margin and --campaign."
@@ -266,7 +270,7 @@ class Plan:
         strokes, ink, image = self.geometry.strokes, self.geometry.ink, self.source.image
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
-        settings = self.source.recipe
+        settings = self.source.recipe | recorded(self.fit.settings)
         if ink is not None:
             settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
         # The files of the bundle's markers are named as long as these are its markers.
