@@ -208,7 +208,9 @@ def test_a_misplaced_marker_is_moved_home_and_the_bound_follows(sample):
 
 def test_markers_are_added_renamed_deleted_and_pasted(sample):
     session = Session.open(SLICE)
-    session = session.apply({"do": "set_markers", "table": sample.current.fit.table()})
+    rows = [[m.label, *m.place, *m.target_m] for m in sample.current.fit.markers]
+    rows = ["label,u_px,v_px,x_m,y_m,z_m", *(",".join(map(str, row)) for row in rows)]
+    session = session.apply({"do": "set_markers", "table": "\n".join(rows)})
     assert session.state()["tre95_m"] == pytest.approx(sample.state()["tre95_m"])
     more = session.apply({"do": "add_marker", "label": "M10", "at": [100, 100]})
     assert more.state()["markers"][-1]["target_m"] is None

@@ -241,10 +241,14 @@ class Plan:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
-        margin, is_restated = self.fit.settings.margin, False
-        if source.opened is not None and (self.fit is not source.fit or source.pairs is not None):
-            is_restated = margin == source.opened.provenance.settings.get("margin")
-        if is_restated and isinstance(margin, (int, float)):
+        margin, opened = self.fit.settings.margin, source.opened
+        is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
+        # A margin from the bound is made anew; a number cannot be.
+        if (
+            is_other
+            and type(margin) is float
+            and margin == opened.provenance.settings.get("margin")
+        ):
             text = (
                 f"The margin of {millimetres(margin)} was made for other markers. Run vfplan "
                 "campaign on a plan with these, and give its --margin and --campaign."
@@ -272,7 +276,7 @@ class Plan:
         strokes, ink, image = self.geometry.strokes, self.geometry.ink, self.source.image
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
-        settings = self.source.recipe
+        settings = self.source.recipe | recorded(self.fit.settings)
         if ink is not None:
             settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
         # The files of the bundle's markers are named as long as these are its markers.
@@ -386,36 +390,36 @@ def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
 
     An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
     """
-    if fixture.frame == "image" or fixture.rendering is None:
-        return
-    _refuse_other_than_recipe(
-        fixture, FixtureSettings, given,
-        "The fixture is planned already, and these settings would not change it: {}. Leave them "
-        "out, or plan anew with them: vfplan plan IMAGE MARKERS.", "planned-already",
-    )  # fmt: skip
+    others = other_than_recipe(fixture, FixtureSettings, given)
+    if others and fixture.frame != "image" and fixture.rendering is not None:
+        text = (
+            "The fixture is planned already, and these settings would not change it: "
+            f"{', '.join(others)}. Leave them out, or plan anew with them: vfplan plan IMAGE "
+            "MARKERS."
+        )
+        raise SettingError(text, code="planned-already", numbers={"settings": others})
 
 
 def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> None:
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     names = {*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS}
-    if recalled(ExtractSettings, fixture.provenance.settings) is None:
+    if "colour" not in fixture.provenance.settings:
         names.remove("colour")  # The page needs to know the pen.
-    _refuse_other_than_recipe(
-        fixture, ExtractSettings, {name: given[name] for name in given if name in names},
-        "The curve is extracted already, and these settings would not change it: {}. Leave them "
-        "out, or extract it anew with them: vfplan review IMAGE.", "extracted-already",
-    )  # fmt: skip
+    others = [name for name in other_than_recipe(fixture, ExtractSettings, given) if name in names]
+    if others:
+        text = (
+            "The curve is extracted already, and these settings would not change it: "
+            f"{', '.join(others)}. Leave them out, or extract it anew with them: vfplan review "
+            "IMAGE."
+        )
+        raise SettingError(text, code="extracted-already", numbers={"settings": others})
 
 
-def _refuse_other_than_recipe(
-    fixture: Fixture, kind: type, given: dict[str, Any], text: str, code: str
-) -> None:
-    """Refuse what is given and is not as the bundle's recipe has it."""
+def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> list[str]:
+    """What is given otherwise than the recipe of a bundle has it."""
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
-    others = [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
-    if others:
-        raise SettingError(text.format(", ".join(others)), code=code, numbers={"settings": others})
+    return [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
