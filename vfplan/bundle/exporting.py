@@ -78,9 +78,7 @@ def suffix_of(path: str | Path) -> str:
 
 def unit_of(fixture: Fixture) -> str:
     """The unit of a fixture's points."""
-    if fixture.frame == "image":
-        return "px"
-    return "m"
+    return "px" if fixture.frame == "image" else "m"
 
 
 def ply(fixture: Fixture) -> bytes:

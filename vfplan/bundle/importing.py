@@ -211,9 +211,7 @@ def check_cloud(points: Points, where: str) -> Points:
 def short_text(text: str) -> str:
     """A text as one of at most 203 characters, without control characters and slashes."""
     clean = "".join("?" if c in "/\\" or not c.isprintable() else c for c in text)
-    if len(clean) <= 200:
-        return clean
-    return clean[:200] + "..."
+    return clean if len(clean) <= 200 else clean[:200] + "..."
 
 
 def mesh_band(points: Points, triangles: Triangles, radius: float) -> float:

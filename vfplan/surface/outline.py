@@ -499,9 +499,7 @@ def slice_name(normal: Array, z: float) -> str:
 
 def first_of(places: list[str]) -> str:
     """The first of some places, and how many more there are."""
-    if len(places) == 1:
-        return places[0]
-    return f"{places[0]} and {len(places) - 1} more"
+    return places[0] if len(places) == 1 else f"{places[0]} and {len(places) - 1} more"
 
 
 def common_normal(contours: Contours) -> Array:

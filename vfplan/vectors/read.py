@@ -291,9 +291,7 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
 
 def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
     """Points that are counted from a pixel's centre or corner, counted from centres."""
-    if origin == "corner":
-        return points - CORNER_PX
-    return points
+    return points - CORNER_PX if origin == "corner" else points
 
 
 def _wrong_selection(description: str) -> CurveError:
