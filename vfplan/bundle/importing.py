@@ -232,9 +232,7 @@ def check_cloud(points: Points, where: str) -> Points:
 def short_text(text: str) -> str:
     """A text as one of at most 203 characters, without control characters and slashes."""
     clean = "".join("?" if c in "/\\" or not c.isprintable() else c for c in text)
-    if len(clean) <= 200:
-        return clean
-    return clean[:200] + "..."
+    return clean if len(clean) <= 200 else clean[:200] + "..."
 
 
 def mesh_band(points: Points, triangles: Triangles, radius: float) -> float:
@@ -297,9 +295,8 @@ def read_csv(data: bytes, units: str, where: str) -> Mesh:
     elif len(columns) < 3:
         raise InputError(
             f"It has {len(columns)} columns. Give a table with x, y and z.",
-            where=where,
-            code="column-missing",
-        )
+            where=where, code="column-missing",
+        )  # fmt: skip
     points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
     return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
 
@@ -313,9 +310,8 @@ def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
             raise InputError(
                 f"The header names {', '.join(table.columns)[:80]}, and no {axis}. Name the "
                 "columns of the coordinates x, y and z.",
-                where=table.where,
-                code="column-missing",
-            )
+                where=table.where, code="column-missing",
+            )  # fmt: skip
         column = candidates[0]
         columns.append(column)
         unit = column.partition("_")[2]
@@ -323,9 +319,8 @@ def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
             raise InputError(
                 f"The header names {column}, and {units} was given as the unit. Give --units "
                 f"{unit}, or name the column by its true unit.",
-                where=table.where,
-                code="units-differ",
-            )
+                where=table.where, code="units-differ",
+            )  # fmt: skip
     return tuple(columns)
 
 

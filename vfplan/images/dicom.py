@@ -226,6 +226,4 @@ def place_in_patient(
     T_patient_image[:3, :2] = steps
     T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
-    if not np.isfinite(T_patient_image).all():
-        return None
-    return T_patient_image
+    return T_patient_image if np.isfinite(T_patient_image).all() else None

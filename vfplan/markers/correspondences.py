@@ -140,9 +140,8 @@ def read_markers(
             raise MarkerError(
                 f"holds only {sides[0].frame} positions. Give a second file with the other side, "
                 "or one table with label,u_px,v_px,x_m,y_m,z_m",
-                where=str(path),
-                code="one-side-only",
-            )
+                where=str(path), code="one-side-only",
+            )  # fmt: skip
         return join(sides[0], sides[1], {"markers": sides[0].sha256}, common)
     both = []
     for file in (path, path2):
@@ -150,17 +149,15 @@ def read_markers(
         if len(sides) == 2:
             raise MarkerError(
                 "holds both sides already. Give it alone, or two files with one side each",
-                where=str(file),
-                code="both-sides",
-            )
+                where=str(file), code="both-sides",
+            )  # fmt: skip
         both += sides
     first, second = both
     if first.frame == second.frame != "patient_lps":
         raise MarkerError(
             f"both files hold {first.frame} positions ({first.where}). Give one of each side",
-            where=second.where,
-            code="same-side-twice",
-        )
+            where=second.where, code="same-side-twice",
+        )  # fmt: skip
     inputs = {"markers": first.sha256, "markers2": second.sha256}
     is_swapped = second.frame == "image" or first.frame == "robot_base"
     source, target = (second, first) if is_swapped else (first, second)
@@ -174,9 +171,8 @@ def read_sides(path: Path) -> list[MarkerPoints]:
     if suffix not in (".csv", ".txt", ".tsv", ".json", ".fcsv"):
         raise MarkerError(
             f"has suffix {path.suffix!r}. Save it as .csv, .mrk.json or .fcsv",
-            where=where,
-            code="suffix-unknown",
-        )
+            where=where, code="suffix-unknown",
+        )  # fmt: skip
     text, sha256 = read_text(path, MAX_BYTES, MarkerError)
     if suffix == ".json":
         sides = [parse_mrk_json(text, where)]
@@ -426,16 +422,14 @@ def markups_of(text: str, where: str) -> list[dict[str, Any]]:
     if not isinstance(document, dict):
         raise MarkerError(
             f"holds a {type(document).__name__} and no markups. Save it again in Slicer",
-            where=where,
-            code="no-markups",
-        )
+            where=where, code="no-markups",
+        )  # fmt: skip
     schema = document.get("@schema")
     if not isinstance(schema, str) or not SCHEMA.match(schema):
         raise MarkerError(
             f"@schema is {schema!r}. Give a file of Slicer's markups schema v1",
-            where=where,
-            code="schema-unknown",
-        )
+            where=where, code="schema-unknown",
+        )  # fmt: skip
     return _objects(document, "markups", where)
 
 
@@ -457,16 +451,14 @@ def defined_points(
     if not isinstance(unit, str) or unit not in metres:
         raise MarkerError(
             f"coordinateUnits is {unit!r}. It may be {', '.join(metres)}",
-            where=where,
-            code="unit-unknown",
-        )
+            where=where, code="unit-unknown",
+        )  # fmt: skip
     system = markup.get("coordinateSystem", "LPS")
     if system not in ("LPS", "RAS"):
         raise MarkerError(
             f"coordinateSystem is {system!r}. It may be LPS or RAS",
-            where=where,
-            code="coordinate-system-unknown",
-        )
+            where=where, code="coordinate-system-unknown",
+        )  # fmt: skip
     scale = metres[unit] * (RAS_TO_LPS if system == "RAS" else np.ones(3))
     for point in _objects(markup, "controlPoints", where):
         if point.get("positionStatus", "defined") != "defined":
@@ -476,9 +468,8 @@ def defined_points(
         if not isinstance(position, list) or len(position) != 3:
             raise MarkerError(
                 f"{what} is {position!r}. Give three numbers",
-                where=where,
-                code="no-position",
-            )
+                where=where, code="no-position",
+            )  # fmt: skip
         xyz = [parse_number(value, what, where, MarkerError) for value in position]
         yield point, np.array(xyz) * scale
 
@@ -489,9 +480,8 @@ def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise MarkerError(
             f"{key!r} is not a list of objects. Save the file again in Slicer",
-            where=where,
-            code="no-markups",
-        )
+            where=where, code="no-markups",
+        )  # fmt: skip
     return entries
 
 

@@ -81,7 +81,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     values = grid_values(stack, axes, step)
     if closed:
         values[:, :, [0, -1]] = step
-    if values.min() >= 0:
+    if values.min() > -ROUNDING_M:
         parts = [part for outline in stack.outlines for part in outline.parts]
         inner = max(2 * part.area / part.length for part in parts)
         raise CurveError(

@@ -197,12 +197,12 @@ def polygon_of(ring: Array, where: str) -> Polygon:
             where=where, code="outline-empty", numbers={"corners": len(ring)},
         )  # fmt: skip
     ring = with_closed_channel(ring)
-    polygon = Polygon(ring)
     ring_area = abs(area(ring))
     if not ring_area > 0:
         raise CurveError(
             "an outline encloses nothing. Remove or redraw it.", where=where, code="outline-empty"
         )
+    polygon = Polygon(ring)
     if polygon.is_valid:
         return polygon
 

@@ -411,16 +411,13 @@ def check_drawn_on(
             f"is drawn on {len(drawn_on)} other image(s), the first "
             f"{next(iter(drawn_on))[:64]}, and this one is {image.instance[:64]}. Give the "
             "image that it is drawn on",
-            where=where,
-            code="drawn-on-another-image",
-            numbers={"images": len(drawn_on)},
-        )
+            where=where, code="drawn-on-another-image", numbers={"images": len(drawn_on)},
+        )  # fmt: skip
     frames = drawn_on[image.instance]
     if frames and (frame or 1) not in frames:
         raise CurveError(
             f"is drawn on frame {frames[0]}, not {frame or 1}. Give --frame {frames[0]}",
-            where=where,
-            code="drawn-on-another-frame",
+            where=where, code="drawn-on-another-frame",
             numbers={"frame": frame or 1, "drawn_on_frame": frames[0]},
-        )
+        )  # fmt: skip
     return ()

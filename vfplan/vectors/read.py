@@ -133,9 +133,8 @@ def onto_slice(curve: VectorDrawing, T_patient_image: NDArray | None, where: str
         raise CurveError(
             "is in the patient's frame, and the image does not say where it lies in the "
             "patient. Give a DICOM slice with position, orientation and PixelSpacing",
-            where=where,
-            code="slice-without-place",
-        )
+            where=where, code="slice-without-place",
+        )  # fmt: skip
     axes = T_patient_image[:3, :2]
     offset = curve.points - T_patient_image[:3, 2]
     pixels, *_ = np.linalg.lstsq(axes, offset.T, rcond=None)
@@ -292,9 +291,7 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
 
 def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
     """Points that are counted from a pixel's centre or corner, counted from centres."""
-    if origin == "corner":
-        return points - CORNER_PX
-    return points
+    return points - CORNER_PX if origin == "corner" else points
 
 
 def _wrong_selection(description: str) -> CurveError:
