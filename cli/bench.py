@@ -48,9 +48,7 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
     from vfplan.bench.record import summaries, table_lines
     from vfplan.bench.stages import read_document
 
-    stages = [stage]
-    if stage == "all":
-        stages = list(STAGES)
+    stages = list(STAGES) if stage == "all" else [stage]
     refuse_idle_options(stages, source)
     document = None
     if source is not None:

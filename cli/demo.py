@@ -52,9 +52,7 @@ def vfplan_demo(what, output) -> CommandResult:
         for name, place in zip(sample.FILES, places, strict=True):
             write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
     key, tell = TELLERS[what]
-    data = {key: report}
-    if not key:
-        data = dict(report)
+    data = {key: report} if key else dict(report)
     data["files"] = list(sample.FILES)
     return CommandResult(
         data,

@@ -162,9 +162,7 @@ def extracted_text(report: dict[str, Any]) -> str:
         units = [unit for unit in ("px", "mm") if stroke.get(f"length_{unit}")]
         lengths = " = ".join(f"{stroke[f'length_{unit}']:.1f} {unit}" for unit in units)
         bridged = stroke.get("bridged_points")
-        bridges = ""
-        if bridged:
-            bridges = f", {bridged} of them bridged"
+        bridges = f", {bridged} of them bridged" if bridged else ""
         lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points{bridges}")
     if report.get("account"):
         lines.append(f"  {account_text(report['account'])}")

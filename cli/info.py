@@ -33,9 +33,7 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
-        verdict = "sound, not signed"
-        if data["seal"]["signed"]:
-            verdict = "sound, signed"
+        verdict = "sound, signed" if data["seal"]["signed"] else "sound, not signed"
         next_step = approval_command(
             fixture, data["seal"], is_reviewed=data["reviewed"] is not None,
             has_image=any(path.startswith("/image@") for path in data),
@@ -47,9 +45,7 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
 def summary_text(data: dict[str, Any]) -> str:
     """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
     seal = data["seal"]
-    signed = "not signed"
-    if seal["signed"]:
-        signed = f"signed by {seal['key_id']}"
+    signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
     lines = [
         f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points",
         f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",

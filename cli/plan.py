@@ -69,9 +69,7 @@ def vfplan_plan(
     # The files that have no option of their own are checked before any work, as the others were.
     if output is None:
         output = Path(f"{image.stem}.h5")
-    sheet_path = None
-    if not no_sheet:
-        sheet_path = output.with_name(f"{output.stem}-sheet.png")
+    sheet_path = None if no_sheet else output.with_name(f"{output.stem}-sheet.png")
     refuse_named_files(output, sheet_path)
 
     # From the slice to a fixture.

@@ -59,9 +59,7 @@ def vfplan_register(
         raise click.UsageError("--find-markers measures marks on a slice. Give --image IMAGE too")
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
-    slice_image = None
-    if image is not None:
-        slice_image = read_slice_of(drawn, image)
+    slice_image = read_slice_of(drawn, image) if image is not None else None
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,
@@ -243,9 +241,7 @@ def rendering_line(report: dict[str, Any]) -> str:
 
 def guide_line(guide: dict[str, Any]) -> str:
     """The tube of a guide."""
-    which = "the curve"
-    if "stroke" in guide:
-        which = f"stroke {guide['stroke']}"
+    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
     line = (
         f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
         f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"

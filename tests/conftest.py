@@ -19,8 +19,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ENDS = (".png", "_markers_image.csv", "_markers_robot.csv")
+# The sample: a drawn slice, and its markers' places in the image and before the robot.
 ELBOW = tuple(ROOT / "samples" / f"elbow{end}" for end in ENDS)
-"""The sample: a drawn slice, and its markers' places in the image and before the robot."""
 
 
 def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:

@@ -167,8 +167,8 @@ def no_scheduler(*args, **words):
     raise OSError("Timed out")
 
 
+# (M, 2) a closed curve on a slice [px].
 RING = 100 + 40 * np.array([(np.cos(t), np.sin(t)) for t in np.arange(0, 6.28, 0.02)])
-"""(M, 2) a closed curve on a slice [px]."""
 
 CROSS = np.zeros((90, 90), bool)
 CROSS[44:46] = CROSS[:, 44:46] = True

@@ -9,8 +9,8 @@ from conftest import ROOT
 from docs_modules import load
 
 words = load(ROOT / "docs" / "count_words.py")
+# Of prose on all pages together.
 MOST_WORDS = 20_000
-"""Of prose on all pages together."""
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 
 

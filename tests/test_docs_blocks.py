@@ -17,6 +17,7 @@ transcripts = load(ROOT / "docs" / "make_transcripts.py")
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# What the blocks of a page take for granted, as the sentences before them say.
 BEFORE = {
     "review": """
 import cv2
@@ -59,7 +60,6 @@ stamp, t, hip, base_from_fixture = 0.0, 0.001, np.array([0.05, 0.02, 0.0]), np.e
 engine.reset(hip)
 """,
 }
-"""What the blocks of a page take for granted, as the sentences before them say."""
 
 
 def link_sources(folder):
@@ -104,6 +104,7 @@ CPP = re.compile(r"^```cpp\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CMAKE = re.compile(r"^```cmake\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHELL = re.compile(r"^```\n(cmake .*?)^```$", re.MULTILINE | re.DOTALL)
 INCLUDE = vfplan.cmake_dir().parents[2] / "include"
+# Makes the files that the blocks of C++ read.
 SIGNED = """
 vfplan keygen -o planner.key -q
 vfplan review fixture.h5 --slice samples/elbow.png --sheet-out sheet.png --json > review.json
@@ -115,7 +116,6 @@ cp approved.h5 signed.h5
 cp planner.pub keys.pub
 cp tests/data/bundles/2.0-mesh.h5 mesh.h5
 """
-"""Makes the files that the blocks of C++ read."""
 CPP_BEFORE = """
 double x = 0, y = 0, z = 0;
 const vfplan::Vec3 tip{{x, y, z}};
@@ -131,16 +131,16 @@ vfplan::Stroke stroke{cloud, {0, 0, 0}, false};
 vfplan::Parameters p;
 auto fixture = vfplan::bundle::read_fixture("mesh.h5");
 """
+# Lines and arcs are rendered across an axis, a mesh is not.
 CPP_OF_STROKE = "vfplan::Parameters p; p.ignore_axis = vfplan::Vec3{{0, 0, 1}};"
-"""Lines and arcs are rendered across an axis, a mesh is not."""
 CPP_OF_LIVE = "const double t = 0; const vfplan::Step step{};"
+# A page with blocks of C++: the header and the names that its sentences take for granted.
 CPP_PAGES = {
     "README.md": ("bundle/engine.hpp", CPP_BEFORE),
     "docs/controller.md": ("engine.hpp", CPP_BEFORE),
     "docs/engine.md": ("bundle/engine.hpp", CPP_BEFORE + CPP_OF_ENGINE),
     "docs/live.md": ("engine.hpp", CPP_BEFORE + CPP_OF_LIVE),
 }
-"""A page with blocks of C++: the header and the names that its sentences take for granted."""
 
 
 def make_files(folder):

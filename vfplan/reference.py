@@ -84,9 +84,7 @@ class PaperProxy:
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= MAX_COORDINATE):  # NaN, infinite or absurd: stay, say so
-            proxy = self._proxy
-            if self._proxy is None:
-                proxy = np.zeros(3)
+            proxy = np.zeros(3) if self._proxy is None else self._proxy
             return Step(proxy, self._normal, self._force, self._state, Status.BAD_HIP)
         if self._proxy is None:
             self._proxy = hip.copy()  # Algorithm 1: P_proxy <- P_HIP

@@ -115,11 +115,11 @@ WRONG = {
 }
 
 
+# What is wrong, and not what follows from it.
 PLACES = {
     "flat points": "/points", "one sigma too few": "/sigma", "a stroke too many": "/curve/stroke",
     "a triangle of no points": "/mesh/triangles", "two stiffnesses": "/rendering/stiffness",
 }  # fmt: skip
-"""What is wrong, and not what follows from it."""
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -10,8 +10,8 @@ from conftest import ROOT
 from vfplan.cli.main import COMMANDS, MODULES, cli
 
 GROUP = click.Context(cli)
+# Options of `vfplan` itself and of `python -m vfplan.conformance`.
 ELSEWHERE = {"--cmake-dir", "--version", "--kit", "--refused"}
-"""Options of `vfplan` itself and of `python -m vfplan.conformance`."""
 
 
 def options_of(name):

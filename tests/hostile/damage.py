@@ -15,8 +15,8 @@ from vfplan.bundle import seal
 from vfplan.bundle.read import read_bundle
 from vfplan.errors import BundleError
 
+# Lengths of the seal of a bundle with short texts, and of what follows its texts [bytes].
 SEAL, TAIL = 512, 48
-"""Lengths of the seal of a bundle with short texts, and of what follows its texts [bytes]."""
 
 
 def sealed(payload: bytes, *, end: int | None = None) -> bytes:

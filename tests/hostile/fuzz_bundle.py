@@ -85,8 +85,8 @@ def mutated(payload: bytes, draw: random.Random) -> bytes:
     return repaired(bytes(data[: len(payload)]))
 
 
+# The made-up fixtures of which mutants are made.
 SEEDS = ("small", "whole", "doubtful", "drawn", "guided", "sheet", "patient", "pixels")
-"""The made-up fixtures of which mutants are made."""
 
 
 def mutants(first: int, count: int):

@@ -339,8 +339,8 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
     assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
 
 
+# Keys of parts of a report, which docs/replay.md explains by their words.
 ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
-"""Keys of parts of a report, which docs/replay.md explains by their words."""
 MOVING = {"fixture_energy_j", "pose_age_max_s", "frame_lag_max_m"}
 
 

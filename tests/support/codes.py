@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
+# The variable that names the file to which each process adds the codes that it raised.
 RAISED = "VFPLAN_CODES_RAISED"
-"""The variable that names the file to which each process adds the codes that it raised."""
 
 _raised: set[str] = set()
 

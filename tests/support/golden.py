@@ -52,12 +52,12 @@ def engine_sums(fixture: Fixture) -> dict[str, str]:
     return sums
 
 
+# Name in the archive -> the made-up fixture that it holds.
 MADE = {
     "minimal": "minimal", "everything": "whole", "mesh": "sheet", "pixels": "pixels",
     "patient": "patient", "guided": "guided", "pieces": "drawn", "findings": "doubtful",
     "reviewed": "reviewed",
 }  # fmt: skip
-"""Name in the archive -> the made-up fixture that it holds."""
 
 
 def write_archive() -> None:

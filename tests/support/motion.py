@@ -89,8 +89,8 @@ def compiled(folder, source, *flags, compiler="g++"):
     return program
 
 
+# A program's own peak memory, as an expression; that of getrusage begins with its parent's.
 PEAK_KIB = 'int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])'
-"""A program's own peak memory, as an expression; that of getrusage begins with its parent's."""
 
 
 def output(program, *args, timeout=300):

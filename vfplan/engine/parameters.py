@@ -352,9 +352,7 @@ def number(
     bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     unit = f" {unit}" if unit else ""
     of = "of " if above is None else ""
-    wanted = "a finite value"
-    if bounds:
-        wanted = f"a value {of}{bounds}{unit}"
+    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
     if why:
         wanted += f" ({why})"
     raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
@@ -379,9 +377,7 @@ def core_settings(**units: str) -> Iterator[None]:
         yield
     except _core.OutOfRange as error:
         message, name, value = error.args
-        chosen = name
-        if name in units:
-            chosen = f"{name}_{units[name]}"
+        chosen = f"{name}_{units[name]}" if name in units else name
         raise SettingError(message.replace(name, chosen, 1), numbers={chosen: value}) from None
 
 

@@ -152,9 +152,7 @@ def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None 
     Without `frame_index` the value that all frames share, otherwise the frame's own before that.
     """
     frames = dataset.get("PerFrameFunctionalGroupsSequence")
-    items = None
-    if frame_index is not None and frames:
-        items = frames[frame_index].get(group)
+    items = frames[frame_index].get(group) if frame_index is not None and frames else None
     if not items:
         shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
         items = shared[0].get(group)

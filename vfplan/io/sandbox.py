@@ -140,9 +140,7 @@ def send_request(
     """Send a request to the helper, which is started if there is none."""
     global _helper
     data = json.dumps(request).encode()
-    descriptors = [answer_pipe]
-    if file is not None:
-        descriptors = [answer_pipe, file.fileno()]
+    descriptors = [answer_pipe, file.fileno()] if file is not None else [answer_pipe]
     with _lock:
         # A forked copy of the program starts a helper of its own.
         if _helper is None or _helper[0] != os.getpid():

@@ -237,9 +237,7 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     Raises MarkerError: no slice, or one that does not say where it lies
     Raises SettingError: a pixel spacing that is not the slice's own
     """
-    place = None
-    if image is not None:
-        place = image.T_patient_image
+    place = image.T_patient_image if image is not None else None
     if place is None:
         reason = "which no slice places in the patient. Give the DICOM slice it was drawn on with "
         reason += "--image"
@@ -265,9 +263,7 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
             )
     pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
     scale = float(np.sqrt(spacing_mm.prod()))
-    sigma = None
-    if curve.sigma is not None:
-        sigma = curve.sigma * scale * 1e-3
+    sigma = curve.sigma * scale * 1e-3 if curve.sigma is not None else None
     points = (pixels @ place.T)[:, :3]
     return replace(curve, frame="patient_lps", points=points, sigma=sigma), axes
 

@@ -143,9 +143,7 @@ def refuse_wrong_order(
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    order = None
-    if holds_markers(image):
-        order = "it holds markers"
+    order = "it holds markers" if holds_markers(image) else None
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             order = f"{path} is a picture"
@@ -245,9 +243,7 @@ def register(
     if touched is None:
         record.findings += error_findings(error)
     if settings.max_tre_length_m is not None:
-        taken_from = ""
-        if settings.max_tre_m == "contact radius":
-            taken_from = "contact radius"
+        taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(
             error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
         )
@@ -271,9 +267,7 @@ def register(
     unusual_size = size_doubt(fixture.points)
     if unusual_size is not None:
         record.doubt("size-unusual", "plan", unusual_size)
-    slow_tick = None
-    if fixture.pieces is not None:
-        slow_tick = slow_tick_text(fixture)
+    slow_tick = slow_tick_text(fixture) if fixture.pieces is not None else None
     if slow_tick is not None:
         record.doubt("tick-too-long", "plan", slow_tick)
     # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
@@ -499,9 +493,7 @@ def ignored_axis(
                 "a curve in space has no slice normal. Ignore x, y, z or none", code="no-normal"
             )
         return check_axis(choice)
-    columns = T[:3, :2]
-    if slice_axes is not None:
-        columns = T[:3, :3] @ slice_axes
+    columns = T[:3, :3] @ slice_axes if slice_axes is not None else T[:3, :2]
     normal = np.cross(columns[:, 0], columns[:, 1])
     normal /= np.linalg.norm(normal)
     if choice == "normal":

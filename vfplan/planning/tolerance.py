@@ -230,9 +230,7 @@ def sample_curve(
         spacing = np.full(len(curve.arc), 1 / density_per_m)
     arclength = place_points(curve.arc, spacing, closed)
     parameter = np.interp(arclength, curve.arc, curve.parameter)
-    ends = arclength
-    if closed:
-        ends = np.append(arclength, curve.arc[-1])
+    ends = np.append(arclength, curve.arc[-1]) if closed else arclength
     gaps = np.diff(ends)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
@@ -379,9 +377,7 @@ def carry(
     scale = scale_m_per_unit(registration)
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
-        sigma = None
-        if curve.sigma is not None:
-            sigma = curve.sigma * scale
+        sigma = curve.sigma * scale if curve.sigma is not None else None
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
     if tolerance_m is None:
@@ -502,9 +498,7 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         guide's radius, or by more than `ARCS_SHARE_OF_RADIUS` of R.
     """
     # A gate that nobody named is no reason to refuse coarse lines and arcs.
-    max_tre_m = None
-    if not isinstance(settings.max_tre_m, str):
-        max_tre_m = settings.max_tre_m
+    max_tre_m = None if isinstance(settings.max_tre_m, str) else settings.max_tre_m
     radius_m = settings.contact_radius + settings.point_radius + margin_m
     for name, length_m, share in (
         ("margin", margin_m, ARCS_SHARE_OF_MARGIN), ("--max-tre", max_tre_m, ARCS_SHARE_OF_MARGIN),

@@ -345,9 +345,7 @@ class MendedStroke(Stroke):
         if last == count:
             inner = inner[inner < len(stretch.points) - 1]
             stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
-        border = [first]
-        if last < count:
-            border = [first, first + len(stretch.points) - 1]
+        border = [first, first + len(stretch.points) - 1] if last < count else [first]
         shift = first + len(stretch.points) - (last + 1)
         before = self.knots[self.knots < first]
         behind = self.knots[self.knots > last] + shift
