@@ -198,7 +198,7 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
 
 def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     """Draw the review sheet."""
-    from vfplan.review.rendered import rendered_values
+    from vfplan.review.rendered import rendered_in_json
     from vfplan.review.sheet import verdict_of, write_sheet
 
     source = arguments["source"]
@@ -225,7 +225,7 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
         following = page
     return CommandResult(
         {"digest": shown.digest, "sheet": str(sheet_out),
-         "rendered": rendered_values(shown.fixture)},
+         "rendered": rendered_in_json(shown.fixture)},
         f"digest {shown.digest}\nwrote {sheet_out}", findings=shown.findings,
         verdict=verdict_of(shown), next_step=f"look at {sheet_out}, then {following}",
     )  # fmt: skip

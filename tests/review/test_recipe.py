@@ -12,11 +12,11 @@ from refusals import refuses
 from review_slices import clear, fork
 
 import vfplan
+from vfplan.bundle import rendered_values
 from vfplan.errors import InputError, SettingError
 from vfplan.planning.extraction import extract
 from vfplan.planning.plan import register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.review.plan import rendered_values
 from vfplan.review.session import Session
 from vfplan.review.steps import STEPS
 from vfplan.robot import Robot, read_robot

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.fixture import Guidance, StabilityVerdict
 from vfplan.planning.settings import FixtureSettings
-from vfplan.review.rendered import Shown, described, in_one_line, outlines_of, rendered_values
+from vfplan.review.rendered import Shown, described, in_one_line, outlines_of, rendered_in_json
 from vfplan.review.session import Session
 from vfplan.review.sheet import draw_sheet, facts_of, verdict_of
 
@@ -119,7 +119,7 @@ def test_each_rendered_value_shows_on_the_sheet(name, has_slice, made):
         show = drawn if change == "straight pieces" else words
         assert not np.array_equal(show(shown), show(before)), change
         if change not in ("verdict", "unstable"):
-            assert rendered_values(after) != rendered_values(fixture), change
+            assert rendered_in_json(after) != rendered_in_json(fixture), change
 
 
 def distance(points, places):
@@ -153,7 +153,7 @@ def test_a_session_and_one_line_say_what_is_rendered(made):
     assert in_one_line(bundles.reviewed()).endswith("approved by A. Planner")
     session = Session.open(SLICE, *MARKERS, guide_m=2e-3)
     state = session.state()
-    assert state["rendered"] == rendered_values(session.current.outcome.fixture)
+    assert state["rendered"] == rendered_in_json(session.current.outcome.fixture)
     assert state["rendered"]["kind"] == "guide"
     assert np.shape(state["outline_px"][0])[1] == 2
     assert Session.open(SLICE).state()["outline_px"] == []

@@ -11,6 +11,7 @@ import json
 import math
 import re
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -280,11 +281,15 @@ def review_digest(fixture: Fixture) -> str:
     It covers all that is rendered, the registration, the findings with their answers, and the case.
     """
     content = to_content(fixture)
-    digest = hashlib.sha256(counted("vfplan review 1") + geometry_digest(content))
-    for path in sorted(content):
+    marked = {path for path in content if rows_by_path()[path].mark is not None}
+    return digest_of_content("vfplan review 1", content, marked)
+
+
+def digest_of_content(title: str, content: Content, paths: Collection[str]) -> str:
+    """SHA-256 of some values of a bundle, each with its path, type and shape, under a title."""
+    digest = hashlib.sha256(counted(title) + geometry_digest(content))
+    for path in sorted(paths):
         row, value = rows_by_path()[path], content[path]
-        if row.mark is None:
-            continue
         shape = np.shape(value)
         digest.update(counted(path) + counted(row.type))
         digest.update(struct.pack(f"<{1 + len(shape)}Q", len(shape), *shape))

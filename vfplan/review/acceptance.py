@@ -9,22 +9,17 @@ its acceptance, and no other plan has it. What the bundle holds of the review is
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection
-from dataclasses import fields, is_dataclass, replace
-from typing import Any
+from dataclasses import replace
 
-import numpy as np
-
-from vfplan.bundle import review_digest
+from vfplan.bundle.content import digest_of_content, review_digest, to_content
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
 
 # What changes although the plan does not.
-LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc", "reviewed"}
-
+LEFT_OUT = {"/provenance@created_utc", "/provenance@software", "/provenance/history"}
 
 # Characters that Unicode counts as letters, marks or symbols and that show nothing.
 INVISIBLE = {*"\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0", *map(chr, range(0xFE00, 0xFE10))}
@@ -58,44 +53,11 @@ def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
         Whether the sheet shows the slice that the curve was drawn on. A sheet without it has
         another digest: who saw that sheet has not seen the ends of the line.
     """
-    sha = hashlib.sha256()
-    # So that no other program's digest of the same values is taken for one of a review.
-    _add(sha, "vfplan review sheet 1")
-    _add(sha, fixture)
+    unanswered = (replace(f, answered_by=None, answered_utc=None) for f in fixture.findings)
+    content = to_content(replace(fixture, reviewed=None, findings=tuple(unanswered)))
     is_drawn = fixture.provenance.inputs.get("image") is not None
-    _add(sha, "slice not shown" if is_drawn and not slice_shown else "all shown")
-    return sha.hexdigest()
-
-
-def _add(sha: Any, value: Any) -> None:
-    """Feed a value to the hash, each with its kind and its length, so that no two run together."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in fields(value)}
-    if isinstance(value, dict):
-        kept = {str(k): v for k, v in value.items() if k not in LEFT_OUT and v is not None}
-        sha.update(b"{%d" % len(kept))
-        for name in sorted(kept):
-            _add(sha, name)
-            _add(sha, kept[name])
-    elif isinstance(value, str):
-        text = value.encode()
-        sha.update(b"s%d:" % len(text) + text)
-    elif isinstance(value, (list, tuple)):
-        sha.update(b"[%d" % len(value))
-        for item in value:
-            _add(sha, item)
-    elif isinstance(value, np.ndarray):
-        _add(sha, "x".join(map(str, value.shape)))
-        _add_array(sha, value)
-    else:
-        _add_array(sha, np.asarray(value))
-
-
-def _add_array(sha: Any, array: np.ndarray) -> None:
-    """Numbers by their values alone: a 1 read from a file may have another type than it had."""
-    if array.dtype.kind not in "biuf":
-        raise TypeError(f"no digest is defined for a value of type {array.dtype}")
-    sha.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    title = "vfplan review sheet 2" + (", slice not shown" if is_drawn and not slice_shown else "")
+    return digest_of_content(title, content, content.keys() - LEFT_OUT)
 
 
 def accept(

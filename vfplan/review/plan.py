@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.content import to_content
+from vfplan.bundle import rendered_values
 from vfplan.curve.coverage import Box
 from vfplan.display import millimetres
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
@@ -303,16 +303,6 @@ def key_of(finding: Finding) -> str:
 def _sentence(text: str) -> str:
     """A message as a sentence."""
     return text[:1].upper() + text[1:].removesuffix(".") + "."
-
-
-def rendered_values(fixture: Fixture) -> dict[str, Any]:
-    """What an engine renders of a fixture, by its path in the bundle."""
-    return {
-        path: value
-        for path, value in to_content(fixture).items()
-        if re.match(r"/(@frame|points|curve|pieces|mesh|rendering|guidance)", path)
-        and path not in ("/rendering@robot", "/rendering/stability")
-    }
 
 
 def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle import rendered_values
 from vfplan.display import MM, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
@@ -477,18 +478,9 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
     return onto
 
 
-def rendered_values(fixture: Fixture) -> dict[str, Any]:
+def rendered_in_json(fixture: Fixture) -> dict[str, Any]:
     """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
-    values: dict[str, Any] = {"kind": kind_of(fixture), "frame": fixture.frame}
-    parts: list[Any] = [fixture.rendering, fixture.guidance, fixture.pieces]
-    for prefix, part in zip(("", "guide_", "pieces_"), parts, strict=True):
-        if part is not None:
-            values |= {prefix + name: value for name, value in vars(part).items()}
-    values |= {"points": fixture.points, "mesh": fixture.mesh,
-               "sample_radius": fixture.sample_radius}  # fmt: skip
-    if fixture.curve is not None:
-        values |= {"stroke": fixture.curve.stroke, "closed": fixture.curve.closed}
-    return {name: _plain(value) for name, value in values.items()}
+    return {name: _plain(value) for name, value in rendered_values(fixture).items()}
 
 
 def _plain(value: Any) -> Any:

@@ -27,7 +27,7 @@ from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
-from vfplan.review.rendered import described, rendered_values
+from vfplan.review.rendered import described, rendered_in_json
 
 # Steps of a review at most: a person makes some hundreds.
 MAX_STEPS = 20_000
@@ -156,7 +156,7 @@ class Session:
                                 "place_px": None, "stage": "register"}  # fmt: skip
         findings, why_not, shown = plan.findings, self.why_not(by), plan.shown
         return state | {
-            "rendered": None if shown is None else rendered_values(shown.fixture),
+            "rendered": None if shown is None else rendered_in_json(shown.fixture),
             "described": [] if shown is None else described(shown.fixture),
             "outline_px": []
             if shown is None
