@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import bundles
 import numpy as np
@@ -16,11 +16,11 @@ import vfplan
 from vfplan.bundle import rendered_values, review_digest
 from vfplan.bundle.content import FIELDS, from_content, table, to_content
 from vfplan.bundle.seal import keygen, sign
+from vfplan.bundle.validation import validate
 from vfplan.bundle.write import completed
 from vfplan.conformance import fixtures, vectors
-from vfplan.conformance.kit import trusted_key, valid_files
+from vfplan.conformance.kit import trusted_key
 from vfplan.errors import CheckFailed, SettingError, VfplanError
-from vfplan.fixture import Curve, Guidance, Pieces, Rendering
 from vfplan.robot import Robot
 from vfplan.stability.study import with_verdict
 
@@ -34,8 +34,9 @@ def whole_guide():
 
 
 def limited_cloud():
-    cloud = fixtures.cloud()
-    return replace(cloud, rendering=replace(cloud.rendering, max_iterations=9))
+    return replace(
+        fixtures.cloud(), rendering=replace(fixtures.cloud().rendering, max_iterations=9)
+    )
 
 
 MADE = {
@@ -58,24 +59,19 @@ def other(path, value):
     return changed if isinstance(value, np.ndarray) else changed.item()
 
 
-def changes(fixture, paths):
-    """(path, the fixture with another value there) for each of these paths that it has."""
-    content = to_content(fixture)
-    for path in sorted(content.keys() & paths):
-        yield path, from_content(content | {path: other(path, content[path])})
-
-
 def test_a_review_dies_with_any_rendered_value(tmp_path):
     tried = set()
     for name, make in MADE.items():
         approved = fixtures.approved(make())
         vfplan.write_fixture(approved, tmp_path / f"{name}.h5")
-        for path, changed in changes(approved, RENDERED):
+        content = to_content(approved)
+        for path in content.keys() & RENDERED:
+            changed = from_content(content | {path: other(path, content[path])})
             assert review_digest(changed) != approved.reviewed.digest, path
             with pytest.raises(VfplanError):
                 vfplan.write_fixture(changed, tmp_path / "changed.h5")
             anew = vectors.of_content(completed(to_content(changed)))
-            codes = [issue.code for issue in vfplan.bundle.validation.validate(anew)]
+            codes = [issue.code for issue in validate(anew)]
             # What is wrong in itself is not compared with the review.
             assert "unsafe.review" in codes or "leak.unchecked" in codes, (path, codes)
             tried.add(path)
@@ -111,7 +107,7 @@ def test_text_and_numbers_never_encode_alike():
 
 
 def test_the_marked_rows_are_what_an_engine_reads():
-    """By the source of the C++ engine, and by what the Python engine takes of a fixture."""
+    """By the source of what `Engine(fixture)` is made of."""
     include = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
     source = (include / "fixture.hpp").read_text()
     source = source[source.index("strokes_of(const Content") : source.index("What `read` gives")]
@@ -119,50 +115,9 @@ def test_the_marked_rows_are_what_an_engine_reads():
     beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified"}
     read |= {path for path in re.findall(r'"(/@?\w+)"', source) if path in FIELDS}
     assert read - beside - {"/sigma", "/review", "/findings"} == RENDERED
-
-
-def test_python_engines_read_marked_fields_alone(monkeypatch):
-    seen = set()
-    parts = {Rendering: "rendering", Guidance: "guidance", Curve: "curve", Pieces: "pieces"}
-    for kind, name in parts.items():
-        own = {field.name for field in fields(kind)}
-
-        def noted(self, word, own=own, name=name):
-            if word in own:
-                seen.add(f"{name}.{word}")
-            return object.__getattribute__(self, word)
-
-        monkeypatch.setattr(kind, "__getattribute__", noted)
-    for make in MADE.values():
-        fixture = make()
-        seen.discard("curve.bridged")
-        seen.discard("curve.edited")
-        if fixture.guidance is not None:
-            vfplan.Guide.of(fixture)
-        vfplan.ProxyEngine.of(fixture if fixture.guidance is None else fixture.region)
-    marked = {FIELDS[path] for path in RENDERED}
-    # What a region of its own is cut out with, and what is in two places.
-    assert seen - {"curve.bridged", "curve.edited", "curve.pieces", "pieces.closed",
-                   "pieces.error"} <= marked  # fmt: skip
-    assert marked - seen <= {"frame", "points", "mesh", "sample_radius"}
-
-
-def test_rendered_values_are_the_rendered_fields():
     values = rendered_values(whole_guide())
     assert values.pop("kind") == "guide"
     assert values.keys() == to_content(whole_guide()).keys() & RENDERED
-    assert rendered_values(fixtures.mesh())["kind"] == "wall"
-
-
-def test_the_kit_states_the_digest_of_each_valid_file(tmp_path):
-    reviewed = 0
-    for name, data in valid_files():
-        (tmp_path / "f.h5").write_bytes(data)
-        fixture = vfplan.read_fixture(tmp_path / "f.h5")
-        if fixture.reviewed is not None:
-            assert fixture.reviewed.digest == review_digest(fixture), name
-            reviewed += 1
-    assert reviewed >= 10
 
 
 @pytest.mark.parametrize("command", ["validate", "info", "verify", "sign", "replay"])
@@ -197,22 +152,21 @@ def test_a_bundle_is_signed_for_its_own_case(tmp_path):
         assert seal.case == "case 18"
 
 
-@pytest.mark.parametrize("case", ["", " 7", "7\u202e", "7\u00a0", "\u200b", "7\ufeff"])
-def test_a_case_can_be_read_off_a_page(case, tmp_path):
+def test_a_case_can_be_read_off_a_page(tmp_path):
     with pytest.raises(VfplanError, match="/@case"):
-        vfplan.write_fixture(replace(fixtures.minimal(), case=case), tmp_path / "f.h5")
-    vfplan.write_fixture(replace(fixtures.minimal(), case="Fall 17 ä 第"), tmp_path / "g.h5")
-    assert vfplan.read_fixture(tmp_path / "g.h5").case == "Fall 17 ä 第"
+        vfplan.write_fixture(replace(fixtures.minimal(), case="7\u00a0"), tmp_path / "f.h5")
+    vfplan.write_fixture(replace(fixtures.minimal(), case="Fall 17 ä 第"), tmp_path / "f.h5")
+    assert vfplan.read_fixture(tmp_path / "f.h5").case == "Fall 17 ä 第"
 
 
 def test_pieces_may_leave_the_points_by_1_percent_of_the_radius(tmp_path):
     made = bundles.drawn()
-    for step, is_held in ((4e-5, True), (4.2e-5, False)):
+
+    def moved(step):
         vertices = made.pieces.vertices + np.array([0.0, step, 0.0])
         drawn = replace(made.pieces, vertices=vertices, error=4.05e-5)
-        moved = replace(made, curve=replace(made.curve, pieces=drawn))
-        if is_held:
-            vfplan.write_fixture(moved, tmp_path / "f.h5")
-            continue
-        with refuses(SettingError, "unsafe.pieces"):
-            vfplan.write_fixture(moved, tmp_path / "g.h5")
+        return replace(made, curve=replace(made.curve, pieces=drawn))
+
+    vfplan.write_fixture(moved(4e-5), tmp_path / "f.h5")
+    with refuses(SettingError, "unsafe.pieces"):
+        vfplan.write_fixture(moved(4.2e-5), tmp_path / "g.h5")
