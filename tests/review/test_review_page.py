@@ -537,7 +537,8 @@ def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
         other = Hand(second, program.address)
         assert other.state("review.state.curve_px") == moved
         second.key("z", modifiers=CTRL)
-        browser.until("review.state.steps.length === 0")
+        for page in (browser, second):
+            page.until("review.state.steps.length === 0")
         browser.key("Z", modifiers=CTRL | SHIFT)
         second.until("review.state.steps.length === 1")
     program.process.kill()
