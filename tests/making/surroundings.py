@@ -2,7 +2,7 @@
 
 Bars on the picture's edge, colour scales, boxes, windows of annotation tools, twenty pens, filled
 outlines and outlines with handles. A person takes at most two steps: what comes out at once, or
-else what the first advice gives. Nothing but `outcome` uses vfplan.
+else what the first advice gives.
 
     python tests/making/surroundings.py [SEED]    prints the table of 300 pictures
 """
@@ -83,8 +83,7 @@ class Picture(Canvas):
     def box(self, rng):
         """Around a part of the picture, with or without a small icon beside it."""
         size = rng.uniform(60, 150, 2) if self.truth is None else rng.uniform(330, 350, 2)
-        middle = rng.uniform(200, 230, 2)
-        self.line(rectangle(middle, *size), float(rng.integers(1, 6)), self.pen, closed=True)
+        self.line(rectangle(rng.uniform(200, 230, 2), *size), rng.integers(1, 6), self.pen, True)
         if rng.random() < 0.5:
             self.line([(440, 20), (452, 24), (446, 32)], 2.0, self.pen)
 
@@ -157,5 +156,4 @@ def table(seed, share=1.0):
 
 if __name__ == "__main__":
     for (kind, has_line), row in table(int(sys.argv[1]) if sys.argv[1:] else 0).items():
-        cells = ", ".join(f"{count} {result}" for result, count in row.items())
-        print(f"| {kind} | {'a line' if has_line else 'no line'} | {cells} |")
+        print(f"| {kind} | {'a line' if has_line else 'no line'} | {dict(row)} |")
