@@ -152,5 +152,5 @@ class Controller {
 }  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
-#include "vfplan/controller_impl.hpp"
+#include "vfplan/controller.inl"
 #endif

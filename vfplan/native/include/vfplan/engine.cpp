@@ -13,7 +13,8 @@
 #include "vfplan/engine_impl.hpp"
 
 #ifdef __cpp_exceptions
-#include "vfplan/controller_impl.hpp"
+#include "vfplan/controller.hpp"
+#include "vfplan/controller.inl"
 
 vfplan::bundle::Content vfplan::bundle::read_payload(View payload, std::uint64_t file_length,
                                                      Findings& findings) {

@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// What controller.hpp declares. With VFPLAN_SIGNED it checks signatures, by OpenSSL.
+// What controller.hpp, which includes this, declares. With VFPLAN_SIGNED it checks signatures, by OpenSSL.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,6 @@
 
 #include "vfplan/bundle/engine.hpp"
 #include "vfplan/bundle/fixture.hpp"
-#include "vfplan/controller.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"
 #ifdef VFPLAN_SIGNED
