@@ -127,7 +127,7 @@ DISORDER = {
     "swapped": ([*range(500), 501, 500, *range(502, 1000)], (1, 0)),
     "a datagram": ([*range(500), *range(510, 520), *range(500, 510), *range(520, 2000)], (10, 0)),
     "late": ([*range(500), *range(501, 2000), 500], (1, 0)),
-    "far too late": ([*range(500), *range(501, BLOCK + 2000), 500], (0, 1)),
+    "far too late": ([*range(500), *range(501, 70_000), 500], (0, 1)),
     "many doubled": (sorted([*range(500)] * 2), None),
     "begins again": ([*range(500), *range(400)], None),
 }
