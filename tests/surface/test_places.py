@@ -301,8 +301,8 @@ def test_thin_walls_stay_or_are_refused_with_their_thickness(tmp_path):
     )
     assert made.report["grid_mm"] < 0.5
     with refuses(CurveError, "structure-thin") as refused:
-        surface(struct(tmp_path, [(plate(0.1), float(z)) for z in range(8)]))
-    assert refused.value.numbers["thickness_mm"] == pytest.approx(0.1, rel=0.01)
+        surface(struct(tmp_path, [(plate(0.15), float(z)) for z in range(8)]), settings=COARSE)
+    assert refused.value.numbers["thickness_mm"] == pytest.approx(0.15, rel=0.01)
     with refuses(CurveError, "outline-empty"):
         surface(struct(tmp_path, [(plate(0.03), float(z)) for z in range(8)]))
     island = [(plate(0.2) + np.array([30, 0]), z) for _, z in drawn]

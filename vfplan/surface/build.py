@@ -167,7 +167,7 @@ def surface(
         )
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
     if contours.type_difference_m > MAX_TYPE_DIFFERENCE * settings.contact_radius:
-        findings += (curve_type_doubt(contours.type_difference_m, "surface"),)
+        findings += (replace(curve_type_doubt(contours.type_difference_m), stage="surface"),)
     return Surface(replace(fixture, findings=findings), sliced, report, findings)
 
 
