@@ -24,7 +24,7 @@ def changes(value, path=""):
     """(where, the same thing with one value changed) for every value of a nested record."""
     for field in fields(value):
         part = getattr(value, field.name)
-        if field.name in LEFT_OUT or part is None or part == ():
+        if field.name in LEFT_OUT or part is None or (isinstance(part, tuple) and not part):
             continue
         where = f"{path}.{field.name}"
         if is_dataclass(part):
