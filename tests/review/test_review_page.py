@@ -111,7 +111,7 @@ def test_two_candidates_by_a_click(browser, opened, tmp_path):
 def test_a_line_of_another_pen_is_taken_by_a_button(browser, opened, tmp_path):
     path, truth = blue(tmp_path / "blue.png")
     program, hand = opened(path)
-    hand.press("Take the line in blue")
+    hand.press("Take the line in #0000ff")
     browser.until("review.state.curve_px.length === 1")
     finish(hand, program, truth)
 
