@@ -12,7 +12,7 @@ from vfplan.bundle.seal import keygen, sign
 from vfplan.controller import ASKED
 from vfplan.errors import SettingError, VfplanError
 from vfplan.findings import doubt
-from vfplan.fixture import Curve, Review
+from vfplan.fixture import Curve
 
 ANY = {"accept_unsigned": True, "accept_unreviewed": True}
 LINE = np.stack([np.linspace(-0.05, 0.05, 401), *np.zeros((2, 401))], axis=1)
@@ -20,7 +20,7 @@ DEEP = np.array([0.02, -2e-3, 0])  # 7 mm deep in it: 7 N
 ABOVE = np.array([0.02, 10e-3, 0])
 
 
-def stored(path, up=0.0, **changes):
+def stored(path, up=0.0, is_approved=False, **changes):
     """A bundle of a line, infinite along z; `up` shifts it along y [m]."""
     made = bundles.small()
     rendering = replace(
@@ -28,7 +28,8 @@ def stored(path, up=0.0, **changes):
     )
     curve = Curve(np.zeros(401, np.int32), np.array([False]))
     line = replace(made, points=np.add(LINE, [0, up, 0]), curve=curve, rendering=rendering)
-    vfplan.write_fixture(replace(line, **changes), path)
+    line = replace(line, **changes)
+    vfplan.write_fixture(bundles.approved(line) if is_approved else line, path)
     return path
 
 
@@ -52,10 +53,9 @@ def ending(controller, tip, ticks=100):
 
 def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
     key, other = (keygen(tmp_path / name)[0] for name in ("k", "l"))
-    review = Review("A. Planner", "2026-01-02T03:00:00Z", "0" * 64)
-    plain = stored(tmp_path / "plain.h5", reviewed=review)
+    plain = stored(tmp_path / "plain.h5", is_approved=True)
     open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
-    doubted = stored(tmp_path / "doubted.h5", reviewed=review, findings=(open_one,))
+    doubted = stored(tmp_path / "doubted.h5", is_approved=True, findings=(open_one,))
     bare, signed = stored(tmp_path / "bare.h5"), tmp_path / "signed.h5"
     placed = tmp_path / "patient.h5"
     vfplan.write_fixture(replace(bundles.small(), frame="patient_lps"), placed)

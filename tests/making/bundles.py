@@ -166,9 +166,12 @@ def reviewed():
         replace(finding, answered_by="A. Planner", answered_utc="2026-01-02T03:05:06Z")
         for finding in FINDINGS
     ]
-    made = replace(doubtful(), findings=tuple(answered))
-    review = Review("A. Planner", "2026-01-02T03:06:00Z", review_digest(made))
-    return replace(made, reviewed=review)
+    return approved(replace(doubtful(), findings=tuple(answered)))
+
+
+def approved(fixture, by="A. Planner"):
+    """A fixture that a person has approved."""
+    return replace(fixture, reviewed=Review(by, "2026-01-02T03:06:00Z", review_digest(fixture)))
 
 
 def same(a, b, path="fixture"):

@@ -17,7 +17,7 @@ from conftest import ROOT, need_program
 
 import vfplan
 from vfplan.findings import doubt
-from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering, Review
+from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
 from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
 from vfplan.live.sources import decode
@@ -516,10 +516,10 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
     from vfplan.bundle.seal import keygen, sign
 
     keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
-    signed, review = tmp_path / "s.h5", Review("A. Planner", "2026-01-02T03:00:00Z", "0" * 64)
+    signed = tmp_path / "s.h5"
     told = {"case": "17", "robot_serial": "R1", "despite_findings": True}
     sign(drawn, signed, tmp_path / "k", **told)
-    vfplan.write_fixture(replace(vfplan.read_fixture(drawn), reviewed=review), tmp_path / "r.h5")
+    vfplan.write_fixture(bundles.approved(vfplan.read_fixture(drawn)), tmp_path / "r.h5")
     sign(tmp_path / "r.h5", tmp_path / "reviewed.h5", tmp_path / "k")
     born = {"registered_utc": "2026-01-02T03:00:00Z", "despite_findings": True}
     sign(drawn, tmp_path / "old.h5", tmp_path / "k", **born)
