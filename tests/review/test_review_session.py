@@ -136,7 +136,9 @@ def test_a_forked_slice_is_settled_by_excluding_the_branch(tmp_path):
     settled = session.apply({"do": "exclude", "box": [186, 104, 100, 130]})
     assert settled.state()["boxes"] == [[186, 104, 100, 130]]
     if settled.state()["curve_px"]:
-        assert miss(curve_of(settled), truth) < 0.5
+        # Where the branch was cut off, a stub of it is left beside the line, and a doubt says so.
+        assert miss(curve_of(settled), truth) < 1
+        assert {"ink-touches", "width-changes"} & {f["code"] for f in settled.state()["findings"]}
 
 
 def test_a_hidden_end_is_drawn_and_marked_as_edited(tmp_path):
@@ -590,10 +592,11 @@ def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):
     path, _ = review_slices.blue(tmp_path / "blue.png")
     session = Session.open(path)
     refusal = session.state()["refusal"]
-    assert (refusal["code"], refusal["other_pen"]) == ("no-line", "blue")
+    pen = refusal["other_pen"]
+    assert (refusal["code"], pen) == ("no-line", "#0000ff")
     assert "--colour" not in refusal["text"]
-    taken = session.apply({"do": "choose_pen", "colour": "blue"})
-    wanted = Session.open(path, colour="blue")
+    taken = session.apply({"do": "choose_pen", "colour": pen})
+    wanted = Session.open(path, colour=pen)
     assert taken.state()["refusal"] is None
     assert taken.state()["curve_px"] == wanted.state()["curve_px"]
     # The file names the pen, and a box that is excluded later is measured by the same pen.
