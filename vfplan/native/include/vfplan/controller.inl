@@ -1,6 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// What controller.hpp, which includes this, declares. With VFPLAN_SIGNED it checks signatures, by OpenSSL.
+// What controller.hpp, which includes this, declares. With VFPLAN_SIGNED it checks signatures, by
+// OpenSSL.
 #pragma once
 
 #include <algorithm>

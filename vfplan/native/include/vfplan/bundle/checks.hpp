@@ -287,10 +287,10 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
     const double max_error = std::min(max_error_of_radius * radius, max_error_m);
     if (error > max_error) {
-        return findings.error("unsafe.pieces", "/pieces@error_m",
-                              {"is ", error, " m; at most ", max_error, " m allowed where R is ",
-                               radius, " m"},
-                              "Fit the pieces more closely, or leave them out");
+        return findings.error(
+            "unsafe.pieces", "/pieces@error_m",
+            {"is ", error, " m; at most ", max_error, " m allowed where R is ", radius, " m"},
+            "Fit the pieces more closely, or leave them out");
     }
     const double tolerance = error + same_place_m;
     const Apart apart{tolerance, max_error, 2 * (content.number("/leak@largest_m") + tolerance)};

@@ -59,7 +59,7 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
-    std::string case_id;  // the case that it is for; empty where nobody said so
+    std::string case_id;                 // the case that it is for; empty where nobody said so
     std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
     std::vector<std::int32_t> mesh;      // three points a triangle, or empty
     // How far a place of the mesh may be from a sample where points are rendered [m]; without it
