@@ -24,7 +24,7 @@ def drawn(monkeypatch, tmp_path):
     def draw(image, **given):
         if "lines" in given:
             error = CurveError("several", code="several-candidates")
-            error.candidates = given["lines"]
+            error.lines = given["lines"]
             error.numbers.update(given.get("place", {}))
             picture.draw_refusal(image, error, tmp_path / "p.png")
         else:
