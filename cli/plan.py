@@ -62,6 +62,7 @@ def vfplan_plan(
     .mrk.json or .fcsv. Afterwards look at the review sheet beside the bundle. It shows both ends
     of the line enlarged, and all findings.
     """
+    from vfplan.bundle.seal import check_texts
     from vfplan.bundle.write import write_fixture
     from vfplan.planning.plan import plan
     from vfplan.robot import read_robot
@@ -76,6 +77,7 @@ def vfplan_plan(
     extraction = settings_from_options(ExtractSettings, arguments)
     settings = options.fixture_settings(arguments)
     robot = read_robot(arguments["robot"])
+    check_texts(arguments["case"] or "")
     with (
         announce_if_slow(f"planning on {image.name}"),
         pointing_to_page(page_command(image, markers, markers2, output=output)),

@@ -214,3 +214,8 @@ def test_no_traceback_unless_asked(vfplan_cli, tmp_path):
     args = ("plan", tmp_path, PIXELS, ROBOT, "-o", tmp_path / "f.h5")
     assert "Traceback" not in vfplan_cli(*args).stderr
     assert "Traceback" in vfplan_cli(*args, "-vv").stderr
+
+
+def test_a_case_that_nobody_can_read_is_refused_before_anything_is_planned(vfplan_cli, tmp_path):
+    vfplan_cli("plan", *ELBOW, "--case", "a\u202eb", "-o", tmp_path / "f.h5").fails(2, "case")
+    assert not list(tmp_path.iterdir())
