@@ -99,8 +99,7 @@ def test_options_win_over_the_robot(vfplan_cli, dot):
 def test_no_damping_bears_no_stiffness(vfplan_cli, dot):
     run = vfplan_cli("stability", dot, "--damping", 0, "--part", "closed-loop", "--json")
     assert (run.code, run.json["k_max_n_per_m"], run.json["stable"]) == (1, 0, False)
-    [blows] = [row for row in run.json["cases"] if row["case"] == "closed-loop/blows"]
-    assert (blows["outcome"], run.json["blows"]) == ("fail", [])
+    assert "closed-loop/blows" in run.json["failed"]
 
 
 @pytest.mark.parametrize("value", ["nan", "inf"])
