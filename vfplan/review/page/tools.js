@@ -6,6 +6,7 @@ const HINTS = {
   draw: "Click along the line. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
   marker: "Click where the marker is.",
+  push: "The pointer is the robot's tool. The robot's own engine answers it.",
 };
 const PIECES = 8; // straight pieces that a smooth line has from one click to the next
 
@@ -35,6 +36,7 @@ export class Tools {
     byId("hint").textContent = HINTS[tool];
     this.clearDrawing();
     if (tool !== "select") this.app.select(null);
+    this.chosen?.();
     byId("stage").focus({ preventScroll: true });
   }
 
