@@ -13,7 +13,17 @@ from captures import capture
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
-from review_slices import MARKERS, SLICE, blue, fork, hidden_end, miss, shifted, two_candidates
+from review_slices import (
+    MARKERS,
+    SLICE,
+    blue,
+    fork,
+    hidden_end,
+    miss,
+    photographed,
+    shifted,
+    two_candidates,
+)
 
 import vfplan
 from vfplan.findings import doubt
@@ -672,3 +682,20 @@ def frames(browser, hand, place):
     times = np.array(browser.run("window.frames_"))
     browser.press(start[0] + 90, start[1] + 48, "mouseReleased")
     return 1e3 * (len(times) - 1) / (times[-1] - times[0])
+
+
+@pytest.mark.slow
+def test_a_photograph_is_made_flat_by_a_button(browser, opened, tmp_path):
+    photo, marks, _ = photographed(tmp_path)
+    program, hand = opened(photo, marks, MARKERS[1])
+    hand.press("Make the picture flat")
+    hand.until_steps(1)
+    size = "document.getElementById('slice').naturalWidth === review.state.image.width_px"
+    browser.until(f"review.state.image.is_flat && {size}")
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+    again = Session.open(program.output, slice=photo).current.source.image
+    assert vfplan.read_fixture(program.output).image.width_px == again.width_px

@@ -22,6 +22,7 @@ from vfplan.geometry.lines import plane_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers
 from vfplan.planning.settings import FixtureSettings
+from vfplan.registration.checks import perspective_test
 from vfplan.registration.registration import Registration, fit_registration
 
 # Markers that determine a transform from a plane into space.
@@ -179,6 +180,12 @@ class Fit:
         sample = self.to_source(points[:: max(1, len(points) // BOUND_PLACES)])
         bound = float(np.max(self.registration.tre95_curve_m(sample)))
         return bound if np.isfinite(bound) else None
+
+    @property
+    def is_at_angle(self) -> bool:
+        """Whether the markers lie as a camera beside the slice would see them."""
+        test = None if self.registration is None else perspective_test(self.registration)
+        return test is not None and test.is_possible
 
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""

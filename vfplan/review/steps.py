@@ -21,7 +21,7 @@ from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table
-from vfplan.review.plan import Plan, key_of
+from vfplan.review.plan import Plan, key_of, made_flat_plan
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
 
 Step = dict[str, Any]
@@ -438,6 +438,19 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     return plan.changed(fit=fit)
 
 
+def rectify(plan: Plan, step: Step) -> Plan:
+    """Make a photograph flat by the homography of its markers; the slice is extracted anew."""
+    ink, source = _needs_ink(plan), plan.source
+    settings = source.extraction
+    if plan.exclude or settings.roi or settings.start or settings.end or source.is_flat:
+        text = "Boxes and ends are places on the photograph. Make it flat before they are chosen."
+        raise SettingError(text, code="rectify-first")
+    try:
+        return made_flat_plan(plan, ink)
+    except VfplanError as error:
+        raise SettingError(f"The picture stays: {error.message}.", code=error.code) from None
+
+
 # Answers, and what was looked at.
 
 
@@ -480,7 +493,7 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, answer,
+        leave_out_marker, set_markers, find_markers, rectify, answer,
     )
 }  # fmt: skip
 

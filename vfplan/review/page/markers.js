@@ -14,6 +14,7 @@ export class Markers {
     this.previewedAt = 0;
     this.dragged = null;
     byId("find-marks").addEventListener("click", () => app.step({ do: "find_markers" }));
+    byId("make-flat").addEventListener("click", () => app.step({ do: "rectify" }));
     byId("paste-open").addEventListener("click", () => {
       byId("paste").hidden = !byId("paste").hidden;
       if (!byId("paste").hidden) byId("paste-text").focus();
@@ -28,6 +29,7 @@ export class Markers {
     this.layer(state);
     this.table(state);
     this.bound(state);
+    byId("make-flat").hidden = !state.at_angle || !state.image.has_ink;
     byId("find-marks").disabled = !state.image.has_slice || state.fre_rms_m === null;
   }
 
