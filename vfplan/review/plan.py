@@ -30,13 +30,13 @@ from vfplan.images.read import (
     made_flat,
 )
 from vfplan.io.files import naming_place, read_bytes
-from vfplan.markers.correspondences import Correspondences, read_markers
+from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
-from vfplan.review.markers import Fit, fit_of
+from vfplan.review.markers import Fit, fit_of, fit_of_files
 from vfplan.review.rendered import Shown, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
@@ -383,9 +383,8 @@ def open_source(
         if source.fixture is not None:
             refuse_planning_of_planned(source.fixture, of_planning)
         return source
-    pairs = read_markers(markers, markers2, common=source.planning.common)
-    fit = fit_of(pairs, source.image, source.planning)
-    sha256 = source.sha256 | pairs.inputs
+    fit, pairs, inputs = fit_of_files(markers, markers2, source.image, source.planning)
+    sha256 = source.sha256 | inputs
     return replace(source, fit=fit, pairs=pairs, sha256=sha256, fixture=None)
 
 
