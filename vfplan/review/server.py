@@ -316,7 +316,7 @@ class ReviewServer:
                 return connection.respond(403, "the address lacks this review's token")
             if name == "/steps":
                 return None
-            rgb = self._session.source.image.rgb
+            rgb = self._session.current.source.image.rgb
             grey_max = int(np.iinfo(rgb.dtype).max)
             low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
             is_grey = GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high)
