@@ -13,7 +13,17 @@ from captures import capture
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
-from review_slices import MARKERS, SLICE, blue, fork, hidden_end, miss, shifted, two_candidates
+from review_slices import (
+    MARKERS,
+    SLICE,
+    blue,
+    fork,
+    hidden_end,
+    miss,
+    photographed,
+    shifted,
+    two_candidates,
+)
 
 import vfplan
 from vfplan.findings import doubt
@@ -672,6 +682,57 @@ def frames(browser, hand, place):
     times = np.array(browser.run("window.frames_"))
     browser.press(start[0] + 90, start[1] + 48, "mouseReleased")
     return 1e3 * (len(times) - 1) / (times[-1] - times[0])
+
+
+@pytest.mark.slow
+def test_a_photograph_is_made_flat_by_a_button(browser, opened, tmp_path):
+    photo, marks, _ = photographed(tmp_path)
+    program, hand = opened(photo, marks, MARKERS[1])
+    hand.press("Make the picture flat")
+    hand.until_steps(1)
+    size = "document.getElementById('slice').naturalWidth === review.state.image.width_px"
+    browser.until(f"review.state.image.is_flat && {size}")
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+    again = Session.open(program.output, slice=photo).current.source.image
+    assert vfplan.read_fixture(program.output).image.width_px == again.width_px
+
+
+@pytest.mark.slow
+def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
+    browser, opened, tmp_path
+):
+    program, hand = opened(SLICE, MARKERS[1])
+    truth = np.loadtxt(MARKERS[0], delimiter=",", skiprows=1, usecols=(1, 2))
+    for place in truth + np.random.default_rng(2).uniform(-3, 3, truth.shape):
+        hand.click(place)
+    browser.until("review.state.markers.every((marker) => marker.place_px)")
+    places = np.array(hand.state("review.state.markers.map((marker) => marker.place_px)"))
+    assert np.abs(places - truth).max() < 0.1
+    assert hand.state("document.querySelector('[data-tool=marker]').ariaChecked") == "true"
+    browser.key("Escape")
+    browser.picture(tmp_path / "markers.png")
+    # No label lies on the yellow labels that are printed on the slice.
+    picture = cv2.imread(str(SLICE)).astype(int)
+    is_label = picture[..., 1] - picture[..., 0] > 60
+    boxes = browser.run(
+        "[...document.querySelectorAll('.marker text')].map((text) => {"
+        " const b = text.getBoundingClientRect();"
+        " const s = document.getElementById('stage').getBoundingClientRect();"
+        " return [...review.view.onSlice([b.left - s.left, b.top - s.top]),"
+        " ...review.view.onSlice([b.right - s.left, b.bottom - s.top])]; })"
+    )
+    assert len(boxes) == len(truth)
+    for left, top, right, bottom in np.round(boxes).astype(int).clip(0):
+        assert not is_label[top:bottom, left:right].any()
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
 
 
 def test_push_feels_what_the_robot_will_render(browser, opened):

@@ -128,7 +128,7 @@ class Shown:
             return cls(name, made)
         check_slice(made, image)
         if registration is None:
-            registration = _registration_again(made)
+            registration = registration_again(made)
         if extracted is not None:
             measured = extracted.extraction
             return cls(name, made, image, measured.strokes, measured.account, registration)
@@ -364,7 +364,7 @@ def labels_left_out(fixture: Fixture) -> list[str]:
     return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
 
 
-def _registration_again(fixture: Fixture) -> Registration | None:
+def registration_again(fixture: Fixture) -> Registration | None:
     """The registration that the bundle's markers give; `None` where that is not the bundle's own.
 
     A bundle holds neither weights of markers nor the bound along its curve.

@@ -320,7 +320,7 @@ class ReviewServer:
             if name == "/bodies.json":
                 body = json.dumps(self._session.bodies()).encode()
                 return reply(connection, body, "application/json", HEADERS)
-            rgb = self._session.source.image.rgb
+            rgb = self._session.current.source.image.rgb
             grey_max = int(np.iinfo(rgb.dtype).max)
             low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
             is_grey = GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high)

@@ -188,7 +188,7 @@ class Session:
             for entry in geometry.account
         ]
         state = {
-            "image": self.source.describe(),
+            "image": plan.source.describe(),
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
@@ -288,6 +288,7 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "margin_m": bound_m if margin == "tre95" else margin,
         "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
         "markers_why_not": fit.why_not if fit.markers else "",
+        "at_angle": fit.is_at_angle and not plan.source.is_flat,
     }
 
 

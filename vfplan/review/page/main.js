@@ -166,6 +166,7 @@ function showRefusal(state) {
   if (!isShown) return;
   const rows = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
   if (refusal.other_pen) rows.push(penRow(refusal.other_pen));
+  if (!byId("make-flat").hidden) rows.push(flatRow());
   let text = refusal.text;
   if (refusal.code === "several-candidates" && rows.length) {
     text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
@@ -181,6 +182,12 @@ function penRow(colour) {
   const onclick = () => app.step({ do: "choose_pen", colour });
   const button = make("button", { type: "button", class: "row", onclick }, swatch, `Take the line in ${colour}`);
   return make("li", {}, button);
+}
+
+// A photograph taken at an angle is refused for its residuals, and mended by a button.
+function flatRow() {
+  const onclick = () => app.step({ do: "rectify" });
+  return make("li", {}, make("button", { type: "button", class: "row", onclick }, "Make the picture flat"));
 }
 
 // Once, so that the planner can look elsewhere. To choose among several lines he has to see the
