@@ -94,6 +94,8 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         if data["points"] == 1:
             opening = "a single point"
     certified = "certified" if content["/leak@certified"] else "not certified"
+    if content["/leak@kind"] == "mesh":
+        certified = f"each triangle {certified}"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
         f"{content['/leak@kind']}, {certified}: {opening}"

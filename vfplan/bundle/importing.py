@@ -29,6 +29,7 @@ from vfplan.bundle.leak import (
     open_edges,
     pieces_of,
     turned_facets,
+    widest_opening,
 )
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
@@ -186,10 +187,19 @@ def import_cloud(
         sample_radius = float(spacing / np.sqrt(3))
         # A mesh that no rule could sample when the bundle is loaded is refused now.
         try:
-            _core.sampled(points, mesh, sample_radius)
+            samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
             raise too_many_samples(spacing) from error
         band = sample_band(sample_radius, radius)
+        widest, place = widest_opening(points, mesh, samples, radius - band)
+        if widest:
+            at = ", ".join(f"{1e3 * x:.1f}" for x in place)
+            text = (
+                f"Through the widest opening of the mesh, at ({at}) mm, goes a ball of "
+                f"{2e3 * widest:.3g} mm; the proxy is one of {2e3 * radius:g} mm. Close it, or "
+                "give a larger --contact-radius."
+            )
+            findings.append(doubt("mesh-open", "import", text, place_m=tuple(place.tolist())))
     settings = {"units": units, "curve": curve or "none"}
     if ignored:
         settings["left_out"] = short_text(", ".join(ignored))

@@ -375,8 +375,8 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         if not increases.all():
             k = int(np.argmin(increases))
             raise SessionError(
-                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} "
-                f"follows {with_last[k]:.9g} s. Give each sample a later time than the one "
+                f"time does not increase: {float(with_last[k + 1])!r} s at sample {count + k} "
+                f"follows {float(with_last[k])!r} s. Give each sample a later time than the one "
                 "before",
                 where=where,
                 code="time-not-increasing",
