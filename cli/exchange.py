@@ -138,19 +138,23 @@ def import_warnings(fixture: Any, opening_m: float) -> list[str]:
 @command("export")
 @FIXTURE
 @output_option(
-    "Write this file. Its suffix says the format: .ply, .stl, .csv, .mrk.json or .dxf.",
-    kind=OutputFile(".ply", ".stl", ".csv", ".mrk.json", ".dxf"),
+    "Write this file. Its suffix says the format: .ply, .stl, .csv, .mrk.json, .dxf, "
+    ".rtstruct.dcm or .seg.dcm.",
+    kind=OutputFile(".ply", ".stl", ".csv", ".mrk.json", ".dxf", ".rtstruct.dcm", ".seg.dcm"),
 )
-def vfplan_export(fixture, output) -> CommandResult:
+@option("--study", type=FILE, metavar="SLICE.dcm",
+        help="Write the .dcm into the patient and study of this slice.")  # fmt: skip
+def vfplan_export(fixture, output, study) -> CommandResult:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its mesh as .stl [mm], its strokes as
-    .mrk.json [mm], or its lines and arcs as .dxf [mm].
+    .mrk.json [mm], or its lines and arcs as .dxf [mm]. For a PACS write its strokes as
+    .rtstruct.dcm, or the inside of its closed mesh as .seg.dcm.
     """
     from vfplan.bundle.exporting import export, left_out
     from vfplan.bundle.read import read_fixture
 
     exported = read_fixture(fixture)
     with outputs(output) as (path,):
-        export(exported, path)
+        export(exported, path, study=study)
     data = {"output": str(output), "points": len(exported.points), "frame": exported.frame}
     what = count(len(exported.points), "point")
     if output.name.lower().endswith(".dxf"):
