@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import heapq
 import importlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from vfplan.io.files import opened_file
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 # How a complete MCAP file ends.
 MCAP_END = b"\x89MCAP0\r\n"
+# MCAP's names of how a type may be defined
+MCAP_FORMS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # What stands between the files of a definition in IDL.
 IDL_RULE = "=" * 80 + "\n"
 
@@ -60,6 +63,7 @@ class Channel:
         typesys = importlib.import_module("rosbags.typesys")
         if self.encoding not in ("cdr", "ros1"):
             raise ValueError(f"its encoding is {self.encoding!r}")
+        store = typesys.get_typestore(typesys.Stores.EMPTY)
         if self.form == "msg":
             types = typesys.get_types_from_msg(self.definition, self.type)
         elif self.form == "idl":
@@ -69,12 +73,9 @@ class Channel:
             for text in texts:
                 types |= typesys.get_types_from_idl(text)
         else:
-            types = None
-        if types is None:
+            types = {}
             store = typesys.get_typestore(typesys.Stores.LATEST)
-        else:
-            store = typesys.get_typestore(typesys.Stores.EMPTY)
-            store.register(types)
+        store.register(types)
         if self.digest:
             is_ros1 = self.encoding == "ros1"
             digest = (
@@ -155,14 +156,15 @@ def open_part(path: Path, stack: ExitStack) -> Part:
     encoding = "ros1" if path.suffix == ".bag" else "cdr"
     module = library("rosbags.rosbag1" if encoding == "ros1" else "rosbags.rosbag2")
     reader = stack.enter_context(module.Reader(path))
-    counts: dict[str, int] = {}
+    counts = Counter()
     channels = {}
     for sender in reader.connections:
-        counts[sender.topic] = number = counts.get(sender.topic, 0) + 1
-        form, text = sender.msgdef.format.name.lower(), sender.msgdef.data
+        counts[sender.topic] += 1
+        form = sender.msgdef.format.name.lower()
         channels[sender.id] = Channel(
-            sender.topic, sender.msgtype, number, encoding, form, text, sender.digest or ""
-        )
+            sender.topic, sender.msgtype, counts[sender.topic], encoding, form, sender.msgdef.data,
+            sender.digest or "",
+        )  # fmt: skip
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
         senders = [sender for sender in reader.connections if sender.topic == topic]
@@ -174,60 +176,45 @@ def open_part(path: Path, stack: ExitStack) -> Part:
 
 def mcap_part(stream: BinaryIO) -> Part:
     """An MCAP file of ROS 1 or ROS 2; of one that was cut off its whole part."""
+    module = library("mcap.reader")
     stream.seek(-len(MCAP_END), 2)
     is_cut = stream.read() != MCAP_END
     stream.seek(0)
-    reader, has_no_index = mcap_reader(stream)
-    summary = None if has_no_index else reader.get_summary()
-    found = []
-    if summary is not None and summary.channels:
-        for channel in summary.channels.values():
-            found.append((summary.schemas.get(channel.schema_id), channel))
+    summary = None if is_cut else module.make_reader(stream).get_summary()
+    has_index = summary is not None and bool(summary.channels)
+
+    def read(topics: list[str] | None) -> Iterator[tuple[Any, Any, Any]]:
+        stream.seek(0)
+        make = module.make_reader if has_index else module.NonSeekingReader
+        try:
+            yield from make(stream).iter_messages(topics, log_time_order=not is_cut)
+        except Exception:  # The package passes on the errors of struct, lz4 and zstd.
+            if not is_cut:
+                raise
+
+    if has_index:
+        found = {c.id: (c, summary.schemas.get(c.schema_id)) for c in summary.channels.values()}
     else:
-        has_no_index = True
-        ids = set()
-        for schema, channel, _ in whole_messages(stream, None, has_no_index, is_cut):
-            if channel.id not in ids:
-                ids.add(channel.id)
-                found.append((schema, channel))
-    counts: dict[str, int] = {}
+        found = {channel.id: (channel, schema) for schema, channel, _ in read(None)}
+    counts = Counter()
     channels = {}
-    for schema, channel in found:
-        counts[channel.topic] = number = counts.get(channel.topic, 0) + 1
+    for key, (channel, schema) in found.items():
+        counts[channel.topic] += 1
         name, form, text = "", "", ""
         if schema is not None:
-            name, text = schema.name, schema.data.decode("utf-8", "replace")
-            form = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}.get(
-                schema.encoding, ""
-            )
-        if name.count("/") == 1:
-            name = name.replace("/", "/msg/")
-        channels[channel.id] = Channel(
-            channel.topic, name, number, channel.message_encoding, form if text else "", text, ""
+            # A type of ROS 1 has its package and its name alone.
+            name = schema.name.replace("/", "/msg/") if schema.name.count("/") == 1 else schema.name
+            text = schema.data.decode("utf-8", "replace")
+            form = MCAP_FORMS.get(schema.encoding, "") if text else ""
+        channels[key] = Channel(
+            channel.topic, name, counts[channel.topic], channel.message_encoding, form, text, ""
         )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
-        for _, channel, message in whole_messages(stream, topic, has_no_index, is_cut):
+        for _, channel, message in read([topic]):
             yield channels[channel.id], message.log_time, message.data
 
     return Part([*channels.values()], messages, is_cut)
-
-
-def whole_messages(
-    stream: BinaryIO, topic: str | None, has_no_index: bool, is_cut: bool
-) -> Iterator[tuple[Any, Any, Any]]:
-    """Schema, channel and message, of one topic or all, as far as the file is whole."""
-    stream.seek(0)
-    module = library("mcap.reader")
-    make = module.NonSeekingReader if has_no_index else module.make_reader
-    reader = make(stream)
-    try:
-        yield from reader.iter_messages(
-            topics=None if topic is None else [topic], log_time_order=not is_cut
-        )
-    except Exception:  # The package passes on the errors of struct, lz4 and zstd.
-        if not is_cut:
-            raise
 
 
 def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
