@@ -149,6 +149,7 @@ def vfplan_export(fixture, output, study) -> CommandResult:
     .mrk.json [mm], or its lines and arcs as .dxf [mm]. For a PACS write its strokes as
     .rtstruct.dcm, or the inside of its closed mesh as .seg.dcm.
     """
+    from vfplan.bundle.dicom import in_patient
     from vfplan.bundle.exporting import export, left_out
     from vfplan.bundle.read import read_fixture
 
@@ -165,7 +166,13 @@ def vfplan_export(fixture, output, study) -> CommandResult:
     if missing:
         data["left_out"] = missing
         verdict += f", without {', '.join(missing)}, which this format does not hold"
+    warnings = []
+    frame = in_patient(exported, exported.points)[1]
+    if frame == "robot_base" and output.name.lower().endswith((".mrk.json", ".stl")):
+        warnings.append(
+            "the points are the robot's, which Slicer takes for LPS: do not lay them over a patient"
+        )
     return CommandResult(
-        data, text, verdict=verdict,
+        data, text, warnings=warnings, verdict=verdict,
         next_step=f"open {output} in your tool; vfplan import reads .ply and .csv back",
     )  # fmt: skip

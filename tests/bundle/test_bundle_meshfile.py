@@ -384,3 +384,10 @@ def test_a_slit_across_a_cloud_is_told_where_the_proxy_fits_through(seed, tmp_pa
     told = any(" 3 pieces " in finding.text for finding in fixture.findings)
     widest_mm = 2e3 * (fixture.contact_radius - fixture.band)
     assert told == (width > widest_mm) or abs(width - widest_mm) < 0.2
+
+
+def test_a_cloud_farther_away_than_a_bundle_reaches_is_refused(tmp_path):
+    np.save(tmp_path / "c.npy", grid(2.0) + 101.0)
+    with refuses(InputError, "cloud-too-far"):
+        import_cloud(tmp_path / "c.npy", units="m")
+    assert import_cloud(tmp_path / "c.npy", units="mm").findings == ()

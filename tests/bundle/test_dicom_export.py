@@ -71,10 +71,15 @@ def test_strokes_come_back_from_an_rtstruct(tmp_path, study, is_closed):
         assert np.allclose(ours.points, 1e-3 * points_mm, rtol=0, atol=1e-12)
 
 
+def ball(radius_mm=12.0):
+    """A closed mesh in the patient."""
+    points, mesh = sphere(radius_mm, 3)
+    points = 1e-3 * points + (0.02, 0.04, -0.48)
+    return replace(bundles.small(), frame="patient_lps", points=points, mesh=mesh)
+
+
 def test_the_inside_of_a_mesh_comes_back_from_a_seg(tmp_path, study):
-    ball, mesh = sphere(12.0, 3)
-    points = 1e-3 * ball + (0.02, 0.04, -0.48)
-    fixture = replace(bundles.small(), frame="patient_lps", points=points, mesh=mesh)
+    fixture = ball()
     path = tmp_path / "m.seg.dcm"
     export(fixture, path, study=study)
     a, b, c = np.moveaxis(fixture.points[fixture.mesh], 1, 0)
@@ -95,10 +100,16 @@ def test_the_inside_of_a_mesh_comes_back_from_a_seg(tmp_path, study):
 
 
 def test_what_no_study_can_hold_is_refused(tmp_path, study):
+    without = pydicom.dcmread(study)
+    del without.FrameOfReferenceUID
+    lost = tmp_path / "lost.dcm"
+    without.save_as(lost)
     for fixture, name, options, error, code in (
         (bundles.whole(), "c.rtstruct.dcm", {}, SettingError, "study-missing"),
         (bundles.whole(), "c.ply", {"study": study}, SettingError, "study-unused"),
         (bundles.whole(), "c.rtstruct.dcm", {"study": study}, InputError, "frame-not-patient"),
+        (ball(), "c.seg.dcm", {"study": lost}, InputError, "study-incomplete"),
+        (ball(2e4), "c.seg.dcm", {"study": study}, InputError, "too-many-voxels"),
     ):  # fmt: skip
         with refuses(error, code):
             export(fixture, tmp_path / name, **options)

@@ -110,6 +110,9 @@ def test_several_topics_need_a_choice(tmp_path):
         ("geometry_msgs/msg/QuaternionStamped", "quaternion", "no-position"),
         ("geometry_msgs/msg/WrenchStamped", "wrench.force", "no-position"),
         ("geometry_msgs/msg/Point", None, "no-header-time"),
+        ("geometry_msgs/msg/PoseArray", None, "several-poses"),
+        ("geometry_msgs/msg/PoseArray", "poses.2", "topic-missing"),
+        ("geometry_msgs/msg/PoseArray", "poses.1", None),
     ],
 )
 def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
@@ -126,6 +129,9 @@ def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
         "Vector3Stamped": (vector,),
         "QuaternionStamped": (make["Quaternion"](0.0, 0.0, 0.0, 1.0),),
         "WrenchStamped": (make["Wrench"](vector, vector),),
+        "PoseArray": (
+            [pose_of(store, three, (0, 0, 0, 1)), pose_of(store, 2 * three, (0, 0, 0, 1))],
+        ),
     }
     with Writer(tmp_path / "bag", version=9) as writer:
         to = writer.add_connection("/thing", kind, typestore=store)
@@ -134,8 +140,12 @@ def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
             parts = three if body is None else (header_of(store, T0 + k), *body)
             message = store.types[kind](*parts)
             writer.write(to, T0 + k, store.serialize_cdr(message, kind))
+    ros = RosOptions(field=field, time="header")
+    if code is None:
+        assert read_session(tmp_path / "bag", ros=ros).hip[2].tolist() == (2 * three).tolist()
+        return
     with refuses(SessionError, code):
-        read_session(tmp_path / "bag", ros=RosOptions(field=field, time="header"))
+        read_session(tmp_path / "bag", ros=ros)
 
 
 def test_franka_state_in_a_ros1_bag(tmp_path):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.bundle.content import max_size
+from vfplan.bundle.content import max_size, table
 from vfplan.bundle.leak import (
     Across,
     joined_corners,
@@ -234,6 +234,15 @@ def check_cloud(points: Points, where: str) -> Points:
             raise InputError(
                 f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
             )
+        limit_m = next(row.max_abs for row in table() if row.path == "/points")["m"]
+        is_near = (np.abs(points) <= limit_m).all(axis=1)
+        if not is_near.all():
+            k = int(is_near.argmin())
+            raise InputError(
+                f"Point {k} is at {points[k].tolist()} m, and a bundle reaches {limit_m} m. Check "
+                "--units, or move the points nearer to the origin of their frame.",
+                code="cloud-too-far",
+            )  # fmt: skip
         return check_points(points)
 
 
@@ -296,17 +305,17 @@ def read_npy(data: bytes, where: str) -> Mesh:
 
 def read_csv(data: bytes, units: str, where: str) -> Mesh:
     """The points of a table: columns x, y and z, or the first three where there is no header."""
-    table = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
-    columns = table.columns[:3]
-    if table.header_lines:
-        columns = named_columns(table, units)
+    numbers = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
+    columns = numbers.columns[:3]
+    if numbers.header_lines:
+        columns = named_columns(numbers, units)
     elif len(columns) < 3:
         raise InputError(
             f"It has {len(columns)} columns. Give a table with x, y and z.",
             where=where, code="column-missing",
         )  # fmt: skip
-    points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
-    return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
+    points = np.concatenate([np.empty((0, 3)), *numbers.blocks(columns)])
+    return Mesh(points, left_out=tuple(name for name in numbers.columns if name not in columns))
 
 
 def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Triangles]:
