@@ -26,6 +26,7 @@ from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
     BLOCK,
     FRAMES,
+    UNITS,
     Array,
     Samples,
     Session,
@@ -133,7 +134,7 @@ def open_session(
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
-        columns = ("t", *named_columns(table, units))
+        columns = ("t", *named_columns(table, units, UNITS))
         ignored = [column for column in table.columns if column and column not in columns]
         # Counts that stay 0 say that the fixture never changed; what is no number counts nothing.
         for column in CHANGE_COLUMNS:
