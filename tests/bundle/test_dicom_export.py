@@ -71,10 +71,10 @@ def test_strokes_come_back_from_an_rtstruct(tmp_path, study, is_closed):
         assert np.allclose(ours.points, 1e-3 * points_mm, rtol=0, atol=1e-12)
 
 
-def ball(radius_mm=12.0):
+def ball(radius_mm=12.0, height_m=-0.48):
     """A closed mesh in the patient."""
     points, mesh = sphere(radius_mm, 3)
-    points = 1e-3 * points + (0.02, 0.04, -0.48)
+    points = 1e-3 * points + (0.02, 0.04, height_m)
     return replace(bundles.small(), frame="patient_lps", points=points, mesh=mesh)
 
 
@@ -109,6 +109,7 @@ def test_what_no_study_can_hold_is_refused(tmp_path, study):
         (bundles.whole(), "c.ply", {"study": study}, SettingError, "study-unused"),
         (bundles.whole(), "c.rtstruct.dcm", {"study": study}, InputError, "frame-not-patient"),
         (ball(), "c.seg.dcm", {"study": lost}, InputError, "study-incomplete"),
+        (ball(0.2, -0.4805), "c.seg.dcm", {"study": study}, InputError, "between-slices"),
         (ball(2e4), "c.seg.dcm", {"study": study}, InputError, "too-many-voxels"),
     ):  # fmt: skip
         with refuses(error, code):

@@ -110,7 +110,7 @@ def written(made: Any, source: Any, kind: str, fixture: Fixture) -> bytes:
     for keyword in OF_STUDY:
         setattr(made, keyword, source.get(keyword, ""))
     # The same fixture in the same study has the same names again.
-    made.FrameOfReferenceUID = source.FrameOfReferenceUID
+    made.FrameOfReferenceUID, made.PositionReferenceIndicator = source.FrameOfReferenceUID, ""
     digest = hashlib.sha256(fixture.points.tobytes() + str(source.StudyInstanceUID).encode())
     names = [kind, digest.hexdigest()]
     made.SOPClassUID, made.SOPInstanceUID = kind, generate_uid(entropy_srcs=names)
@@ -178,7 +178,9 @@ def rtstruct(fixture: Fixture, study: str | Path | None) -> bytes:
 
 def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
     """The inside of a closed mesh, on the grid of a slice."""
+    from pydicom.datadict import tag_for_keyword
     from pydicom.pixels import pack_bits
+    from pydicom.uid import generate_uid
 
     if fixture.mesh is None or open_edges(fixture.mesh):
         raise InputError("It has no closed mesh, whose inside a .seg.dcm would hold.")
@@ -203,6 +205,8 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
         if mask.any():
             frames.append(mask)
             numbers.append(k)
+    if not frames:
+        raise InputError("It lies between two slices. Write it as .stl.", code="between-slices")
     code = item(CodeValue="85756007", CodingSchemeDesignator="SCT", CodeMeaning="Tissue")
     segment = item(
         SegmentNumber=1, SegmentLabel="virtual fixture", SegmentAlgorithmType="SEMIAUTOMATIC",
@@ -216,6 +220,13 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
         PlaneOrientationSequence=[item(ImageOrientationPatient=orientation)],
         PixelMeasuresSequence=[measures],
         SegmentIdentificationSequence=[item(ReferencedSegmentNumber=1)],
+    )
+    # The frames are in the order of their places, as PS3.3 C.7.6.17 says it.
+    organization = item(DimensionOrganizationUID=generate_uid(entropy_srcs=["vfplan", "place"]))
+    dimension = item(
+        DimensionOrganizationUID=organization.DimensionOrganizationUID,
+        DimensionIndexPointer=tag_for_keyword("ImagePositionPatient"),
+        FunctionalGroupPointer=tag_for_keyword("PlanePositionSequence"),
     )
     per_frame = []
     for number, k in enumerate(numbers, start=1):
@@ -232,6 +243,7 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
         BitsAllocated=1, BitsStored=1, HighBit=0, PixelRepresentation=0,
         NumberOfFrames=len(frames), LossyImageCompression="00", ContentLabel="VFPLAN",
         ContentDescription="", ContentCreatorName="", SegmentSequence=[segment],
+        DimensionOrganizationSequence=[organization], DimensionIndexSequence=[dimension],
         SharedFunctionalGroupsSequence=[shared], PerFrameFunctionalGroupsSequence=per_frame,
         ContentDate=now_utc()[:10].replace("-", ""), ContentTime="000000",
         PixelData=pack_bits(np.array(frames, np.uint8)),
