@@ -26,7 +26,7 @@ LARGEST_PIECES = 64
 # Largest area of a sheet for that of the skin over its rim. Half a sphere has twice as much.
 SHEET = 1.5
 # Places along an opening that are tried at first.
-MAX_CELLS = 200
+MAX_CELLS = 64
 
 
 def certificate(content: Content) -> Content:
