@@ -143,8 +143,10 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
         assert shown["reprojection_px"] < 0.5
         assert np.shape(shown["pose_T_camera_sheet"]) == (4, 4)
         made = cv2.VideoCapture(str(tmp_path / out))
-        assert made.get(cv2.CAP_PROP_FRAME_COUNT) == frames
+        assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
+    run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
+    run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

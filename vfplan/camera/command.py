@@ -130,13 +130,14 @@ def show_wall(
     reports, seconds, video, picture = [], [], None, None
     with outputs(output) as (path,), noted_signals() as is_stopped:
         size = (camera.image_width, camera.image_height)
+        suffix = path.suffix.lower() if path is not None else None
         for time_s, rate_hz, frame in frames_of(source, size):
             started = time.perf_counter()
             reports.append(overlay.show(frame, time_s + arguments["session_start"]))
             seconds.append(time.perf_counter() - started)
             frame = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-            if picture is None and path is not None and path.suffix in CODECS:
-                code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+            if picture is None and suffix in CODECS:
+                code = cv2.VideoWriter.fourcc(*CODECS[suffix])
                 video = cv2.VideoWriter(str(path), code, rate_hz, frame.shape[1::-1])
             if picture is None or reports[-1]["refused"] is None:
                 picture = frame
@@ -147,7 +148,7 @@ def show_wall(
         if video is not None:
             video.release()
         elif path is not None:
-            write_whole(path, [cv2.imencode(path.suffix, picture)[1].tobytes()], overwrite=True)
+            write_whole(path, [cv2.imencode(suffix, picture)[1].tobytes()], overwrite=True)
 
     shown = [report for report in reports if report["refused"] is None]
     refusals = Counter(report["refused"] for report in reports if report["refused"] is not None)

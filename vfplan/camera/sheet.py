@@ -45,6 +45,9 @@ SHORT_MM, LONG_MM = 194.0, 263.0
 # Side of a tag [mm]: 8 squares, of 5 px each in a picture of 1280 x 720 from 65 cm.
 TAG_MM = 28.0
 
+# The same in a PDF [px]: 30 a square, because some viewers blur what they enlarge.
+TAG_PX = 240
+
 # Height [mm] of the tags with words or the scale beside them, above and below the plan.
 EDGE_MM = TAG_MM + 12.0
 
@@ -169,10 +172,13 @@ def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
     rows = dict(zip(touched.labels, plan.place(touched.positions), strict=True))
     numbers = {label.partition(".")[0] for label in rows}
     try:
+        if touched.frame != plan.fixture.frame:
+            raise ValueError(touched.frame)
         return {int(n): np.stack([rows.pop(f"{n}.{k}") for k in range(4)]) for n in numbers}
     except (KeyError, ValueError):
         raise MarkerError(
-            "has a tag without its four corners. Label them as 17.0, 17.1, 17.2 and 17.3",
+            f"has a tag without four corners in {plan.fixture.frame}. Label them as 17.0, 17.1, "
+            "17.2 and 17.3",
             where=str(path), code="tag-corners",
         ) from None  # fmt: skip
 
@@ -190,7 +196,7 @@ def draw_print(shown: Shown, paper: str) -> Figure:
         area = (-width / 2, EDGE_MM - height / 2), width, height - 2 * EDGE_MM
         picture.set_clip_path(Rectangle(*area, transform=axes.transData))
     for number, corners in printed_tags(plan).items():
-        tag = cv2.aruco.generateImageMarker(DICTIONARY, number, 8)
+        tag = cv2.aruco.generateImageMarker(DICTIONARY, number, TAG_PX)
         draw_squares(axes, tag, *MM * corners[0, :2], TAG_MM)
     lines = [(COLOURS[kind], line) for kind, line in plan.outlines()]
     lines += [(CLOUD, line) for line in plan.lines()]
@@ -205,9 +211,9 @@ def draw_print(shown: Shown, paper: str) -> Figure:
 def draw_board(paper: str) -> Figure:
     """A page with the board of a calibration and the scale."""
     figure, axes = new_page(paper, is_upright=True)
-    # 4 pixels a millimetre show the squares of the tags, of 2.25 mm, without a remainder.
+    # 12 pixels a millimetre show the squares of the tags, of 2.25 mm, without a remainder.
     width, height = np.multiply(BOARD.getChessboardSize(), BOARD.getSquareLength() * MM)
-    picture = BOARD.generateImage((int(4 * width), int(4 * height)))
+    picture = BOARD.generateImage((int(12 * width), int(12 * height)))
     draw_squares(axes, picture, -width / 2, -3 - height / 2, width)
     draw_scale(axes, -SCALE_MM / 2, height / 2 + 2)
     return figure
