@@ -215,7 +215,7 @@ def draw_board(paper: str) -> Figure:
     width, height = np.multiply(BOARD.getChessboardSize(), BOARD.getSquareLength() * MM)
     picture = BOARD.generateImage((int(12 * width), int(12 * height)))
     draw_squares(axes, picture, -width / 2, -3 - height / 2, width)
-    draw_scale(axes, -SCALE_MM / 2, height / 2 + 2)
+    draw_scale(axes, -width / 2, height / 2 + 2)
     return figure
 
 
