@@ -74,6 +74,7 @@ REFUSED = {
     "print-stretched": (lambda page: cv2.resize(page, None, fx=1.0, fy=0.97), (), {}),
     "wrong-scale": (lambda page: page, (), {"measured_mm": 97.0}),
     "bound-too-large": (lambda page: page, (), {"limit_mm": 1e-3}),
+    "tags-misplaced": (lambda page: page, (), {"tags": dict.fromkeys(TAGS, np.zeros((4, 3)))}),
     "camera-size": (lambda page: page, (), {"camera": replace(CAMERA, image_width=640)}),
 }
 
@@ -82,7 +83,7 @@ REFUSED = {
 def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
     make, covered, settings = REFUSED[code]
     page = make(page)
-    overlay = Overlay(PLAN, TAGS, **({"camera": CAMERA} | settings))
+    overlay = Overlay(PLAN, **({"tags": TAGS, "camera": CAMERA} | settings))
     for number in range(3):
         rng = np.random.default_rng(number)
         frame = scene.photograph(page, scene.pose(rng), rng, covered=covered)

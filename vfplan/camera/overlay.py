@@ -127,13 +127,17 @@ class Overlay:
                 "reprojection_px": float(np.sqrt(np.mean(pose.residuals**2))),
                 "bound_mm": bound_mm, "pose_T_camera_sheet": pose.T_camera_sheet.tolist(),
             }  # fmt: skip
-            if bound_mm > self.limit_mm:
+            # A bound that is no number refuses the frame too.
+            if not bound_mm <= self.limit_mm:
                 text = (
                     f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer"
                 )
                 raise CheckFailed(text, code="bound-too-large")
         except CheckFailed as refusal:
             report |= {"refused": refusal.code, "reason": refusal.message}
+        except (cv2.error, np.linalg.LinAlgError):
+            reason = "The tags do not lie as a camera sees them. Check --tags"
+            report |= {"refused": "tags-misplaced", "reason": reason}
         return report, pose
 
     def show(self, frame: Picture, time_s: float) -> dict[str, Any]:
