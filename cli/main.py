@@ -18,6 +18,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "plan": "Make a fixture from a planned slice and its markers.",
         "extract": "Extract the drawn curve from a planned slice.",
         "register": "Make a fixture from a curve and markers.",
+        "rectify": "Make a photograph taken at an angle flat.",
         "review": "Look at a plan on a page, mend it and approve it.",
         "accept": "Accept a plan by the digest on its sheet, in a script.",
         "surface": "Make a surface from outlined slices.",
