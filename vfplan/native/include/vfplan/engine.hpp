@@ -45,9 +45,6 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
 /// The engine of a mesh.
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
 
-/// The engine of n points for the search of tick_time.hpp, unless only the time is wanted.
-VFPLAN_COMPILED_ONCE SearchableEngine make_searchable(const double* xyz, std::size_t n,
-                                                      const Parameters& p, bool with_engine = true);
 /// Whether a tick among these points may take longer than a loop of 1 kHz can wait.
 VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p);
 

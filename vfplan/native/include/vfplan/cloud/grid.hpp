@@ -9,6 +9,7 @@
 #include <numeric>
 #include <optional>
 
+#include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -185,33 +186,16 @@ class Grid {
 /// Clouds of this many points or fewer are looked through point by point: a grid measured slower.
 inline constexpr std::size_t small_cloud = 64;
 
-/// What has been looked at in a cloud, counted so that it can be said how long a tick may take.
-struct CloudWork {
-    std::size_t rows = 0;      ///< of cells, walked to find points
-    std::size_t spans = 0;     ///< of points, each looked through by one loop
-    std::size_t points = 0;    ///< in these spans
-    std::size_t contacts = 0;  ///< points that touched the proxy
-    std::size_t fits = 0;      ///< planes fitted to them
-    std::size_t choices = 0;   ///< of planes, tried to find a step that keeps to all of them
-};
-
-/// What each of these costs in one rule [s]: fitted to measured ticks, on the machine of
-/// docs/engine.md.
-struct WorkCosts {
-    double row = 0;
-    double span = 0;
-    double point = 0;
-    double contact = 0;
-    double fit = 0;
-    double choice = 0;
-
-    double time_of(const CloudWork& work) const noexcept {
-        return row * static_cast<double>(work.rows) + span * static_cast<double>(work.spans) +
-               point * static_cast<double>(work.points) +
-               contact * static_cast<double>(work.contacts) + fit * static_cast<double>(work.fits) +
-               choice * static_cast<double>(work.choices);
-    }
-};
+// What a tick looks at in a cloud is counted in points, each about a nanosecond on the machine of
+// docs/engine.md. Whatever else it does counts as the points that take about as long.
+namespace work {
+inline constexpr std::size_t row = 32;       // of cells, walked to find points
+inline constexpr std::size_t span = 32;      // of points, looked through by one loop
+inline constexpr std::size_t contact = 32;   // a point that touches the proxy
+inline constexpr std::size_t fit = 128;      // a plane fitted to such points
+inline constexpr std::size_t choice = 64;    // of planes, tried to find a step that keeps to them
+inline constexpr std::int64_t tick = 150000;  // what a tick may do: half of max_tick_time
+}  // namespace work
 
 /// A reference to a function of a span that does not outlive the call it is given to. It counts the
 /// spans.
@@ -219,20 +203,19 @@ template <int D>
 class SpanVisitor {
   public:
     template <class F>
-    SpanVisitor(F& f, CloudWork& work) noexcept
+    SpanVisitor(F& f, WorkBudget& budget) noexcept
         : f_(const_cast<void*>(static_cast<const void*>(&f))),
           call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }),
-          work_(work) {}
+          budget_(budget) {}
     void operator()(const PointSpan<D>& span) const {
-        ++work_.spans;
-        work_.points += span.n;
+        budget_.spend(work::span + span.n);
         call_(f_, span);
     }
 
   private:
     void* f_;
     void (*call_)(void*, const PointSpan<D>&);
-    CloudWork& work_;
+    WorkBudget& budget_;
 };
 
 /// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
@@ -298,17 +281,17 @@ class PointIndex {
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
-        visit_spans(x, reach, SpanVisitor<D>(f, work_));
+        visit_spans(x, reach, SpanVisitor<D>(f, budget_));
     }
-    /// All that was looked at since the index was made.
-    CloudWork& work() const noexcept { return work_; }
+    /// What this tick may still do.
+    WorkBudget& budget() const noexcept { return budget_; }
 
   private:
     /// The walk over the cells is compiled once, and not for each caller.
     [[gnu::noinline]] void visit_spans(const Vec<D>& x, double reach,
                                        const SpanVisitor<D>& f) const noexcept {
         if (!grid_) return f(all_.span(0, all_.size()));
-        work_.rows += grid_->visit(x, reach, f);
+        budget_.spend(work::row * grid_->visit(x, reach, f));
         for (std::size_t i = 0; i < added_count_; i += block) {
             if (!is_near(boxes_[i / block], x, reach)) continue;
             f(added_.span(i, std::min(i + block, added_count_)));
@@ -330,7 +313,7 @@ class PointIndex {
     Cloud<D> added_;
     std::vector<Box<D>> boxes_;  // of the blocks of added points
     std::size_t added_count_ = 0;
-    mutable CloudWork work_;
+    mutable WorkBudget budget_;
 };
 
 /// The points around the proxy, gathered into a list once and kept while the proxy stays near
@@ -360,8 +343,7 @@ class Neighbours {
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) noexcept {
         if (!is_list_enough(x, reach)) return index_.visit(x, reach, f);
-        ++index_.work().spans;
-        index_.work().points += count_;
+        index_.budget().spend(work::span + count_);
         f(list_.span(0, count_));
     }
 
@@ -397,8 +379,7 @@ class Neighbours {
         count_ = 0;
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
         if (keeps_wide_ && is_wide_enough()) {
-            ++index_.work().spans;
-            index_.work().points += wide_count_;
+            index_.budget().spend(work::span + wide_count_);
             count_ = append(wide_.span(0, wide_count_), reach2);
             return;
         }

@@ -262,10 +262,6 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }
-    /// Time that all ticks so far take [s].
-    double work_time() const noexcept {
-        return a_step * static_cast<double>(motion().query().steps());
-    }
     double distance(const Vec3& x) const noexcept { return motion().mesh().distance(x); }
 };
 

@@ -72,8 +72,9 @@ class InsideCloud {
         return best;
     }
     /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
-    /// where it is in none. (W1)
+    /// where it is in none, and 0 where this tick may look no further. (W1)
     double exit_distance(const Vec<D>& y, const Vec<D>& direction) const noexcept {
+        if (points_.budget().is_spent()) return 0;
         const double inside2 = R_ * R_ * (1 - tuned::inside_margin);
         double distance = -std::numeric_limits<double>::infinity();
         points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
