@@ -60,7 +60,7 @@ class RuleInSpace : public EngineImpl {
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
             Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
-            s.status = bad_hip;
+            s.status = Status::bad_hip;
             return s;
         }
         if (!is_placed_) reset(hip);

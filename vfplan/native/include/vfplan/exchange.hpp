@@ -105,9 +105,9 @@ class ForceRamp {
             ticks_there_ = 0;
         }
         // An engine whose proxy still moves under a still HIP may change the force once more.
-        const bool still_moves = s.status & (inside | limit);
+        const bool still_moves = s.status & (Status::inside | Status::limit);
         is_on_ = ticks_there_ < 2 || (ticks_there_ < tuned::ticks_to_stall && still_moves);
-        if (is_on_) s.status |= changing;
+        if (is_on_) s.status |= Status::changing;
     }
 
   private:

@@ -1,7 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// What a tick may still do, so that no tick is longer than a loop of 1 kHz can wait. The rules count
-// what they look at and stop where the budget is spent (status `limit`), to go on in the next tick.
+// What a tick may still do, so that no tick is longer than a loop of 1 kHz can wait. The rules
+// count what they look at and stop where the budget is spent (status `limit`), to go on in the next
+// tick.
 #pragma once
 
 #include <cstdint>

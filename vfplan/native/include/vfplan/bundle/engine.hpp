@@ -117,7 +117,7 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     std::vector<std::size_t> counts;
     std::vector<bool> closed;
     for (std::size_t i = 0; i < fixture.strokes.size(); ++i) {
-        const Stroke& s = fixture.strokes[i];
+        const StrokeRange& s = fixture.strokes[i];
         if (g.stroke && static_cast<std::size_t>(*g.stroke) != i) continue;
         if (counts.empty()) first = s.first;
         counts.push_back(s.count);

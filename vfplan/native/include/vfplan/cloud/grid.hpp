@@ -189,11 +189,11 @@ inline constexpr std::size_t small_cloud = 64;
 // What a tick looks at in a cloud is counted in points, each about a nanosecond on the machine of
 // docs/engine.md. Whatever else it does counts as the points that take about as long.
 namespace work {
-inline constexpr std::size_t row = 32;       // of cells, walked to find points
-inline constexpr std::size_t span = 32;      // of points, looked through by one loop
-inline constexpr std::size_t contact = 32;   // a point that touches the proxy
-inline constexpr std::size_t fit = 128;      // a plane fitted to such points
-inline constexpr std::size_t choice = 64;    // of planes, tried to find a step that keeps to them
+inline constexpr std::size_t row = 32;        // of cells, walked to find points
+inline constexpr std::size_t span = 32;       // of points, looked through by one loop
+inline constexpr std::size_t contact = 32;    // a point that touches the proxy
+inline constexpr std::size_t fit = 128;       // a plane fitted to such points
+inline constexpr std::size_t choice = 64;     // of planes, tried to find a step that keeps to them
 inline constexpr std::int64_t tick = 150000;  // what a tick may do: half of max_tick_time
 }  // namespace work
 
@@ -293,19 +293,10 @@ class PointIndex {
         if (!grid_) return f(all_.span(0, all_.size()));
         budget_.spend(work::row * grid_->visit(x, reach, f));
         for (std::size_t i = 0; i < added_count_; i += block) {
-            if (!is_near(boxes_[i / block], x, reach)) continue;
+            if (boxes_[i / block].distance2(x) > reach * reach * (1 + 1e-12)) continue;
             f(added_.span(i, std::min(i + block, added_count_)));
         }
     }
-    static bool is_near(const Box<D>& b, const Vec<D>& x, double reach) noexcept {
-        double square = 0;
-        for (int k = 0; k < D; ++k) {
-            const double gap = std::max({b.low.c[k] - x.c[k], x.c[k] - b.high.c[k], 0.0});
-            square += gap * gap;
-        }
-        return square <= reach * reach * (1 + 1e-12);
-    }
-
     Box<D> box_;
     Cloud<D> all_;  // where there is no grid
     std::optional<Grid<D>> grid_;
@@ -323,7 +314,6 @@ template <int D>
 class Neighbours {
   public:
     static constexpr std::size_t max_points = 8192;  // in the list
-    static constexpr std::size_t max_wide = 256;     // in the second list, for it is read often
 
     /// `reach`: the largest radius that is asked for often [m]; `skin`: how far x may go before the
     /// list is gathered anew [m]; `cell`: side of the grid's cells [m].
@@ -336,7 +326,7 @@ class Neighbours {
 
     const PointIndex<D>& index() const noexcept { return index_; }
     PointIndex<D>& index() noexcept { return index_; }
-    std::size_t bytes() const noexcept { return index_.bytes() + list_.bytes() + wide_.bytes(); }
+    std::size_t bytes() const noexcept { return index_.bytes() + list_.bytes(); }
 
     /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
     /// more.
@@ -348,17 +338,10 @@ class Neighbours {
     }
 
     /// Makes the next answers independent of what was asked before.
-    void forget() noexcept { is_gathered_ = is_wide_gathered_ = false; }
-    /// Keeps a second list of twice the radius. The first list is gathered from it, in the same
-    /// order of points, which is quicker than to walk the rows of cells where points are few.
-    void keep_wide() {
-        keeps_wide_ = index_.has_grid();
-        if (keeps_wide_) wide_ = Cloud<D>(max_wide);
-    }
-    /// Whether a list may hold what lies at p.
+    void forget() noexcept { is_gathered_ = false; }
+    /// Whether the list may hold what lies at p.
     bool reaches(const Vec<D>& p) const noexcept {
-        if (!is_gathered_ || norm(p - centre_) <= radius_ * (1 + 1e-9)) return true;
-        return is_wide_gathered_ && norm(p - wide_centre_) <= 2 * radius_ * (1 + 1e-9);
+        return !is_gathered_ || norm(p - centre_) <= radius_ * (1 + 1e-9);
     }
 
   private:
@@ -378,11 +361,6 @@ class Neighbours {
         is_crowded_ = false;
         count_ = 0;
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
-        if (keeps_wide_ && is_wide_enough()) {
-            index_.budget().spend(work::span + wide_count_);
-            count_ = append(wide_.span(0, wide_count_), reach2);
-            return;
-        }
         index_.visit(centre_, radius_, [&](const PointSpan<D>& span) noexcept {
             if (is_crowded_ || count_ + span.n > list_.size()) {
                 is_crowded_ = is_crowded_ || !append_in_parts(span, reach2);
@@ -390,26 +368,6 @@ class Neighbours {
             }
             count_ += append(span, reach2);
         });
-    }
-    /// Whether the wide list holds all that lies within the radius of the centre. It is filled anew
-    /// where it has to be; a neighbourhood too crowded for it is read from the index.
-    bool is_wide_enough() noexcept {
-        const double wide_radius = 2 * radius_;
-        if (is_wide_gathered_ && norm(centre_ - wide_centre_) + radius_ <= wide_radius)
-            return !is_wide_crowded_;
-        wide_centre_ = centre_;
-        is_wide_gathered_ = true;
-        is_wide_crowded_ = false;
-        wide_count_ = 0;
-        const double reach2 = wide_radius * wide_radius * (1 + 1e-12);
-        index_.visit(centre_, wide_radius, [&](const PointSpan<D>& span) noexcept {
-            is_wide_crowded_ = is_wide_crowded_ || wide_count_ + span.n > max_wide;
-            if (is_wide_crowded_) return;
-            double* to[D];
-            for (int k = 0; k < D; ++k) to[k] = wide_.axis(k) + wide_count_;
-            wide_count_ += kernels_.gather(span, centre_, reach2, to);
-        });
-        return !is_wide_crowded_;
     }
     std::size_t append(const PointSpan<D>& span, double reach2) noexcept {
         double* to[D];
@@ -438,18 +396,12 @@ class Neighbours {
     std::size_t count_ = 0;
     bool is_gathered_ = false;
     bool is_crowded_ = false;
-    bool keeps_wide_ = false;
-    Cloud<D> wide_;
-    Vec<D> wide_centre_;
-    std::size_t wide_count_ = 0;
-    bool is_wide_gathered_ = false;
-    bool is_wide_crowded_ = false;
 };
 
 /// Square of the distance from x to the nearest point within `reach`, or to one further off.
 template <class Points, int D>
 double nearest2(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
-    double smallest = std::numeric_limits<double>::infinity();
+    double smallest = infinity;
     points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
         smallest = std::min(smallest, kernels.nearest2(span, x));
     });
@@ -471,7 +423,7 @@ double distance(const PointIndex<D>& points, const Kernels<D>& kernels, const Ve
         const double d = distance_within(points, kernels, x, reach);
         if (d < reach) return d;
     }
-    return distance_within(points, kernels, x, std::numeric_limits<double>::infinity());
+    return distance_within(points, kernels, x, infinity);
 }
 
 /// Calls f(proxy - point) for every point within `reach` of x, in the order of the spans.

@@ -53,10 +53,6 @@ namespace vfplan::inline v1::curve {
 /// Stands for the number of a feature where there is none.
 inline constexpr int none = -1;
 
-/// A length without bound. `never` of offset.hpp, the same number, is the parameter t of a place
-/// that a path does not reach.
-inline constexpr double infinity = std::numeric_limits<double>::infinity();
-
 /// A curve of lines and arcs in a plane: its features in drawing order, and a tree of boxes around
 /// them that finds those near a place.
 class Curve {
@@ -76,12 +72,10 @@ class Curve {
         }
         features_.shrink_to_fit();
         const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<2> box{{{infinity, infinity}}, {{-infinity, -infinity}}};
-            for (std::size_t i = first; i < last; ++i) {
-                for (int k = 0; k < 2; ++k) {
-                    box.low.c[k] = std::min(box.low.c[k], features_[i].box.low.c[k]);
-                    box.high.c[k] = std::max(box.high.c[k], features_[i].box.high.c[k]);
-                }
+            Box<2> box = features_[first].box;
+            for (std::size_t i = first + 1; i < last; ++i) {
+                box.include(features_[i].box.low);
+                box.include(features_[i].box.high);
             }
             return box;
         };
@@ -114,17 +108,7 @@ class Curve {
     /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
     template <class F>
     void around(const Vec2& y, const double& reach, F&& f) const noexcept {
-        visit(
-            [&](const Box<2>& box) noexcept {
-                double square = 0;
-                for (int k = 0; k < 2; ++k) {
-                    const double gap =
-                        std::max({box.low.c[k] - y.c[k], y.c[k] - box.high.c[k], 0.0});
-                    square += gap * gap;
-                }
-                return square <= reach * reach;
-            },
-            f);
+        visit([&](const Box<2>& box) noexcept { return box.distance2(y) <= reach * reach; }, f);
     }
 
     /// Distance of y from the curve [m].
@@ -228,8 +212,8 @@ struct FeatureHit {
     /// by one slack after 1e4 of them: it counts as blocked from its start. A flatter one goes on.
     static constexpr double slacks_to_sink = 1e4;
 
-    double t = never;    ///< the parameter of the place, of (E1) [m]
-    int feature = none;  ///< its number
+    double t = infinity;  ///< the parameter of the place, of (E1) [m]
+    int feature = none;   ///< its number
     bool is_touching = false;
 
     /// Whether the feature is met where the path starts already, so that the proxy cannot move.
@@ -294,7 +278,7 @@ class FeatureQuery {
         FeatureHit hit;
         const auto try_feature = [&](int i) noexcept {
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
-            if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
+            if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
             bool is_touching;
             curve_.spend(steps_a_try);
             // Where the path goes into what the feature forbids. (E5)
@@ -607,7 +591,7 @@ class CurveMotion {
             }
         }
         current_ = hit.feature;
-        if (hit.feature == none && hit.t == never) {
+        if (hit.feature == none && hit.t == infinity) {
             proxy = hip;
             return Outcome::arrived;
         }

@@ -19,9 +19,7 @@ class PaperRule {
         : p_(p),
           kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {
-        if constexpr (D == 2) neighbours_.keep_wide();
-    }
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {}
 
     void reset() noexcept {
         neighbours_.forget();
@@ -132,7 +130,7 @@ class PaperRule {
         if (length == 0) return {};
         if (de > (R + length) * (1 + 1e-12)) return u;  // no sphere begins within the step
         const Vec<D> way = (1 / length) * u;
-        double d = std::numeric_limits<double>::infinity();
+        double d = infinity;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             d = std::min(d, kernels_.first_root_eq3(s, proxy, way, reach_ * reach_, R * R));
         });

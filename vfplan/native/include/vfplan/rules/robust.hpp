@@ -103,7 +103,7 @@ class Sweep {
     /// A short path looks through the list of points around the proxy, which is at hand. A long one
     /// looks up the points around its middle.
     double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
-        double hit = std::numeric_limits<double>::infinity();
+        double hit = infinity;
         const auto include = [&](const PointSpan<D>& points) noexcept {
             hit = std::min(hit, kernels_.ray_hit(points, ray));
         };
