@@ -189,12 +189,15 @@ inline constexpr std::size_t small_cloud = 64;
 // What a tick looks at in a cloud is counted in points, each about a nanosecond on the machine of
 // docs/engine.md. Whatever else it does counts as the points that take about as long.
 namespace work {
-inline constexpr std::size_t row = 32;        // of cells, walked to find points
-inline constexpr std::size_t span = 32;       // of points, looked through by one loop
-inline constexpr std::size_t contact = 32;    // a point that touches the proxy
-inline constexpr std::size_t fit = 128;       // a plane fitted to such points
-inline constexpr std::size_t choice = 64;     // of planes, tried to find a step that keeps to them
-inline constexpr std::int64_t tick = 150000;  // what a tick may do: half of max_tick_time
+inline constexpr std::size_t iteration = 4000;  // of the robust rule, beside what follows
+inline constexpr std::size_t row = 32;          // of cells, walked to find points
+inline constexpr std::size_t span = 32;         // of points, looked through by one loop
+inline constexpr std::size_t contact = 32;      // a point that touches the proxy
+inline constexpr std::size_t fit = 128;         // a plane fitted to such points
+inline constexpr std::size_t choice = 64;       // of planes, tried for a step that keeps to them
+// What a tick may do, of the 300,000 that max_tick_time has room for.
+inline constexpr std::int64_t motion = 180000;
+inline constexpr std::int64_t way_out = 150000;
 }  // namespace work
 
 /// A reference to a function of a span that does not outlive the call it is given to. It counts the

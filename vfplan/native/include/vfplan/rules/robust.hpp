@@ -159,7 +159,7 @@ class RobustMotion {
     InsideCloud<D> inside() const noexcept { return {neighbours_.index(), kernels_, R_}; }
     /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
     /// is put elsewhere: what it keeps, it keeps with the place it was found for.
-    void begin_tick() noexcept { budget().begin(work::tick); }
+    void begin_tick() noexcept { budget().begin(work::way_out); }
     void release() noexcept {}
     void reset() noexcept { forget(); }
     /// A point came or went near the proxy: what is known of its surroundings is found anew.
@@ -190,6 +190,7 @@ class RobustMotion {
         is_sweep_cut_short_ = false;
         iterations_ = 0;
         sweep_.begin_tick();
+        budget().begin(work::motion);
         if (try_straight_path(proxy, hip, distance, path)) {
             stall.release();
             return MotionEnd::rests;
@@ -202,6 +203,7 @@ class RobustMotion {
         is_lift_due_ = false;
         while (iterations_ < p_.max_iterations && !is_sweep_cut_short_) {
             if (iterations_ > 0 && budget().is_spent()) break;
+            budget().spend(work::iteration);
             const Iteration done = iterate(proxy, goal, stall, path);
             // The iteration that fills the recorded path is not counted.
             if (!path.is_full()) ++iterations_;
@@ -255,8 +257,8 @@ class RobustMotion {
     }
 
     /// Moves straight to the goal where nothing is in the way; true then. Where something is, a
-    /// proxy that nothing touches moves up to it, and any proxy as far as the tick may look. One
-    /// that a surface touches stays where it is, for its iterations slide it along the surface.
+    /// proxy that nothing touches moves up to it, and any proxy where the tick has no work left.
+    /// One that a surface touches stays where it is, for its iterations slide it along the surface.
     bool move_straight(Vec<D>& proxy, const Vec<D>& goal, double distance,
                        PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
@@ -265,7 +267,7 @@ class RobustMotion {
             move_to(proxy, goal, path);
             return true;
         }
-        if (surfaces_.count() == 0 || is_sweep_cut_short_)
+        if (surfaces_.count() == 0 || budget().is_spent())
             move_to(proxy, proxy + (free / distance) * to_goal, path);
         return false;
     }
