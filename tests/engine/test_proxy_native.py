@@ -80,8 +80,8 @@ def test_a_controller_keeps_its_bounds_whatever_happens(build):
 
 @pytest.mark.parametrize("compiler", ["g++", "g++-11"])
 def test_vectors_convert_and_what_was_given_away_is_refused(build, compiler):
-    name = f"-DBUILT_BY_{compiler[-2:].replace('+', 'P')}"  # compiled once a compiler
-    output(build("types", "-O0", "-DVFPLAN_NARROW", name, compiler=compiler))
+    optimized = "-O1" if compiler == "g++-11" else "-O0"
+    output(build("types", optimized, "-DVFPLAN_NARROW", compiler=compiler))
 
 
 def test_a_users_file_compiles_within_3_seconds_against_the_library(tmp_path):
