@@ -211,17 +211,17 @@ inline double time_of(double iterations, double budget, double rest, double an_i
 /// touch one by one.
 template <int D>
 double robust_tick_time(const Cloud<D>& cloud, const Parameters& p) {
-    constexpr double an_iteration = 4.5e-6;  // [s]
-    constexpr double a_point = 1.25e-9;      // in the list [s]
-    constexpr double a_contact = 10e-9;      // [s]
-    constexpr double budget = 1e-9 * static_cast<double>(work::motion);
+    constexpr double an_iteration = 4.5e-6;                                // [s]
+    constexpr double a_point = 1.25e-9;                                    // in the list [s]
+    constexpr double a_contact = 10e-9;                                    // [s]
+    constexpr double budget = 1.3e-9 * static_cast<double>(work::motion);  // among many planes
     const ContactSurfaces<D> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
     const double list = std::max((1 + tuned::list_margin) * p.R(), surfaces.reach());
     const double near = most_within(cloud, list + 0.75 * tuned::list_margin * p.R());
     // From R - band to the shell, on one surface: as far around the foot.
     const double inner = p.R() - p.band, outer = surfaces.touch_radius();
     const double touching = most_within(cloud, std::sqrt(outer * outer - inner * inner));
-    return time_of(p.max_iterations, budget, 6,
+    return time_of(p.max_iterations, budget, 4,
                    an_iteration + a_point * near + a_contact * touching);
 }
 
