@@ -32,7 +32,7 @@ if command -v colcon >/dev/null; then
     mkdir "$folder/ws"
     cp -r "$root/vfplan/native" "$folder/ws/vfplan"
     (cd "$folder/ws" && PATH=/usr/bin:/bin colcon build --cmake-args \
-        -DPython3_EXECUTABLE=/usr/bin/python3 -DCMAKE_CXX_FLAGS=-DVFPLAN_NARROW)
+        -DVFPLAN_AMENT=ON -DPython3_EXECUTABLE=/usr/bin/python3 -DCMAKE_CXX_FLAGS=-DVFPLAN_NARROW)
     test -f "$folder/ws/install/vfplan/share/vfplan/cmake/vfplanConfig.cmake"
 fi
 echo "$(wc -l <"$folder/here.txt") scenes and rules: the same bits on aarch64; compiled for Windows"
