@@ -414,9 +414,12 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
         extracted = extract(image, settings)
     except CurveError as error:
         candidates = _candidates(error, ink, settings)
-        return Geometry(ink=ink, refusal=_refusal_of(error), candidates=candidates)
+        return Geometry(
+            ink=ink, refusal=_refusal_of(error), candidates=candidates,
+            max_gap_px=settings.max_gap_px,
+        )  # fmt: skip
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
-    return Geometry(strokes, ink, extracted.findings)
+    return Geometry(strokes, ink, extracted.findings, max_gap_px=settings.max_gap_px)
 
 
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
