@@ -237,10 +237,10 @@ def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int:
     for number, stroke in enumerate(geometry.strokes):
         if stroke.meets(path):
             return number
-    text = "The line lies apart from the curve. Say whether it replaces all, or is a further stroke"
-    raise SettingError(
-        f'{text}: send it again with "replace": true or "add": true.', code="replace-or-add"
+    text = (
+        "The line lies apart from the curve. Say what becomes of it: replace all, or add a stroke."
     )
+    raise SettingError(text, code="replace-or-add")
 
 
 def cut(plan: Plan, step: Step) -> Plan:
