@@ -168,6 +168,37 @@ def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, opened, tmp_p
     finish(hand, program, truth)
 
 
+def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
+    browser, opened, tmp_path
+):
+    path, truth = fork(tmp_path / "slice.png")
+    _, hand = opened(path)
+    browser.key("f")
+    # Several ways lie at the line's first part: a click takes the longest.
+    longest = max(way["length_px"] for way in hand.state("review.state.candidates"))
+    hand.click(truth[100])
+    browser.until("review.state.curve_px.length === 1")
+    assert len(hand.state("review.state.curve_px[0]")) == pytest.approx(longest, abs=8)
+    assert not hand.state("document.getElementById('others-card').hidden")
+    for places, button, strokes in (
+        (truth[::20], None, 1),
+        (np.add(truth[:200:20], (0, 150)), "add-stroke", 2),
+    ):
+        browser.key("d")
+        browser.press(*hand.at(places[0]), "mouseMoved", "none")
+        browser.press(*hand.at(places[0]))
+        for place in places:
+            browser.press(*hand.at(place), "mouseMoved")
+        browser.press(*hand.at(places[-1]), "mouseReleased")
+        if button:
+            browser.until("document.getElementById('where').open")
+            hand.press(button)
+        browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
+        if strokes == 1:
+            hand.until_steps(2)
+            assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.5
+
+
 @pytest.mark.slow
 def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")

@@ -191,7 +191,7 @@ def _error_in_words(shown: Shown) -> str:
     if shown.tre95_m is not None:
         bound = float(shown.tre95_m.max())
         pixels = f" ({bound / shown.metres_per_px:.1f} px)" if shown.metres_per_px else ""
-        return f"moves the line by at most {millimetres(bound, 2)}{pixels} (95 %)"
+        return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
     if fixture.registration.tre_m is None:
         return "not known"
     largest = float(fixture.registration.tre_m.max())
