@@ -30,7 +30,7 @@ from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
-from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length, overridden
 from vfplan.planning.tolerance import (
     BAND_SHARE,
     CarriedPoints,
@@ -255,7 +255,7 @@ def register(
         margin_m = margin_of(curve, registration, settings.margin)
         settings = replace(settings, point_radius=settings.point_radius + margin_m)
         record.report["margin"] = {
-            "kind": "tre95" if settings.margin == "tre95" else "given", "side": "both",
+            "kind": "tre95" if isinstance(settings.margin, str) else "given", "side": "both",
             "largest_m": margin_m, "added_point_radius_m": margin_m,
         }  # fmt: skip
 
@@ -308,13 +308,12 @@ def margin_of(curve: Fixture, registration: Registration, margin: str | float) -
 
     Raises SettingError: an unknown margin
     """
-    if margin == "tre95":
-        bound_m = float(registration.tre95_curve_m(curve.points).max())
-    elif isinstance(margin, Real) and not isinstance(margin, bool) and 0 <= margin < np.inf:
-        bound_m = float(margin)
-    else:
+    bound_m = margin
+    if isinstance(margin, str):
+        bound_m = margin_length(margin, float(registration.tre95_curve_m(curve.points).max()))
+    if not isinstance(bound_m, Real) or isinstance(bound_m, bool) or not 0 <= bound_m < np.inf:
         raise SettingError(
-            f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
+            f"margin is {margin!r}. Give metres of at least 0, 'tre95', 'tre95+MM' or none",
             code="margin-unknown",
         )
     # Up to the next nanometre: an id must not depend on a processor's last bit.
