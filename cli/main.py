@@ -23,6 +23,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "accept": "Accept a plan by the digest on its sheet, in a script.",
         "surface": "Make a surface from outlined slices.",
         "import": "Make a bundle from a point cloud or a mesh.",
+        "tip": "Find a tool's tip from poses about one point.",
     },
     "Check": {
         "replay": "Replay a session against a fixture.",

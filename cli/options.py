@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from vfplan.display import count
 from vfplan.io.files import parse_decimal, parse_seconds
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length
 from vfplan.settings import argument_of, chosen_options, option_words, scale_of
 
 # An input. The library checks that it exists, and answers with exit code 3 instead of 2.
@@ -273,14 +273,14 @@ def parse_side(text: str) -> str | tuple[float, ...]:
 
 
 def parse_margin(text: str) -> str | float:
-    """`tre95`, or the probability P of `p=P`, which is above 0 and below 1."""
-    if text == "tre95":
+    """`tre95`, `tre95+MM`, or the probability P of `p=P`, which is above 0 and below 1."""
+    if isinstance(margin_length(text, 0.0), float):
         return text
     with suppress(ValueError):
         probability = parse_decimal(text.removeprefix("p="))
         if text.startswith("p=") and 0 < probability < 1:
             return probability
-    raise ValueError(f"{text!r} is no margin. Type tre95, or p=P with P between 0 and 1")
+    raise ValueError(f"{text!r} is no margin. Type tre95, tre95+MM, or p=P with P between 0 and 1")
 
 
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
@@ -305,7 +305,7 @@ FORMS = {
         Numbers(1, 2, metavar="MM[,MM]"), Numbers(1, metavar="MM|none", word="none"),
         STIFFNESS, Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
         Parsed("all|longest|N", parse_stroke), Parsed("above|below|X,Y,Z", parse_side),
-        Parsed("tre95|p=P", parse_margin),
+        Parsed("tre95[+MM]|p=P", parse_margin),
     )
 }  # fmt: skip
 

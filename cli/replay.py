@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,12 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 
 from vfplan.display import count
 from vfplan.io.files import parse_decimal
-from vfplan.io.writing import write_whole
+from vfplan.io.writing import not_written, write_whole
 from vfplan.report.tables import verdict_sentence
 from vfplan.settings import settings_from_options
+
+# Scenes a second in the file for viewers.
+VIEWER_RATE_HZ = 100.0
 
 # Number of ticks that are kept for the pictures of `--report`.
 TICKS_OF_REPORT = 65536
@@ -99,6 +103,8 @@ SESSION_OPTIONS = options_in_order(
 @options_in_order(
     options.output_option("Write the result of each tick to this HDF5 file.", required=False),
     option("--csv", "csv_out", type=options.CSV, help="Write the result of each tick as CSV."),
+    option("--mcap", type=options.OutputFile(".mcap"), metavar="FILE",
+           help="Write ticks and scene for Foxglove and Rerun into this MCAP file."),
     option("--report", type=FILE, metavar="DIR",
            help="Write an HTML report with pictures into this folder."),
     option("--image", type=FILE, metavar="IMAGE",
@@ -138,8 +144,12 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         index_path = report_folder / "index.html"
     elif arguments["image"] is not None:
         raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
-    written = [path for path in (output, csv_out, index_path) if path is not None]
-    with outputs(output, csv_out, index_path) as (result, table, index):
+    mcap = arguments["mcap"]
+    if mcap is not None and (arguments["poses"] or arguments["events"]):
+        raise click.UsageError("--mcap shows a fixture at rest. Leave --poses and --events out")
+    written = [path for path in (output, csv_out, mcap, index_path) if path is not None]
+    with outputs(output, csv_out, index_path, mcap) as (result, table, index, shown):
+        arguments["mcap"] = shown
         replayed = replay_with_outputs(fixture, session, result, table, arguments)
         if index is not None:
             from vfplan.report.page import page
@@ -173,10 +183,11 @@ def replay_with_outputs(
     With the rule `both` the result holds the paper's ticks in the group `paper`, and the CSV holds
     the robust ones alone.
     """
+    from vfplan.bundle.read import read_fixture
     from vfplan.replaying.link import Link
     from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
-    from vfplan.session.bags import RosOptions
+    from vfplan.session.bags import McapWriter, RosOptions, as_ticks
     from vfplan.session.events import as_the_loop_saw, read_poses
     from vfplan.session.read import open_session
     from vfplan.session.result import CsvWriter, ResultWriter
@@ -220,6 +231,10 @@ def replay_with_outputs(
             writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))
+        viewer = None
+        if arguments["mcap"] is not None:
+            scene = read_fixture(fixture)
+            viewer = files.enter_context(McapWriter(arguments["mcap"], (scene, VIEWER_RATE_HZ)))
         done = files.enter_context(progress("replay", source.ticks or rough_ticks(session)))
 
         def take(name: str, block: Any) -> None:
@@ -230,6 +245,9 @@ def replay_with_outputs(
                 return
             if table is not None:
                 table.append(block)
+            if viewer is not None:
+                start_s = bag_start_s(source.notes)
+                viewer.write(as_ticks(block, viewer.kept), start_s + float(block.time[-1]))
             # The ticks of both rules are the same ones.
             done(len(block))
 
@@ -242,7 +260,15 @@ def replay_with_outputs(
         )  # fmt: skip
         if writer is not None:
             writer.set(replayed.record)
+    if viewer is not None and viewer.full:
+        raise not_written(arguments["mcap"], viewer.full)
     return replayed
+
+
+def bag_start_s(notes: dict[str, object]) -> float:
+    """When a bag began [s since 1970], and 0 for a session that does not say."""
+    start = notes.get("start_utc")
+    return datetime.fromisoformat(str(start)).timestamp() if start else 0.0
 
 
 def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:

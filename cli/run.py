@@ -22,7 +22,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType, MappingProxyType
@@ -38,7 +38,9 @@ from vfplan.errors import VfplanError
 from vfplan.findings import Finding
 from vfplan.io.files import now_utc, to_json_types
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 # Seconds after which a signal is repeated while the main thread still waits in C.
 REPEAT_S = 0.25
@@ -91,7 +93,10 @@ def stoppable() -> Iterator[Callable[[], None]]:
         return
     usual = (signal.SIG_DFL, signal.default_int_handler)
     heard = [number for number in SIGNALS if signal.getsignal(number) in usual]
-    with _handled_by(stopper.handle, heard), _repeated_signals(stopper):
+    with ExitStack() as handled:
+        handled.enter_context(_handled_by(stopper.handle, heard))
+        if hasattr(signal, "pthread_kill"):
+            handled.enter_context(_repeated_signals(stopper))
         yield stopper.raise_if_stopped
 
 

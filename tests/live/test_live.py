@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import bundles
 import numpy as np
@@ -429,6 +430,58 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room
     assert next(parts, None) is not None, "it ended when nothing was left to do"
 
 
+def shown_messages(path):
+    """Topic -> [(time [ns], message)], decoded by the descriptors that the file holds."""
+    pb2 = pytest.importorskip("google.protobuf.descriptor_pb2", reason="needs protobuf")
+    from google.protobuf import descriptor_pool, message_factory
+    from mcap.reader import make_reader
+
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if schema.encoding == "protobuf":
+                pool = descriptor_pool.DescriptorPool()
+                for one in pb2.FileDescriptorSet.FromString(schema.data).file:
+                    pool.Add(one)
+                kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+                row = (message.log_time, kind.FromString(message.data))
+                found.setdefault(channel.topic, []).append(row)
+    return found
+
+
+@needs_mcap
+@pytest.mark.parametrize("made", [bundles.whole, bundles.sheet])
+def test_foxglove_and_rerun_see_the_ticks(made, tmp_path):
+    path, ticks, fixture = tmp_path / "a.mcap", np.zeros(30, TICK), made()
+    ticks["t"], ticks["state"] = np.arange(30) / 1000, 1
+    ticks["hip"][:, 2], ticks["force"] = 1e-4 * np.arange(30), [-3, 0, 4]
+    with McapWriter(path, (fixture, 100.0)) as writer:
+        writer.write(ticks, 1.7e9)
+    assert read_ticks(path).tobytes() == ticks.tobytes()
+    found = shown_messages(path)
+    times, numbers = zip(*found["/vfplan/numbers"], strict=True)
+    assert np.ptp(times) == pytest.approx(29e6, abs=1000)
+    assert times[-1] == pytest.approx(1.7e18, abs=1000)
+    assert (numbers[5].force_n, numbers[5].state) == (5, 1)
+    assert numbers[5].speed_mm_s == pytest.approx(100)
+    scenes = [scene.entities[0] for _, scene in found["/vfplan/scene"]]
+    assert len(scenes) == len(found["/vfplan/transforms"]) == 3
+    q = scenes[0].arrows[0].pose.orientation
+    along = 1 - 2 * (q.y**2 + q.z**2), 2 * (q.x * q.y + q.w * q.z), 2 * (q.x * q.z - q.w * q.y)
+    np.testing.assert_allclose(along, [-0.6, 0, 0.8], atol=1e-12)
+    shape = found["/vfplan/fixture"][0][1].entities[0]
+    if fixture.mesh is None:
+        points = [[p.x, p.y, p.z] for line in shape.lines for p in line.points]
+        assert np.array_equal(points, fixture.points)
+    else:
+        assert np.array_equal(shape.triangles[0].indices, fixture.mesh.ravel())
+    rerun = need_program(str(Path(sys.executable).with_name("rerun")), "rerun-sdk from PyPI")
+    output(rerun, "mcap", "convert", path, "-o", tmp_path / "a.rrd")
+    said = output(rerun, "rrd", "print", tmp_path / "a.rrd")
+    for part in ("Points3D:positions", "Transform3D:translation", "vfplan.Numbers:message"):
+        assert part in said
+
+
 @needs_mcap
 def test_a_result_through_the_command(vfplan_cli, tmp_path):
     """Shown by the command, kept by it, and read back."""
@@ -445,8 +498,11 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
     for name in ("hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(ticks[name], getattr(wanted, name))
-    again = vfplan_cli("replay", fixture, kept, "-o", tmp_path / "again.h5")
+    again = vfplan_cli(
+        *("replay", fixture, kept, "-o", tmp_path / "again.h5", "--mcap", tmp_path / "again.mcap")
+    )
     assert again.code == 0, again.stderr
+    assert read_ticks(tmp_path / "again.mcap").tobytes() == ticks.tobytes()
     replayed = vfplan.read_result(tmp_path / "again.h5")[0]
     for name in ("time", "hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(getattr(replayed, name), getattr(wanted, name))

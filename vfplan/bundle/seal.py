@@ -456,7 +456,7 @@ def read_private(path: str | Path) -> Any:
             code="public-key",
         )
     mode = stat.S_IMODE(status.st_mode)
-    if status.st_uid != os.geteuid():
+    if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
         raise InputError(
             f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
             "too. Give a key of your own.",

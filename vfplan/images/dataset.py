@@ -7,7 +7,6 @@ of the file that could name the patient.
 from __future__ import annotations
 
 import logging
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VfplanError, requires_extra
 from vfplan.geometry import UNIT_ROUNDED
+from vfplan.io.files import nameless_file
 
 # Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time.
 MAX_PARSED_BYTES = 24 << 20
@@ -188,7 +188,7 @@ def pixel_axes(orientation: Any, spacing_mm: tuple[float, float]) -> NDArray[np.
 
 def memory_file(data: bytes) -> BinaryIO:
     """A file without a name, which the sandbox can open. No folder need be writable."""
-    file = os.fdopen(os.memfd_create("DICOM"), "w+b")
+    file = nameless_file()
     file.write(data)
     file.flush()
     return file

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
+from vfplan.io.files import nameless_file
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 JPEG_START = b"\xff\xd8\xff"
@@ -394,7 +395,7 @@ def native_stderr() -> Iterator[BinaryIO]:
     """Keep what libpng, libjpeg and others print off stderr; yields a file that holds it."""
     saved = None
     # A program may have closed its stderr. The file then has the descriptor 2 itself.
-    with os.fdopen(os.memfd_create("native stderr"), "w+b") as log:
+    with nameless_file() as log:
         with suppress(OSError):
             saved = os.dup(2)
         try:

@@ -95,6 +95,11 @@ def naming_place(where: object | None) -> Iterator[None]:
         raise
 
 
+def flags(names: str) -> int:
+    """Flags of `os.open`, 0 for those that this system does not have, such as Windows."""
+    return sum(getattr(os, name, 0) for name in names.split())
+
+
 def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     """A regular file, open for reading.
 
@@ -103,7 +108,7 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     """
     try:
         # O_NONBLOCK: opening a named pipe would otherwise wait until somebody writes to it.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | flags("O_NONBLOCK O_CLOEXEC O_BINARY"))
     except FileNotFoundError:
         text = "cannot be read: there is no such file. Check its name"
         raise kind(text, where=str(path), code="file-missing") from None
@@ -186,6 +191,15 @@ class OpenedFile:
         return status.st_size, status.st_mtime_ns
 
 
+def nameless_file() -> BinaryIO:
+    """A file without a name: in memory where the system has such files."""
+    if hasattr(os, "memfd_create"):
+        return os.fdopen(os.memfd_create("vfplan"), "w+b")
+    import tempfile
+
+    return cast("BinaryIO", tempfile.TemporaryFile())
+
+
 def stream_over(descriptor: int, owner: object = None) -> BinaryIO:
     """A stream with a position of its own in an open file.
 
@@ -209,7 +223,14 @@ class _View(io.RawIOBase):
         return True
 
     def readinto(self, buffer: memoryview) -> int:
-        count = os.preadv(self._descriptor, [buffer], self._position)
+        if hasattr(os, "preadv"):
+            count = os.preadv(self._descriptor, [buffer], self._position)
+        else:
+            # One position is shared here, as in Windows. So two threads may not read one file.
+            os.lseek(self._descriptor, self._position, os.SEEK_SET)
+            data = os.read(self._descriptor, len(buffer))
+            count = len(data)
+            buffer[:count] = data
         self._position += count
         return count
 

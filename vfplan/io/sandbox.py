@@ -16,7 +16,6 @@ import json
 import logging
 import math
 import os
-import resource
 import signal
 import socket
 import struct
@@ -36,6 +35,11 @@ from vfplan import errors
 from vfplan.errors import InputError, OutputError, VfplanError, requires_extra
 from vfplan.io.files import OpenedFile, stream_over, to_json_types
 
+try:
+    import resource
+except ImportError:  # Windows has none.
+    resource: Any = None
+
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
@@ -51,6 +55,10 @@ MAX_HEAD_BYTES = 16 << 20
 
 # Bytes of one array of an answer.
 MAX_ARRAY_BYTES = 256 << 20
+
+# Whether readers run in processes of their own, under limits. The helper needs sockets that keep
+# messages apart and pass files on, which Linux alone has.
+HAS_SANDBOX = sys.platform == "linux" and resource is not None and hasattr(os, "fork")
 
 _ARRAY_TYPES = ("<f8", "|i1", "|u1", "<u2")
 _LENGTH = struct.Struct("<Q")
@@ -69,6 +77,9 @@ def run_in_sandbox(
     where, kind: place and class of the error when the reader crashed or exceeded a limit
     Raises VfplanError: what the job raised, or one of `kind` when it did not come to its end
     """
+    if not HAS_SANDBOX:
+        yield from run_here(job, *args, file=file)
+        return
     read_end, write_end = os.pipe()
     with open(read_end, "rb") as pipe:
         try:
@@ -95,6 +106,14 @@ def run_in_sandbox(
         where=where, code="reader-stopped",
         numbers={"memory_bytes": MEMORY_BYTES, "step_s": STEP_S},
     )  # fmt: skip
+
+
+def run_here(job: str, *args: Any, file: OpenedFile | BinaryIO | None) -> Iterator[Any]:
+    """Run a job in this process, without any limit, where the system has no sandbox."""
+    logging.getLogger(__name__).info("%s is read without limits: there is no sandbox here", job)
+    module_name, _, function_name = job.partition(":")
+    files = [] if file is None else [stream_over(file.fileno(), file)]
+    yield from getattr(importlib.import_module(module_name), function_name)(*files, *args)
 
 
 def run_once(job: str, *args: Any, **options: Any) -> Any:
@@ -235,6 +254,8 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
 
 def raise_limits(memory_bytes: int, seconds: int) -> None:
     """Called by a job that knows the size of its file: allow more memory and processor time."""
+    if not HAS_SANDBOX:
+        return
     for limit, more in ((resource.RLIMIT_DATA, memory_bytes), (resource.RLIMIT_CPU, seconds)):
         _set_soft_limit(limit, resource.getrlimit(limit)[0] + more)
 

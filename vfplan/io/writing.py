@@ -14,8 +14,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vfplan.errors import OutputError
+from vfplan.io.files import flags
 
 EXISTS = "exists already. Give --overwrite to replace it"
+
+# Place of the byte that Windows locks, behind all that the file holds.
+LOCKED_BYTE = 2**20
 
 # Error numbers by which a file system says that it has no hard links.
 NO_HARD_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
@@ -33,17 +37,34 @@ def create(path: Path, mode: int = 0o666) -> BinaryIO:
     Raises OSError: the file cannot be made, or something has its name, also a link
     """
     # O_EXCL: in a folder that others may write to, nothing is written through a link of theirs.
-    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-    return open(os.open(path, flags, mode), "w+b")
+    how = os.O_RDWR | os.O_CREAT | os.O_EXCL | flags("O_CLOEXEC O_BINARY")
+    return open(os.open(path, how, mode), "w+b")
 
 
-def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
+def sync(path: Path, how: str = "O_DIRECTORY") -> None:
     """Wait until a folder's names, or a file's bytes, are on the disk; raises `OSError`."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags)
+    if not hasattr(os, "O_DIRECTORY"):
+        return  # Windows opens no folder, and flushes only what is open for writing.
+    descriptor = os.open(path, os.O_RDONLY | flags(f"O_CLOEXEC {how}"))
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def lock_file(descriptor: int) -> None:
+    """Lock a file for this process until it is closed; raises `OSError` where another has it."""
+    try:
+        import fcntl
+    except ImportError:
+        import msvcrt
+
+        # The bytes there name the process, which others may read. So one far behind is locked.
+        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def remove_quietly(path: Path) -> None:
@@ -147,7 +168,7 @@ def move_into_place(moves: list[tuple[Path, Path]], *, overwrite: bool) -> None:
     try:
         with ExitStack() as undo:
             for temporary, current in moves:  # noqa: B007 - the error below names it
-                sync(temporary, os.O_NOFOLLOW | os.O_NONBLOCK)
+                sync(temporary, "O_NOFOLLOW O_NONBLOCK")
             for temporary, current in moves:
                 old = None
                 if overwrite and os.path.lexists(current):
@@ -226,7 +247,7 @@ def put_in_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
             if error.errno not in NO_HARD_LINKS:
                 raise
             # An empty file takes the name in one step, and is then replaced.
-            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
             try:
                 os.replace(temporary, target)
             except OSError:

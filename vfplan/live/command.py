@@ -83,7 +83,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
                 )  # fmt: skip
             stack.enter_context(made_folder(mcap.parent))
             try:
-                writer = stack.enter_context(McapWriter(part))
+                writer = stack.enter_context(McapWriter(part, (scene, rate)))
             except OSError as error:
                 raise not_written(part, error) from error
         data = pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
@@ -124,7 +124,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
         )  # fmt: skip
     return CommandResult(
         data, text, warnings=warnings, verdict="shown and recorded to the end",
-        next_step=f"open {mcap} in Foxglove or another reader of MCAP",
+        next_step=f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}",
     )  # fmt: skip
 
 

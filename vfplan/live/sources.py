@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_NUMBER
-from vfplan.session.bags import TICK
+from vfplan.session.bags import TICK, as_ticks
 from vfplan.session.result import read_result
 
 # How a datagram begins: its magic, and version 1 in two bytes.
@@ -123,12 +123,7 @@ class Ticks:
 
 def stream_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:
     """The ticks of a result of `vfplan replay -o`; `pace`: at the speed they had."""
-    result, _ = read_result(path)
-    ticks = np.zeros(len(result), TICK)
-    ticks["index"] = np.arange(len(ticks))
-    ticks["t"] = result.time
-    for name in ("hip", "proxy", "normal", "force", "state"):
-        ticks[name] = getattr(result, name)
+    ticks = as_ticks(read_result(path)[0])
     started = time.monotonic()
     for k in range(0, len(ticks), RESULT_BLOCK):
         if pace:

@@ -30,7 +30,7 @@ from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, siz
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
-from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length, overridden
 from vfplan.planning.tolerance import (
     BAND_SHARE,
     CarriedPoints,
@@ -257,7 +257,7 @@ def register(
         margin_m = margin_of(error, settings.margin)
         settings = replace(settings, point_radius=settings.point_radius + margin_m)
         record.report["margin"] = {
-            "kind": "tre95" if settings.margin == "tre95" else "given", "side": "both",
+            "kind": "tre95" if isinstance(settings.margin, str) else "given", "side": "both",
             "largest_m": margin_m, "added_point_radius_m": margin_m,
         }  # fmt: skip
 
@@ -306,17 +306,16 @@ def margin_of(error: TargetError, margin: str | float) -> float:
     """The margin that a fixture is thicker by, all along the curve [m].
 
     "tre95" is the largest value, along the curve, of the bound that its error stays within over the
-    whole curve with probability 0.95. A number is a margin [m].
+    whole curve with probability 0.95; "tre95+MM" adds millimetres. A number is a margin [m].
 
     Raises SettingError: an unknown margin
     """
-    if margin == "tre95":
-        bound_m = float(error.curve95_m.max())
-    elif isinstance(margin, Real) and not isinstance(margin, bool) and 0 <= margin < np.inf:
-        bound_m = float(margin)
-    else:
+    bound_m = margin
+    if isinstance(margin, str):
+        bound_m = margin_length(margin, float(error.curve95_m.max()))
+    if not isinstance(bound_m, Real) or isinstance(bound_m, bool) or not 0 <= bound_m < np.inf:
         raise SettingError(
-            f"margin is {margin!r}. Give metres of at least 0, 'tre95' or none",
+            f"margin is {margin!r}. Give metres of at least 0, 'tre95', 'tre95+MM' or none",
             code="margin-unknown",
         )
     # Up to the next nanometre: an id must not depend on a processor's last bit.

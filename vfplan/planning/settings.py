@@ -9,6 +9,7 @@ from vfplan.bundle.content import max_number
 from vfplan.engine.parameters import PAPER_BAND
 from vfplan.errors import SettingError
 from vfplan.findings import Finding, note
+from vfplan.io.files import parse_decimal
 from vfplan.settings import check_ranges, is_length, setting
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
@@ -21,6 +22,23 @@ DEFAULT_ARCS_M = 1e-6
 LEAD_SPEED_M_S = 0.02
 
 AXES = ("normal", "x", "y", "z", "none")
+
+
+def margin_length(margin: str | float | None, bound_m: float | None) -> str | float | None:
+    """A margin [m], of which "tre95" stands for the bound; a text that is no margin stays as it is.
+
+    margin: as in `FixtureSettings`; bound_m: the 95 % bound, `None` where there is none
+    """
+    kind, plus, tip_mm = str(margin).partition("+")
+    if kind != "tre95":
+        return margin
+    try:
+        tip_m = 1e-3 * parse_decimal(tip_mm) if plus else 0.0
+    except ValueError:
+        return margin
+    if tip_m < 0:
+        return margin
+    return None if bound_m is None else bound_m + tip_m
 
 
 def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
@@ -194,7 +212,8 @@ class FixtureSettings:
     common
         Use the markers that both sides have; without it both sides must have the same.
     margin
-        "tre95" adds that bound to the point radius as a safety margin, a number so many metres;
+        "tre95" adds that bound to the point radius as a safety margin, "tre95+0.2" that and 0.2 mm
+        for the error of the tip that touched the markers, a number so many metres;
         `None`: no margin.
     find_markers
         Take the markers' pixels from the crosses or dots drawn near the given ones.
@@ -274,8 +293,8 @@ class FixtureSettings:
     )
     common: bool = setting(False, "Use the markers that both files have, and drop the others.")
     margin: str | float | None = setting(
-        None, "Add the 95 % bound (tre95), or the margin that --campaign gives for P, to the point "
-        "radius.  [default: none]", form="tre95|p=P",
+        None, "Add the 95 % bound (tre95), also with the tip's error in mm, or the margin that "
+        "--campaign gives for P, to the point radius.  [default: none]", form="tre95[+MM]|p=P",
     )  # fmt: skip
     find_markers: bool = setting(
         False, "Move each marker to the centre of the cross or dot that is drawn near it."

@@ -29,7 +29,7 @@ from vfplan.errors import InputError, VfplanError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
-from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings
+from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings, margin_length
 from vfplan.registration.registration import (
     Registration,
     describe_side,
@@ -235,9 +235,8 @@ class Shown:
     def margin_m(self) -> float | None:
         """What the plan added to the radius around each point; `None` where it added nothing."""
         margin = self.fixture.provenance.settings.get("margin")
-        if margin == "tre95":
-            margin = None if self.tre95_m is None else self.tre95_m.max()
-        return None if margin is None else float(margin)
+        bound_m = None if self.tre95_m is None else float(self.tre95_m.max())
+        return margin_length(margin, bound_m)
 
     @cached_property
     def markers(self) -> tuple[Marker, ...]:

@@ -12,7 +12,6 @@ looked at is in no draft: it belongs to the name that stands on the page, and en
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import hmac
 import itertools
@@ -38,9 +37,9 @@ import numpy as np
 from vfplan.engine.browser import module
 from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_TEXT_BYTES, now_utc, opened_file, to_json_types
+from vfplan.io.files import MAX_TEXT_BYTES, flags, now_utc, opened_file, to_json_types
 from vfplan.io.sandbox import Loopback, reply
-from vfplan.io.writing import not_written, remove_quietly, write_whole
+from vfplan.io.writing import lock_file, not_written, remove_quietly, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.review.acceptance import visible_name
 from vfplan.review.session import Session, marker_state
@@ -86,12 +85,12 @@ class Draft:
         name = hashlib.sha256(os.fsencode(self.path.name)).hexdigest()[:16]
         path = self.path.with_name(f".vfplan-{name}.lock")
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | flags("O_NOFOLLOW"), 0o600)
         except OSError as error:
             raise not_written(path, error) from error
         with open(descriptor, "r+") as lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_file(descriptor)
                 # Whoever held it before may have removed the file meanwhile.
                 is_held = os.path.samestat(os.fstat(descriptor), os.stat(path))
             except OSError:
@@ -122,7 +121,7 @@ class Draft:
         advice = f"Move {self.path.name} away to begin anew."
         with opened_file(self.path) as file:
             owner, text = os.fstat(file.fileno()).st_uid, file.read(MAX_BYTES)
-        if owner != os.geteuid():
+        if hasattr(os, "geteuid") and owner != os.geteuid():
             message = f"This draft is another user's (id {owner}). {advice}"
             raise InputError(message, where=where, code="draft-of-another-user")
         try:

@@ -23,6 +23,7 @@ from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
+from vfplan.planning.settings import margin_length
 from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
@@ -284,7 +285,7 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "fre_rms_m": _finite(fit.registration and fit.registration.fre_rms_m),
         "loo_rms_m": _finite(fit.registration and fit.registration.loo_rms_m),
         "tre95_m": bound_m,
-        "margin_m": bound_m if margin == "tre95" else margin,
+        "margin_m": margin_length(margin, bound_m),
         "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
         "markers_why_not": fit.why_not if fit.markers else "",
         "at_angle": fit.is_at_angle and not plan.source.is_flat,

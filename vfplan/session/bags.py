@@ -1,7 +1,7 @@
 """Sessions from ROS bags (extra `[ros]`), and a controller's ticks as MCAP, to the bit, and back.
 
-The MCAP file has one channel, `/vfplan/tick`, of ROS 2 messages (CDR) with their own definition, so
-that Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: https://mcap.dev.
+The ticks are in the channel `/vfplan/tick`, ROS 2 messages (CDR) with their own definition. Beside
+them are messages that Foxglove shows (`vfplan.session.foxglove`). MCAP: https://mcap.dev.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError, SettingError
+from vfplan.fixture import Fixture
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import opened_file
 from vfplan.session.channels import Bag, library, mcap_reader, opened_bag
@@ -420,6 +421,17 @@ TICK = np.dtype([
     ("force", "<f8", 3), ("state", "i1"), ("status", "u1"), ("nothing", "V6"),
 ])  # fmt: skip
 
+
+def as_ticks(block: Any, first: int = 0) -> NDArray[np.void]:
+    """(n,) of `TICK`, of a `TickBlock`; `first`: the number of its first tick."""
+    ticks = np.zeros(len(block), TICK)
+    ticks["index"] = first + np.arange(len(ticks))
+    ticks["t"] = block.time
+    for name in ("hip", "proxy", "normal", "force", "state"):
+        ticks[name] = getattr(block, name)
+    return ticks
+
+
 TOPIC = "/vfplan/tick"
 DEFINITION = b"""# One tick of a haptic loop. Lengths in m, time in s, force in N on the hand.
 uint64 index
@@ -445,10 +457,11 @@ class McapWriter:
     """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
+    shown: a fixture at rest, to be shown with the ticks by viewers, and at which rate [Hz]
     Raises MissingExtra: without the package mcap
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, shown: tuple[Fixture, float] | None = None) -> None:
         # Ticks that are in the file, once it is closed, and why later ones are not.
         self.kept = 0
         self.full: OSError | None = None
@@ -459,17 +472,32 @@ class McapWriter:
         self._writer.start(profile="", library="vfplan")
         schema = self._writer.register_schema("vfplan_msgs/msg/Tick", "ros2msg", DEFINITION)
         self._channel = self._writer.register_channel(TOPIC, "cdr", schema)
+        self._viewer = None
+        if shown is not None:
+            from vfplan.session.foxglove import FoxgloveChannels
+
+            self._viewer = FoxgloveChannels(self._writer, *shown)
+        # What a tick's time lacks to be the time since 1970, and the last tick's time [s].
+        self._epoch_s, self._last_s = 0.0, np.inf
 
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
-        """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`."""
-        now = int(received_s * 1e9)
+        """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`.
+
+        A tick is stamped by its own time, counted from the receipt of the first, or of the first
+        after the controller began again.
+        """
         try:
             for tick in ticks if self.full is None else ():
+                if tick["t"] < self._last_s - RESTART_S:
+                    self._epoch_s = received_s - float(ticks["t"][-1])
+                self._last_s = float(tick["t"])
                 body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
                 # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
-                publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
+                stamp = min(max(0, round((self._last_s + self._epoch_s) * 1e9)), 2**63 - 1)
                 sequence = int(tick["index"]) % 2**32
-                self._writer.add_message(self._channel, now, body, publish_ns, sequence)
+                self._writer.add_message(self._channel, stamp, body, stamp, sequence)
+                if self._viewer is not None:
+                    self._viewer.write(tick, stamp)
                 self.kept += 1
             self._file.flush()
         except OSError as error:

@@ -1,0 +1,108 @@
+"""`vfplan tip`: where a tool's tip is, from poses about one point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from vfplan.cli.options import FILE, MM, option, options_in_order
+from vfplan.cli.run import CommandResult, command
+
+from vfplan.display import count, millimetres
+from vfplan.errors import InputError
+from vfplan.geometry import UNIT_ROUNDED
+from vfplan.io.files import OpenedFile, open_number_table
+from vfplan.session.events import POSE_COLUMNS
+from vfplan.session.session import unit_factor
+
+
+@command("tip")
+@click.argument("poses", type=FILE, metavar="POSES.csv")
+@options_in_order(
+    option("--units", type=click.Choice(["m", "mm"]), default="m", help="Unit of the places."),
+    option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
+    option("--max-error", "max_error_m", type=MM,
+           help="Exit with 1 if the tip's 95 % error is larger [mm]."),
+)  # fmt: skip
+def vfplan_tip(poses: Path, units: str, row_major: bool, max_error_m: float | None) -> Any:
+    """Find a tool's tip from poses in which the tip stays on one point.
+
+    A row of POSES.csv is x,y,z,qw,qx,qy,qz, also with t before it and a header, or 16 numbers of a
+    4 x 4 matrix column by column, as Franka's O_T_EE. Give six poses or more that tilt the tool to
+    all sides, each once: the error takes them for independent.
+    """
+    from vfplan.registration.tip import calibrate_tip
+
+    matrices = read_tool_poses(poses, units, row_major)
+    tip = calibrate_tip(matrices)
+    worst = int(tip.residuals_m.argmax())
+    place, pivot = (",".join(f"{x:.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
+    error_mm = 1e3 * tip.error95_m
+    text = (
+        f"{count(len(matrices), 'pose')}, turned by {tip.turn_deg:.1f}° or more about two axes\n"
+        f"tip: {place} m in the tool's frame, to {millimetres(tip.error95_m)} (95 %)\n"
+        f"pivot: {pivot} m\n"
+        f"residual: {millimetres(tip.residual_rms_m)} rms, "
+        f"{millimetres(tip.residuals_m[worst])} at most, in pose {worst + 1}"
+    )
+    data = {
+        "poses": len(matrices), "tip_m": tip.offset_m, "error95_m": tip.error95_m,
+        "pivot_m": tip.pivot_m, "residual_rms_m": tip.residual_rms_m,
+        "residual_max_m": tip.residuals_m[worst], "worst_pose": worst + 1,
+        "turn_deg": tip.turn_deg,
+    }  # fmt: skip
+    if max_error_m is not None and tip.error95_m > max_error_m:
+        return CommandResult(
+            data, text, verdict="fail: the tip is not known well enough",
+            failed=f"the tip's error is {error_mm:.3f} mm, above {1e3 * max_error_m:g} mm",
+            next_step=f"look at pose {worst + 1}, and record more poses that tilt the tool more",
+        )  # fmt: skip
+    return CommandResult(
+        data, text, verdict=f"the tip is known to {error_mm:.3f} mm",
+        next_step="count this error too, where the tool touches the markers: "
+        f"vfplan plan IMAGE MARKERS --margin tre95+{error_mm:.3f}",
+    )  # fmt: skip
+
+
+def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
+    """(n, 4, 4) the poses of a table [m].
+
+    Raises InputError: other columns, or a row that is no pose
+    """
+    from vfplan.engine.moving import matrices
+
+    table = open_number_table(OpenedFile(path).view, str(path), InputError, header_optional=True)
+    named = POSE_COLUMNS[1:]
+    has_names = set(named) <= set(table.columns)
+    is_bare = table.columns[0] == "column 1"
+    if not has_names and len(table.columns) != 16 and not (is_bare and len(table.columns) == 7):
+        message = (
+            f"has {count(len(table.columns), 'column')}: {', '.join(table.columns)[:70]}. Give "
+            f"{','.join(named)}, or 16 numbers of a matrix"
+        )
+        raise InputError(message, where=str(path), code="pose-columns")
+    columns = named if has_names else table.columns
+    rows = np.concatenate([np.zeros((0, len(columns))), *table.blocks(columns)])
+    if len(columns) == 7:
+        length = np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+        is_pose = np.abs(length[:, 0] - 1) < UNIT_ROUNDED
+        rows[:, 3:] /= np.where(length > 0, length, 1)
+        poses = matrices(rows)
+    else:
+        poses = rows.reshape(-1, 4, 4) if row_major else rows.reshape(-1, 4, 4).transpose(0, 2, 1)
+        R = poses[:, :3, :3]
+        products = R.transpose(0, 2, 1) @ R - np.eye(3)
+        is_pose = np.abs(products).max(axis=(1, 2)) < 2 * UNIT_ROUNDED
+        is_pose &= (np.linalg.det(R) > 0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    if not is_pose.all():
+        i = int(np.argmin(is_pose))
+        message = (
+            f"pose {i + 1} is {rows[i].tolist()}, and no unit quaternion or rotation follows the "
+            "order that is read. Give w before x, y, z, and a matrix column by column, or "
+            "--row-major"
+        )
+        raise InputError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
+    poses[:, :3, 3] *= unit_factor(units)
+    return poses

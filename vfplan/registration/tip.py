@@ -1,0 +1,82 @@
+"""Where a tool's tip is, from poses in which the tip stays on one point (a pivot calibration).
+
+A pose (R, p) puts the tip t at R t + p, which is the pivot c in every pose: linear equations for t
+and c, solved by least squares. Noise of a tracker turns with the tool. So its covariance, taken
+from the residuals, is constant in the tool's frame, and carried from there to the tip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CheckFailed
+from vfplan.registration.registration import pointwise_bound
+
+Array = NDArray[np.float64]
+
+# With six poses the 95 % bound holds in 95 to 99 % of simulated sets, with five in 90 to 99 %.
+MIN_POSES = 6
+
+# How far the tool must turn about two axes at least, as root mean square over the poses [degrees].
+# A tracker's angular noise of 0.3 degrees, squared over this one, shortens the tip by 0.1 %.
+MIN_TURN_DEG = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """A calibrated tip."""
+
+    # (3,) in the tool's frame, and the length that its error stays within with 0.95 [m]
+    offset_m: Array
+    error95_m: float
+    # (3,) the point that the tip stood on, in the frame of the poses [m]
+    pivot_m: Array
+    # (n,) how far each pose puts the tip from the pivot [m]
+    residuals_m: Array
+    # How far the tool turned about the axis about which it turned least
+    turn_deg: float
+
+    @property
+    def residual_rms_m(self) -> float:
+        """The root mean square of the residuals [m]."""
+        return float(np.sqrt(np.mean(self.residuals_m**2)))
+
+
+def calibrate_tip(poses: Array) -> Tip:
+    """The tip of a tool from its poses (n, 4, 4) [m] about one point.
+
+    Raises CheckFailed: fewer than six poses, or turned about one axis at most
+    """
+    n = len(poses)
+    if n < MIN_POSES:
+        message = f"there are {n} poses. Give at least {MIN_POSES}, with the tip on one point"
+        raise CheckFailed(message, code="tip-few-poses", numbers={"poses": n})
+    R, p = poses[:, :3, :3], poses[:, :3, 3]
+    # A direction v of the tool stays still where |mean R v| is 1.
+    steadiest = np.linalg.norm(R.mean(axis=0), 2)
+    turn_deg = float(np.degrees(np.arcsin(np.sqrt(max(0.0, 1 - steadiest**2)))))
+    if turn_deg < MIN_TURN_DEG:
+        raise CheckFailed(
+            f"the tool turned by {turn_deg:.1f}° about all axes but one, so the tip could lie "
+            f"anywhere along that one. Tilt it by at least {MIN_TURN_DEG:g}° to all sides",
+            code="tip-not-determined", numbers={"turn_deg": turn_deg},
+        )  # fmt: skip
+
+    # Least squares, with the origins about their mean so that far away places lose no digits.
+    rows = np.concatenate([R, np.broadcast_to(-np.eye(3), R.shape)], axis=2)
+    centre = p.mean(axis=0)
+    inverse = np.linalg.pinv(rows.reshape(-1, 6))
+    solution = inverse @ (centre - p).ravel()
+    residuals = (rows @ solution) + p - centre
+
+    # The covariance of the residuals in the tool's frame, and what it makes of the tip.
+    in_tool = np.einsum("nji,nj->ni", R, residuals)
+    covariances = R @ (in_tool.T @ in_tool / (n - 2)) @ R.transpose(0, 2, 1)
+    weights = inverse[:3].reshape(3, n, 3)
+    covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
+    error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
+    lengths = np.linalg.norm(residuals, axis=1)
+    return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
