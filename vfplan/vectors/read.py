@@ -46,7 +46,6 @@ NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner
 # Largest distance from a slice's plane [m] of a curve that was drawn on it.
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
-SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
 SLICER_SUFFIXES = (".json", ".fcsv")
 
 
