@@ -62,6 +62,13 @@ def machine(document: Document) -> str:
     )
 
 
+def summary(document: Document) -> str:
+    """The sentence of `vfplan bench summary`."""
+    from vfplan.bench.record import summaries
+
+    return summaries(document)["proxy"]
+
+
 def extraction(document: Document) -> str:
     """RMS error and time of each method at scale 1, by drawing."""
     results = []
@@ -272,6 +279,7 @@ TABLES = {
     function.__name__: function
     for function in (
         machine,
+        summary,
         extraction,
         ridges,
         sampling,
