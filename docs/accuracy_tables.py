@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from statistics import median
+from textwrap import fill
 from typing import Any
 
 Document = dict[str, Any]
@@ -66,7 +67,7 @@ def summary(document: Document) -> str:
     """The sentence of `vfplan bench summary`."""
     from vfplan.bench.record import summaries
 
-    return summaries(document)["proxy"]
+    return "```\n" + fill(summaries(document)["proxy"], 130) + "\n```"
 
 
 def extraction(document: Document) -> str:

@@ -34,17 +34,9 @@ class Cost:
     megabytes: float
 
 
-def resident_mb() -> float:
-    """Memory of this process now [MB]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
-
-
 def slide(points, hips, truth, stiffness=1000.0, **settings) -> Cost:
     """What it costs to slide over a cloud."""
-    before = resident_mb()
     engine = ProxyEngine(points, stiffness=stiffness, **settings)
-    megabytes = max(0.0, resident_mb() - before)
-    engine.reset(truth[0] + (truth[0] - hips[0]))
     repeats = []
     for _ in range(3):
         engine.reset(truth[0] + (truth[0] - hips[0]))
@@ -55,7 +47,7 @@ def slide(points, hips, truth, stiffness=1000.0, **settings) -> Cost:
     error = np.linalg.norm(trace.proxy - truth, axis=1)[50:]
     median, tail = np.quantile(us, [0.5, 0.999])
     rms = float(np.sqrt(np.mean(error**2)))
-    return Cost(rms, stiffness * float(error.max()), median, tail, megabytes)
+    return Cost(rms, stiffness * float(error.max()), median, tail, engine.bytes / 1e6)
 
 
 def on_ball(spacing=0.5e-3, radius=5e-3, speed=0.1, offset=0.0, dtype=float, **settings) -> Cost:
