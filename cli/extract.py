@@ -35,7 +35,7 @@ MENDED_ON_PAGE = {
     *("fit-left-ink", "too-little-ink", "no-line", "only-a-frame", "too-many-pieces"),
     *("image-grey", "place-off-curve", "start-is-end", "end-of-a-ring", "stroke-number"),
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
-    *("one-mark-two-markers", "mirrored", "scale-wrong"),
+    *("one-mark-two-markers", "mirrored", "scale-wrong", "one-side-only"),
     *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
 }
 

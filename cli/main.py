@@ -18,6 +18,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "plan": "Make a fixture from a planned slice and its markers.",
         "extract": "Extract the drawn curve from a planned slice.",
         "register": "Make a fixture from a curve and markers.",
+        "rectify": "Make a photograph taken at an angle flat.",
         "review": "Look at a plan on a page, mend it and approve it.",
         "accept": "Accept a plan by the digest on its sheet, in a script.",
         "surface": "Make a surface from outlined slices.",
@@ -37,6 +38,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "verify": "Check the signature of a bundle.",
         "rehearse": "Rehearse a session on a simulated arm.",
         "live": "Show the ticks of a controller live, and record them.",
+        "ar": "Show the wall in the picture of a camera.",
     },
     "More": {
         "demo": "Run all steps on the shipped sample.",
@@ -67,6 +69,7 @@ MODULES = {
     "campaign": "vfplan.campaign.command",
     "rehearse": "vfplan.arm.command",
     "live": "vfplan.live.command",
+    "ar": "vfplan.camera.command",
     "burr": "vfplan.burr.command",
 }
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
 
+import cv2
 import numpy as np
 import pytest
 from conftest import ELBOW
+from review_slices import miss, photographed
 
 import vfplan
 from vfplan.fixture import Curve, Fixture, Provenance
@@ -293,3 +296,39 @@ def test_the_report_ends_with_a_verdict_and_the_next_step(vfplan_cli, tmp_path):
     assert following == f"next: vfplan review {fixture} --slice {IMAGE} -o {approved}"
     run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", fixture, "--overwrite", "--json")
     assert run.json["next"] == f"vfplan review {fixture} --slice IMAGE -o {approved}"
+
+
+def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_path):
+    truth = json.loads(IMAGE.with_name("elbow_truth.json").read_text())["curve_px"]
+    for seed in range(4):
+        photo, marks, seen_by = photographed(tmp_path, seed)
+        vfplan_cli("plan", photo, marks, ROBOT, "--json", cwd=tmp_path).fails(1, "vfplan rectify")
+        out = tmp_path / f"flat {seed}.png"
+        made = vfplan_cli("rectify", photo, marks, ROBOT, "-o", out, "--json").sound.json
+        assert made["residual_rms_m"] < made["marker_error_m"] < 5e-4
+        following = shlex.split(made["next"])[1:]
+        planned = vfplan_cli(*following, "-o", tmp_path / f"{seed}.h5", "--json").sound.json
+        assert abs(planned["register"]["spacing_departure"][0]) < 2e-3
+        assert vfplan_cli("extract", out, "-o", tmp_path / f"c{seed}.h5").code == 0
+        measured = vfplan.read_fixture(tmp_path / f"c{seed}.h5").points[:, :2]
+        seen = cv2.perspectiveTransform(np.array([truth]), made["homography"] @ seen_by)[0]
+        assert miss(measured, seen) < 0.3
+
+
+def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfplan_cli, tmp_path):
+    photo, marks, _ = photographed(tmp_path)
+    head, lines = rows(marks)
+    on_line = [[lines[k][0], 100 + 60 * k, 100 + 40 * k] for k in range(5)] + lines[8:]
+    moved = [[lines[0][0], float(lines[0][1]) + 40, lines[0][2]], *lines[1:]]
+    for name, some, code in (
+        ("too-few-markers", lines[:4], 3), ("homography-undetermined", on_line, 3),
+        ("residual-large", moved, 1), ("residual-large", lines[::-1], 1),
+    ):  # fmt: skip
+        if some[0] is lines[-1]:
+            some = [[row[0], *other[1:]] for row, other in zip(lines, some, strict=True)]
+        table = write(tmp_path / "some.csv", head, some)
+        words = ("rectify", photo, table, ROBOT, "--common", "-o", tmp_path / "no.png", "--json")
+        vfplan_cli(*words).fails(code, error=name)
+    words = ("rectify", photo, marks, ROBOT, "-o", tmp_path / "no.png", "--json")
+    vfplan_cli(*words, "--max-residual", 0.1).fails(1, error="residual-large")
+    vfplan_cli(*words, "--max-megapixels", 0.69).fails(1, error="flat-picture-large")

@@ -88,3 +88,23 @@ def shifted(path, off_px):
     lines[4] = f"{label},{float(u) + off_px:.2f},{v}"
     path.write_text("\n".join(lines) + "\n")
     return path, (float(u), float(v))
+
+
+def photographed(folder, seed=0, tilt=1.0):
+    """The sample seen by a camera beside it, its markers' pixels there, and the homography."""
+    picture = cv2.imread(str(SLICE))
+    height, width = picture.shape[:2]
+    corners = np.float32([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]])
+    pulled = np.random.default_rng(seed).uniform(0.02, 0.12, (4, 2)) * [width, height] * tilt
+    inward = np.sign([width / 2, height / 2] - corners)
+    homography = cv2.getPerspectiveTransform(corners, np.float32(corners + inward * pulled))
+    path = folder / f"photo-{seed}.png"
+    cv2.imwrite(str(path), cv2.warpPerspective(picture, homography, (width, height), flags=2))
+    rows = [line.split(",") for line in MARKERS[0].read_text().split()]
+    places = cv2.perspectiveTransform(
+        np.array([row[1:] for row in rows[1:]], float)[None], homography
+    )
+    lines = [f"{row[0]},{u:.4f},{v:.4f}" for row, (u, v) in zip(rows[1:], places[0], strict=True)]
+    markers = folder / f"photo-{seed}.csv"
+    markers.write_text("\n".join(["label,u_px,v_px", *lines, ""]))
+    return path, markers, homography

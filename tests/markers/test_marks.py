@@ -193,3 +193,11 @@ def test_plan_compares_without_an_option(vfplan_cli, tmp_path):
     assert run.code == 0
     found = {finding["code"] for finding in run.json["findings"]}
     assert {"markers-meet-no-marks", "faces-down"} <= found
+
+
+@pytest.mark.parametrize(("label", "shift", "size"), [("3", (6, 3), 0.4), ("M3", (2, 10), 0.35)])
+def test_a_label_that_touches_a_mark_does_not_move_it(label, shift, size):
+    image = drawn(1, "cyan", "cross")
+    foot = (PLACES[3] + shift).astype(int).tolist()
+    cv2.putText(image, label, foot, cv2.FONT_HERSHEY_SIMPLEX, size, COLOURS["cyan"], 1)
+    assert codes(compare(image, PLACES)) == []

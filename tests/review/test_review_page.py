@@ -13,7 +13,17 @@ from captures import capture
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
-from review_slices import MARKERS, SLICE, blue, fork, hidden_end, miss, shifted, two_candidates
+from review_slices import (
+    MARKERS,
+    SLICE,
+    blue,
+    fork,
+    hidden_end,
+    miss,
+    photographed,
+    shifted,
+    two_candidates,
+)
 
 import vfplan
 from vfplan.findings import doubt
@@ -672,3 +682,85 @@ def frames(browser, hand, place):
     times = np.array(browser.run("window.frames_"))
     browser.press(start[0] + 90, start[1] + 48, "mouseReleased")
     return 1e3 * (len(times) - 1) / (times[-1] - times[0])
+
+
+@pytest.mark.slow
+def test_a_photograph_is_made_flat_by_a_button(browser, opened, tmp_path):
+    photo, marks, _ = photographed(tmp_path)
+    program, hand = opened(photo, marks, MARKERS[1])
+    hand.press("Make the picture flat")
+    hand.until_steps(1)
+    size = "document.getElementById('slice').naturalWidth === review.state.image.width_px"
+    browser.until(f"review.state.image.is_flat && {size}")
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+    again = Session.open(program.output, slice=photo).current.source.image
+    assert vfplan.read_fixture(program.output).image.width_px == again.width_px
+
+
+@pytest.mark.slow
+def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
+    browser, opened, tmp_path
+):
+    program, hand = opened(SLICE, MARKERS[1])
+    truth = np.loadtxt(MARKERS[0], delimiter=",", skiprows=1, usecols=(1, 2))
+    for place in truth + np.random.default_rng(2).uniform(-3, 3, truth.shape):
+        hand.click(place)
+    browser.until("review.state.markers.every((marker) => marker.place_px)")
+    places = np.array(hand.state("review.state.markers.map((marker) => marker.place_px)"))
+    assert np.abs(places - truth).max() < 0.1
+    assert hand.state("document.querySelector('[data-tool=marker]').ariaChecked") == "true"
+    browser.key("Escape")
+    browser.picture(tmp_path / "markers.png")
+    # No label lies on the yellow labels that are printed on the slice.
+    picture = cv2.imread(str(SLICE)).astype(int)
+    is_label = picture[..., 1] - picture[..., 0] > 60
+    boxes = browser.run(
+        "[...document.querySelectorAll('.marker text')].map((text) => {"
+        " const b = text.getBoundingClientRect();"
+        " const s = document.getElementById('stage').getBoundingClientRect();"
+        " return [...review.view.onSlice([b.left - s.left, b.top - s.top]),"
+        " ...review.view.onSlice([b.right - s.left, b.bottom - s.top])]; })"
+    )
+    assert len(boxes) == len(truth)
+    for left, top, right, bottom in np.round(boxes).astype(int).clip(0):
+        assert not is_label[top:bottom, left:right].any()
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+
+
+def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
+    """Each tick of a given way to the bit, and a hand that presses is told the force."""
+    _, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
+    browser.until("review.state.digest")
+    browser.key("u")
+    browser.until("review.push.engine !== null")
+    session = Session.open(SLICE, *MARKERS, pixel_spacing_mm=(0.5, 0.5))
+    start = session.current.geometry.strokes[0].points[200]
+    path = start + np.array([[0.0, -40], [0, 4], [20, 6], [-30, 3]])
+    calls = ", ".join(f"review.push.move({place}, 60)" for place in path.tolist())
+    answers = browser.run(f"[{calls}].map((answer) => [...answer.proxy, ...answer.force])")
+    shown = session.current.shown
+    engine, before = vfplan.ProxyEngine.of(shown.fixture), path[0]
+    engine.reset([row @ [*before, 1.0] for row in shown.plane])
+    for to, answer in zip(path, answers, strict=True):
+        for k in range(1, 61):
+            u, v = before + ((to - before) * k) / 60
+            step = engine.step([row[0] * u + row[1] * v + row[2] for row in shown.plane])
+        assert [*step.proxy, *step.force] == answer
+        before = to
+    assert np.linalg.norm(answers[-1][3:]) > 1.0
+    for way in np.linspace(-40, 6, 12):
+        browser.press(*hand.at((start[0], start[1] + way)), "mouseMoved", "none")
+        time.sleep(0.05)
+    felt = browser.until("document.getElementById('felt').textContent")
+    assert float(felt.split()[0]) > 1.0
+    browser.picture(tmp_path / "push.png")
+    browser.key("Escape")
+    browser.until("document.getElementById('push').childElementCount === 0")

@@ -15,7 +15,17 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from refusals import refuses
-from review_slices import MARKERS, SAMPLES, SLICE, clear, double, fork, miss, two_candidates
+from review_slices import (
+    MARKERS,
+    SAMPLES,
+    SLICE,
+    clear,
+    double,
+    fork,
+    miss,
+    photographed,
+    two_candidates,
+)
 
 import vfplan
 from vfplan.bundle import review_digest
@@ -604,3 +614,29 @@ def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):
     box = {"do": "exclude", "box": [0, 0, 100, 200]}
     assert taken.apply(box).state()["curve_px"] == wanted.apply(box).state()["curve_px"]
     assert taken.undo().state() == session.state() | {"can_redo": True}
+
+
+def test_a_photograph_is_made_flat_by_a_step_and_its_bundle_opens_flat(tmp_path):
+    photo, marks, seen_by = photographed(tmp_path)
+    seen = Session.open(photo, marks, MARKERS[1])
+    assert seen.state()["refusal"]["code"] == "residual-large"
+    assert seen.state()["at_angle"]
+    flat = seen.apply({"do": "rectify"})
+    state = flat.state()
+    assert (state["refusal"], state["at_angle"], state["image"]["is_flat"]) == (None, False, True)
+    numbers = flat.current.source.recipe["made_flat_by"].split(",")
+    to_flat = np.reshape(numbers[:9], (3, 3)).astype(float)
+    meant = cv2.perspectiveTransform(TRUTH[None], to_flat @ seen_by)[0]
+    assert miss(curve_of(flat), meant) < 0.3
+    assert "picture-made-flat" in [finding["code"] for finding in state["findings"]]
+    with refuses(SettingError, "rectify-first"):
+        flat.apply({"do": "rectify"})
+    approved = looked_at(flat).approve("A. Planner")
+    assert approved.provenance.inputs["image"] == seen.source.sha256["source"]
+    vfplan.write_fixture(approved, tmp_path / "flat.h5")
+    again = Session.open(tmp_path / "flat.h5", slice=photo)
+    assert again.state()["image"]["width_px"] == state["image"]["width_px"]
+    mended = again.apply({"do": "delete_knot", "stroke": 0, "knot": 5})
+    assert "picture-made-flat" in [finding["code"] for finding in mended.state()["findings"]]
+    assert miss(curve_of(again), np.array(curve_of(flat))) < 0.01
+    assert text(seen.apply(flat.steps[0])) == text(flat)

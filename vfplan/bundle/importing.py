@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.bundle.content import max_size
+from vfplan.bundle.content import max_size, table
 from vfplan.bundle.leak import (
     Across,
     joined_corners,
@@ -29,24 +29,23 @@ from vfplan.bundle.leak import (
     open_edges,
     pieces_of,
     turned_facets,
+    widest_opening,
 )
-from vfplan.display import MM
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
-    NumberTable,
+    METRES,
     check_text_size,
+    named_columns,
     naming_place,
     npy_header,
     open_number_table,
     read_bytes,
 )
 
-# Unit of a file's numbers -> metres.
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
 # Corners of a rim that are closer than this share of the mesh's size are one.
 WELD_SHARE = 1e-5
 SUFFIXES = (".ply", ".stl", ".obj", ".csv", ".npy")
@@ -188,10 +187,19 @@ def import_cloud(
         sample_radius = float(spacing / np.sqrt(3))
         # A mesh that no rule could sample when the bundle is loaded is refused now.
         try:
-            _core.sampled(points, mesh, sample_radius)
+            samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
             raise too_many_samples(spacing) from error
         band = sample_band(sample_radius, radius)
+        widest, place = widest_opening(points, mesh, samples, radius - band)
+        if widest:
+            at = ", ".join(f"{1e3 * x:.1f}" for x in place)
+            text = (
+                f"Through the widest opening of the mesh, at ({at}) mm, goes a ball of "
+                f"{2e3 * widest:.3g} mm; the proxy is one of {2e3 * radius:g} mm. Close it, or "
+                "give a larger --contact-radius."
+            )
+            findings.append(doubt("mesh-open", "import", text, place_m=tuple(place.tolist())))
     settings = {"units": units, "curve": curve or "none"}
     if ignored:
         settings["left_out"] = short_text(", ".join(ignored))
@@ -226,6 +234,15 @@ def check_cloud(points: Points, where: str) -> Points:
             raise InputError(
                 f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
             )
+        limit_m = next(row.max_abs for row in table() if row.path == "/points")["m"]
+        is_near = (np.abs(points) <= limit_m).all(axis=1)
+        if not is_near.all():
+            k = int(is_near.argmin())
+            raise InputError(
+                f"Point {k} is at {points[k].tolist()} m, and a bundle reaches {limit_m} m. Check "
+                "--units, or move the points nearer to the origin of their frame.",
+                code="cloud-too-far",
+            )  # fmt: skip
         return check_points(points)
 
 
@@ -288,40 +305,17 @@ def read_npy(data: bytes, where: str) -> Mesh:
 
 def read_csv(data: bytes, units: str, where: str) -> Mesh:
     """The points of a table: columns x, y and z, or the first three where there is no header."""
-    table = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
-    columns = table.columns[:3]
-    if table.header_lines:
-        columns = named_columns(table, units)
+    numbers = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
+    columns = numbers.columns[:3]
+    if numbers.header_lines:
+        columns = named_columns(numbers, units)
     elif len(columns) < 3:
         raise InputError(
             f"It has {len(columns)} columns. Give a table with x, y and z.",
             where=where, code="column-missing",
         )  # fmt: skip
-    points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
-    return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
-
-
-def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
-    """The columns x, y and z, whose names may end in their unit (x_mm)."""
-    columns = []
-    for axis in "xyz":
-        candidates = [name for name in table.columns if name.partition("_")[0] == axis]
-        if not candidates:
-            raise InputError(
-                f"The header names {', '.join(table.columns)[:80]}, and no {axis}. Name the "
-                "columns of the coordinates x, y and z.",
-                where=table.where, code="column-missing",
-            )  # fmt: skip
-        column = candidates[0]
-        columns.append(column)
-        unit = column.partition("_")[2]
-        if unit != units and (unit in METRES or unit == "px"):
-            raise InputError(
-                f"The header names {column}, and {units} was given as the unit. Give --units "
-                f"{unit}, or name the column by its true unit.",
-                where=table.where, code="units-differ",
-            )  # fmt: skip
-    return tuple(columns)
+    points = np.concatenate([np.empty((0, 3)), *numbers.blocks(columns)])
+    return Mesh(points, left_out=tuple(name for name in numbers.columns if name not in columns))
 
 
 def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Triangles]:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,7 @@ from vfplan.images.raster import (
     upright,
 )  # fmt: skip
 from vfplan.io.files import naming_place, opened_file, read_whole
+from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 # Bytes of an image file. OpenCV's decoders take no more.
 MAX_BYTES = 2**31 - 1
@@ -39,6 +42,8 @@ MAX_MEGAPIXELS = 64.0
 # The most that a caller may allow, in millions: 16384 x 16384 of one page.
 LARGEST_MEGAPIXELS = 268.5
 
+# Where a bundle's recipe keeps how a photograph was made flat, as `made_flat` takes it.
+MADE_FLAT_BY = "made_flat_by"
 
 # What is said of DICOM's overlay planes.
 OVERLAY = (
@@ -219,7 +224,31 @@ def raster_findings(header: Header, index: int, size: int, orientation: int) -> 
 def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
     """The slice of a bundle, read as it was when its curve was taken; raises as `read_image`."""
     chosen = fixture.provenance.settings
-    return read_image(path, frame=chosen.get("frame"), pixels=chosen.get("pixels"))
+    image = read_image(path, frame=chosen.get("frame"), pixels=chosen.get("pixels"))
+    return flat_as_planned(image, chosen)
+
+
+def flat_as_planned(image: PlannedImage, recipe: dict[str, Any]) -> PlannedImage:
+    """The picture as a bundle's recipe has it: made flat, where it was planned on so."""
+    numbers = value_as(tuple[float, ...], recipe.get(MADE_FLAT_BY, ""))
+    if numbers is MISFIT or len(numbers) not in (0, 12):
+        raise incomplete_recipe(f"{MADE_FLAT_BY} is {recipe[MADE_FLAT_BY]!r}")
+    return made_flat(image, numbers) if numbers else image
+
+
+def made_flat(image: PlannedImage, numbers: Sequence[float]) -> PlannedImage:
+    """The flat picture of a photograph.
+
+    numbers: the homography from its pixels to those of the flat picture, by rows; width and height
+        of that [px], and the size of its pixels [mm]
+    """
+    import cv2
+
+    homography, (width, height, spacing_mm) = np.reshape(numbers[:9], (3, 3)), numbers[9:]
+    rgb = cv2.warpPerspective(image.rgb, homography, (int(width), int(height)))
+    return replace(
+        image, rgb=rgb, pixel_spacing_mm=(spacing_mm, spacing_mm), T_patient_image=None
+    )  # fmt: skip
 
 
 def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:

@@ -175,6 +175,14 @@ def compare_with_marks(
     marks = np.vstack([marks, more_marks])
 
     offset = places[matched] - marks
+    # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.
+    for k in np.flatnonzero(stands_apart(offset)) if len(matched) >= 3 else ():
+        from vfplan.markers.find_marks import find_mark
+
+        place = tuple(places[matched[k]].tolist())
+        mark = find_mark(rgb, labels[matched[k]], place, MATCH_RADIUS_PX)
+        if mark is not None and mark.moved_px < np.hypot(*offset[k]):
+            offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
     rms_px = float(np.sqrt((offset**2).sum(axis=1).mean()))
     findings = tuple(offset_findings(labels, places, matched, offset))
@@ -202,9 +210,7 @@ def offset_findings(
     if len(matched) < 3:
         return findings
 
-    # The median and the median distance from it are not moved by a single wrong position.
-    from_median = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
-    is_single = from_median > SINGLE_OFFSET_PX + 5 * 1.4826 * np.median(from_median)
+    is_single = stands_apart(offset)
     for i, vector in zip(matched[is_single], offset[is_single], strict=True):
         text = (
             f"Marker {labels[i]} is given {np.hypot(*vector):.1f} px from the mark drawn "
@@ -227,6 +233,13 @@ def offset_findings(
         )
         findings.append(doubt("markers-off-marks", "register", text))
     return findings
+
+
+def stands_apart(offset: Array) -> NDArray[np.bool_]:
+    """(K,) which positions lie to their marks otherwise than the others, by (K, 2) offsets [px]."""
+    # The median and the median distance from it are not moved by a single wrong position.
+    from_median = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
+    return from_median > SINGLE_OFFSET_PX + 5 * 1.4826 * np.median(from_median)
 
 
 def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:

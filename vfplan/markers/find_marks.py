@@ -119,7 +119,7 @@ def find_markers(
                 code="marker-outside-slice",
                 numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )
-        marker = _find_marker(rgb, label, (float(u), float(v)), search_px)
+        marker = find_mark(rgb, label, (float(u), float(v)), search_px)
         if marker is None:
             raise MarkerError(
                 f"no cross or dot within {search_px:g} px of marker {label!r} at ({u:.1f}, "
@@ -140,10 +140,10 @@ def find_markers(
     return tuple(markers)
 
 
-def _find_marker(
+def find_mark(
     rgb: NDArray[Any], label: str, place: tuple[float, float], search_px: float
 ) -> DrawnMarker | None:
-    """The cross or dot nearest to a place, or `None`."""
+    """The cross or dot nearest to a place (u, v) on the slice, or `None`."""
     u, v = place
     half = int(np.ceil(search_px)) + MAX_SIDE_PX // 2
     column, row = max(0, round(u) - half), max(0, round(v) - half)

@@ -191,7 +191,7 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
     if not (1 + problem.s @ h[9:] > 0).all():
         return None  # A marker would lie behind the camera.
 
-    mapped = _homography(h, problem.s)
+    mapped = mapped_by_homography(h, problem.s)
     dof = 3 * n - len(h)
     squares = float((problem.weights * (problem.y - mapped) ** 2).sum())
     squares = max(squares, problem.rounding_floor_m**2)
@@ -214,23 +214,27 @@ def fit_homography(problem: Problem, m: Array) -> Array:
 
     By Gauss-Newton from the affine map M (3, 3).
     """
-    root = np.sqrt(problem.weights)
     h = np.append(m, [0.0, 0.0])
     for _ in range(30):
-        depth = (1 + problem.s @ h[9:])[:, None, None]
-        mapped = _homography(h, problem.s)
-        linear = marker_rows(problem.x).reshape(len(problem.s), 3, 9) / depth
-        bend = -mapped[:, :, None] * problem.s[:, None, :] / depth
-        rows = np.concatenate([linear, bend], axis=2) * root[:, :, None]
-        error = root * (problem.y - mapped)
-        step = np.linalg.lstsq(rows.reshape(-1, len(h)), error.ravel(), rcond=None)[0]
+        error = np.sqrt(problem.weights) * (problem.y - mapped_by_homography(h, problem.s))
+        step = np.linalg.lstsq(homography_rows(h, problem), error.ravel(), rcond=None)[0]
         h = h + step
         if np.abs(step[9:]).max() < 1e-12:
             break
     return h
 
 
-def _homography(h: Array, s: Array) -> Array:
+def homography_rows(h: Array, problem: Problem) -> Array:
+    """(3N, 11) how the weighted positions of the markers move with the numbers of a homography."""
+    depth = (1 + problem.s @ h[9:])[:, None, None]
+    mapped = mapped_by_homography(h, problem.s)
+    linear = marker_rows(problem.x).reshape(len(problem.s), 3, 9) / depth
+    bend = -mapped[:, :, None] * problem.s[:, None, :] / depth
+    rows = np.concatenate([linear, bend], axis=2) * np.sqrt(problem.weights)[:, :, None]
+    return rows.reshape(-1, len(h))
+
+
+def mapped_by_homography(h: Array, s: Array) -> Array:
     """(N, 3) positions M x~ / (1 + q·s) of s (N, 2), for row-major M and then q in h (11,)."""
     return homogeneous(s) @ h[:9].reshape(3, 3).T / (1 + s @ h[9:])[:, None]
 
@@ -424,7 +428,7 @@ def refuse_wrong_markers(
         elif perspective is not None and perspective.is_significant:
             advice = (
                 "The slice seems to be photographed at an angle: a homography leaves "
-                f"{_mm(perspective.fle_rms_m)} a marker. Rectify the picture"
+                f"{_mm(perspective.fle_rms_m)} a marker. Make it flat with vfplan rectify"
             )
         elif outlier is not None:
             index, others_m = outlier
@@ -506,8 +510,8 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
         text = (
             "The slice seems to be photographed at an angle: a homography leaves "
             f"{_mm(perspective.fle_rms_m)} a marker, the {registration.model} model "
-            f"{_mm(registration.fle_rms_m)}. Rectify the picture; the error bound does not count "
-            "the angle."
+            f"{_mm(registration.fle_rms_m)}. Make it flat with vfplan rectify; the error bound "
+            "does not count the angle."
         )
         findings.append(doubt("perspective", "register", text))
     else:

@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import SettingError, VfplanError
+from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.read import PlannedImage
-from vfplan.markers.correspondences import Correspondences, read_markers
+from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
+from vfplan.markers.find_marks import find_mark
 from vfplan.planning.settings import FixtureSettings
+from vfplan.registration.checks import perspective_test
 from vfplan.registration.registration import Registration, fit_registration
 
 # Markers that determine a transform from a plane into space.
@@ -180,6 +182,12 @@ class Fit:
         bound = float(np.max(self.registration.tre95_curve_m(sample)))
         return bound if np.isfinite(bound) else None
 
+    @property
+    def is_at_angle(self) -> bool:
+        """Whether the markers lie as a camera beside the slice would see them."""
+        test = None if self.registration is None else perspective_test(self.registration)
+        return test is not None and test.is_possible
+
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
         registration, steps = self.registration, self.metres_per_step
@@ -263,6 +271,41 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
         at, target = tuple(places[k].tolist()), tuple(pairs.target[k].tolist())
         markers.append(Marker(str(label), at, target, sigma, depth_m=float(depths[k])))
     return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
+
+
+def fit_of_files(
+    path: str | Path, path2: str | Path | None, image: PlannedImage, settings: FixtureSettings
+) -> tuple[Fit, Correspondences | None, dict[str, str]]:
+    """The markers of the files of a review, what they join to, and each file's SHA-256 by its role.
+
+    One file with one side is enough: the other side is then clicked or typed on the page. It joins
+    to `None`. Raises as `read_markers` and `fit_of` do.
+    """
+    try:
+        pairs = read_markers(path, path2, common=settings.common)
+    except MarkerError as error:
+        if error.code != "one-side-only":
+            raise
+        (side,) = read_sides(Path(path))
+        name = {"image": "place", "robot_base": "target_m"}.get(side.frame)
+        if name is None:
+            raise
+    else:
+        return fit_of(pairs, image, settings), pairs, pairs.inputs
+    spreads = [()] * len(side.labels) if side.sigma is None else np.atleast_2d(side.sigma.T).T
+    markers = tuple(
+        Marker(label, sigma_m=tuple(spread), **{name: tuple(position)})
+        for label, position, spread in zip(
+            side.labels, side.positions.tolist(), spreads, strict=True
+        )
+    )  # fmt: skip
+    return Fit(markers, settings, image.pixel_spacing_mm), None, {"markers": side.sha256}
+
+
+def snapped(image: PlannedImage, place: NDArray, reach_px: float) -> NDArray[np.float64]:
+    """The centre of the mark that is drawn near a place; the place itself where none is."""
+    mark = find_mark(image.rgb, "", tuple(place.tolist()), reach_px) if reach_px else None
+    return place if mark is None else np.array(mark.position_px)
 
 
 def _unit_normal(axes: NDArray) -> NDArray[np.float64]:

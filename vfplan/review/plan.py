@@ -21,18 +21,25 @@ from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.geometry.lines import evenly
-from vfplan.images.read import MAX_BYTES, PlannedImage
+from vfplan.images.read import (
+    MADE_FLAT_BY,
+    MAX_BYTES,
+    MAX_MEGAPIXELS,
+    PlannedImage,
+    flat_as_planned,
+    made_flat,
+)
 from vfplan.io.files import naming_place, read_bytes
-from vfplan.markers.correspondences import Correspondences, read_markers
+from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
-from vfplan.review.markers import Fit, fit_of
+from vfplan.review.markers import Fit, fit_of, fit_of_files
 from vfplan.review.rendered import Shown, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
-from vfplan.settings import MISFIT, incomplete_recipe, recalled, recorded, value_as
+from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
 from vfplan.stability.study import judge_of, with_verdict_by
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -114,7 +121,13 @@ class Source:
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
             "has_slice": self.slice_path is not None, "has_ink": self.geometry.ink is not None,
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max), "sides": sides,
+            "is_flat": self.is_flat,
         }  # fmt: skip
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it is a photograph that was made flat."""
+        return MADE_FLAT_BY in self.recipe
 
     def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
         """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
@@ -265,6 +278,7 @@ class Plan:
         except VfplanError as error:
             # The page has no options; what is wrong with the markers is mended on it.
             message = error.message.replace(", or give --markers-as-given", "")
+            message = message.replace(" with vfplan rectify", "")
             return Outcome(None, of_curve, _sentence(message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
@@ -369,9 +383,8 @@ def open_source(
         if source.fixture is not None:
             refuse_planning_of_planned(source.fixture, of_planning)
         return source
-    pairs = read_markers(markers, markers2, common=source.planning.common)
-    fit = fit_of(pairs, source.image, source.planning)
-    sha256 = source.sha256 | pairs.inputs
+    fit, pairs, inputs = fit_of_files(markers, markers2, source.image, source.planning)
+    sha256 = source.sha256 | inputs
     return replace(source, fit=fit, pairs=pairs, sha256=sha256, fixture=None)
 
 
@@ -410,6 +423,38 @@ def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> li
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
     return [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
+
+
+def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
+    """The plan on the photograph made flat by its markers, extracted anew by the pen of this ink.
+
+    Raises `VfplanError` where the markers do not allow it.
+    """
+    from vfplan.registration.rectify import flattening
+
+    source, limit_m = plan.source, plan.fit.settings.max_residual_m
+    flattened = flattening(plan.fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
+    image = made_flat(source.image, flattened.numbers)
+
+    def moved(fit: Fit) -> Fit:
+        markers = [
+            marker if marker.place is None else
+            replace(marker, place=tuple(flattened.places(np.array([marker.place]))[0].tolist()))
+            for marker in fit.markers
+        ]  # fmt: skip
+        return replace(fit, markers=tuple(markers), pixel_spacing_mm=image.pixel_spacing_mm)
+
+    pairs, of_files = source.pairs, moved(source.fit)
+    if pairs is not None:
+        pairs = replace(pairs, source=flattened.places(pairs.source))
+    ink = SliceInk(image.rgb, ink.colour, (), None)
+    source = replace(
+        source, image=image, fit=of_files, pairs=pairs, told=(*source.told, flattened.finding),
+        recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
+    )  # fmt: skip
+    geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
+    fit = of_files if plan.fit is plan.source.fit else moved(plan.fit)
+    return plan.changed(source=source, geometry=geometry, fit=fit)
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -532,13 +577,16 @@ def _of_bundle(
         )
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
+    of_photograph = {name: known[name] for name in (MADE_FLAT_BY,) if name in known}
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
         path, slice_path, image, extraction, planning,
         Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
-        recorded(extraction) | recorded(planning) | robot, opened=fixture, fixture=fixture,
-        told=overridden(recalled(FixtureSettings, known) or planning, planning),
+        recorded(extraction) | recorded(planning) | robot | of_photograph, opened=fixture,
+        fixture=fixture,
+        told=(*overridden(recalled(FixtureSettings, known) or planning, planning),
+              *(one for one in fixture.findings if one.code == "picture-made-flat")),
         case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
 
@@ -548,6 +596,7 @@ def _slice_of(
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
     image = read_slice(slice_path, extraction_of(fixture, extraction))
+    image = flat_as_planned(image, fixture.provenance.settings)
     known = fixture.provenance.inputs.get("image")
     if known != image.sha256:
         text = (

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import review_digest
-from vfplan.errors import CheckFailed, SettingError
+from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
@@ -168,6 +168,16 @@ class Session:
             "digest": self.digest,
         }
 
+    def bodies(self) -> dict[str, Any]:
+        """What renders the plan as it stands, for the page's own engine; else why nothing does."""
+        shown = self.current.shown
+        if shown is None:
+            return {"why_not": "There is no plan yet that a robot renders."}
+        try:
+            return {"digest": self.digest, **shown.bodies()}
+        except VfplanError as error:
+            return {"why_not": error.message}
+
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
@@ -178,7 +188,7 @@ class Session:
             for entry in geometry.account
         ]
         state = {
-            "image": self.source.describe(),
+            "image": plan.source.describe(),
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
@@ -278,6 +288,7 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "margin_m": bound_m if margin == "tre95" else margin,
         "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
         "markers_why_not": fit.why_not if fit.markers else "",
+        "at_angle": fit.is_at_angle and not plan.source.is_flat,
     }
 
 

@@ -18,10 +18,10 @@ from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
 from vfplan.planning.match import Record, match
 from vfplan.review.acceptance import visible_name
-from vfplan.review.geometry import Geometry, route_over, with_chosen
+from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
-from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table
-from vfplan.review.plan import Plan, key_of
+from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table, snapped
+from vfplan.review.plan import Plan, key_of, made_flat_plan
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
 
 Step = dict[str, Any]
@@ -33,6 +33,9 @@ MAX_EXCLUDED = 100
 
 # Markers at most; layouts have 4 to 40.
 MAX_MARKERS = 200
+
+# How far a click may be from the mark that is meant [px]: a screen shows large slices small.
+MAX_SNAP_PX = 60
 
 # Characters of a label at most, as a bundle holds them.
 MAX_LABEL = 64
@@ -275,10 +278,13 @@ def reverse(plan: Plan, step: Step) -> Plan:
 
 
 def choose(plan: Plan, step: Step) -> Plan:
-    """Take a candidate, by its number, as the curve."""
+    """Take a candidate as the curve: by its number, or the longest `at` a place."""
     settings = plan.source.extraction_with(_needs_ink(plan), plan.exclude)
-    number = _whole(step, "candidate")
-    geometry = with_chosen(plan.source.image, settings, plan.geometry, number)
+    if "at" in step:
+        geometry, number = candidate_at(plan.geometry, _place(plan, step, "at"))
+    else:
+        geometry, number = plan.geometry, _whole(step, "candidate")
+    geometry = with_chosen(plan.source.image, settings, geometry, number)
     return plan.changed(geometry=geometry)
 
 
@@ -348,12 +354,24 @@ def _marker_of(plan: Plan, step: Step) -> tuple[Fit, int]:
     return plan.fit, plan.fit.index(step.get("marker"))
 
 
+def _mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
+    """A place for a marker; `snap` [px] says how far the mark drawn there may be from it."""
+    reach_px = step.get("snap", 0)
+    usable = isinstance(reach_px, (int, float)) and not isinstance(reach_px, bool)
+    if not usable or not 0 <= reach_px <= MAX_SNAP_PX:
+        raise _malformed(step, "snap", f"a number from 0 to {MAX_SNAP_PX}")
+    place = _place(plan, step, name)
+    if plan.source.slice_path is not None:
+        place = snapped(plan.source.image, place, reach_px)
+    return tuple(place.tolist())
+
+
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
     fit, number = _marker_of(plan, step)
     changes: dict[str, Any] = {}
     if "to" in step:
-        changes["place"] = tuple(_place(plan, step, "to").tolist())
+        changes["place"] = _mark_place(plan, step, "to")
     if "target_m" in step:
         changes["target_m"] = _numbers(step, "target_m", 3)
     if not changes:
@@ -369,7 +387,7 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     if len(fit.markers) >= MAX_MARKERS:
         text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
         raise SettingError(text, code="too-many-markers")
-    place = None if step.get("at") is None else tuple(_place(plan, step, "at").tolist())
+    place = None if step.get("at") is None else _mark_place(plan, step, "at")
     target = None if step.get("target_m") is None else _numbers(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
     return plan.changed(fit=replace(fit, markers=markers))
@@ -438,6 +456,19 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     return plan.changed(fit=fit)
 
 
+def rectify(plan: Plan, step: Step) -> Plan:
+    """Make a photograph flat by the homography of its markers; the slice is extracted anew."""
+    ink, source = _needs_ink(plan), plan.source
+    settings = source.extraction
+    if plan.exclude or settings.roi or settings.start or settings.end or source.is_flat:
+        text = "Boxes and ends are places on the photograph. Make it flat before they are chosen."
+        raise SettingError(text, code="rectify-first")
+    try:
+        return made_flat_plan(plan, ink)
+    except VfplanError as error:
+        raise SettingError(f"The picture stays: {error.message}.", code=error.code) from None
+
+
 # Answers, and what was looked at.
 
 
@@ -480,7 +511,7 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, answer,
+        leave_out_marker, set_markers, find_markers, rectify, answer,
     )
 }  # fmt: skip
 

@@ -48,6 +48,7 @@ export class Greys {
 
   load() {
     const token = encodeURIComponent(this.app.token);
-    byId("slice").src = `slice.png?token=${token}&low=${this.low.value}&high=${this.high.value}`;
+    const version = this.app.version; // a picture that was made flat is another picture
+    byId("slice").src = `slice.png?token=${token}&low=${this.low.value}&high=${this.high.value}&version=${version}`;
   }
 }

@@ -5,6 +5,13 @@ const CROSS = "M-9 0H9M0 -9V9";
 const ARROW_SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500];
 const MIN_ARROW_PX = 0.3; // of the slice; a shorter arrow is not drawn
 const PREVIEW_PAUSE_MS = 33; // a drag asks thirty times a second what would follow
+const LABEL_REACH_PX = 60; // half of the window around a marker in which its label may stand
+// Where a label may stand beside its marker: [x, y, anchor], and the corner of its box.
+const LABEL_PLACES = [
+  [11, -11, "start"], [11, 23, "start"], [-11, -11, "end"], [-11, 23, "end"],
+  [0, -24, "middle"], [0, 36, "middle"], [24, 5, "start"], [-24, 5, "end"],
+];
+const LABEL_HEIGHT_PX = 14;
 const FLAT_M = 5e-5; // depth below which a marker counts as on the slice
 
 export class Markers {
@@ -13,7 +20,9 @@ export class Markers {
     this.view = view;
     this.previewedAt = 0;
     this.dragged = null;
+    view.settled.push(() => this.placeLabels());
     byId("find-marks").addEventListener("click", () => app.step({ do: "find_markers" }));
+    byId("make-flat").addEventListener("click", () => app.step({ do: "rectify" }));
     byId("paste-open").addEventListener("click", () => {
       byId("paste").hidden = !byId("paste").hidden;
       if (!byId("paste").hidden) byId("paste-text").focus();
@@ -28,6 +37,7 @@ export class Markers {
     this.layer(state);
     this.table(state);
     this.bound(state);
+    byId("make-flat").hidden = !state.at_angle || !state.image.has_ink;
     byId("find-marks").disabled = !state.image.has_slice || state.fre_rms_m === null;
   }
 
@@ -61,6 +71,29 @@ export class Markers {
       );
     });
     byId("markers").replaceChildren(...nodes);
+    this.placeLabels();
+  }
+
+  // A label stands where it covers least of what the slice shows, such as a label printed there.
+  placeLabels() {
+    const slice = byId("slice");
+    if (!slice.complete || !slice.naturalWidth) return;
+    const size = 2 * LABEL_REACH_PX;
+    const reach = LABEL_REACH_PX / this.view.zoom;
+    const options = { willReadFrequently: true };
+    const canvas = make("canvas", { width: size, height: size }).getContext("2d", options);
+    for (const node of byId("markers").querySelectorAll(".marker")) {
+      const [u, v] = this.place(Number(node.dataset.marker)) || [0, 0];
+      const text = node.querySelector("text");
+      const width = text.getComputedTextLength();
+      canvas.clearRect(0, 0, size, size);
+      canvas.drawImage(slice, u + 0.5 - reach, v + 0.5 - reach, 2 * reach, 2 * reach, 0, 0, size, size);
+      const { data } = canvas.getImageData(0, 0, size, size);
+      const costs = LABEL_PLACES.map((place) => covered(data, size, boxOfLabel(place, width)));
+      const [x, y, anchor] = LABEL_PLACES[costs.indexOf(Math.min(...costs))];
+      for (const [name, value] of Object.entries({ x, y })) text.setAttribute(name, value);
+      text.style.textAnchor = anchor;
+    }
   }
 
   // The path of a residual's arrow, from the marker to where the others put it.
@@ -228,6 +261,29 @@ export class Markers {
   forgetDrag() {
     this.dragged = null;
   }
+}
+
+// [left, top, right, bottom] of a label in the window around its marker.
+function boxOfLabel([x, y, anchor], width) {
+  const share = { start: 0, middle: 0.5, end: 1 }[anchor];
+  const left = LABEL_REACH_PX + x - share * width;
+  const foot = LABEL_REACH_PX + y + 3;
+  return [left - 3, foot - LABEL_HEIGHT_PX - 3, left + width + 3, foot].map(Math.round);
+}
+
+// How much a box covers: the steps from each pixel to the next, which letters have and a ground has not.
+function covered(data, size, [left, top, right, bottom]) {
+  let sum = 0;
+  for (let row = Math.max(top, 0); row < Math.min(bottom, size - 1); row += 1) {
+    for (let column = Math.max(left, 0); column < Math.min(right, size - 1); column += 1) {
+      const at = 4 * (row * size + column);
+      for (let band = 0; band < 3; band += 1) {
+        const [across, down] = [data[at + band] - data[at + 4 + band], data[at + band] - data[at + 4 * size + band]];
+        sum += across * across + down * down;
+      }
+    }
+  }
+  return sum;
 }
 
 function mm(metres) {

@@ -5,7 +5,8 @@ const HINTS = {
   select: "",
   draw: "Click along the line. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
-  marker: "Click where the marker is.",
+  marker: "Click each mark. Esc ends.",
+  push: "The pointer is the robot's tool. The robot's own engine answers it.",
 };
 const PIECES = 8; // straight pieces that a smooth line has from one click to the next
 
@@ -22,7 +23,10 @@ export class Tools {
     }
   }
 
-  render() {
+  render(state, isFirst) {
+    // Markers that were given without places are clicked at once.
+    if (isFirst && this.nextLabel() && state.image.has_slice) this.choose("marker");
+    this.showHint();
     if (this.clicks.length) this.showDrawing();
   }
 
@@ -32,9 +36,10 @@ export class Tools {
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-checked", String(button.dataset.tool === tool));
     }
-    byId("hint").textContent = HINTS[tool];
+    this.showHint();
     this.clearDrawing();
     if (tool !== "select") this.app.select(null);
+    this.chosen?.();
     byId("stage").focus({ preventScroll: true });
   }
 
@@ -44,8 +49,11 @@ export class Tools {
       this.clicks.push(place);
       this.showDrawing(place);
     } else if (this.tool === "marker") {
-      this.app.step({ do: "add_marker", label: this.freeLabel(), at: place });
-      this.choose("select");
+      const snap = Math.min(60, Math.max(8, 12 / this.view.zoom));
+      const label = this.nextLabel();
+      if (label) this.app.step({ do: "move_marker", marker: label, to: place, snap });
+      else this.app.step({ do: "add_marker", label: this.freeLabel(), at: place, snap });
+      this.showHint();
     } else if (this.tool === "box" && this.corner) {
       this.endBox(this.corner, place);
     } else if (this.tool === "box") {
@@ -53,8 +61,20 @@ export class Tools {
     }
   }
 
+  showHint() {
+    const label = this.tool === "marker" && this.app.state && this.nextLabel();
+    byId("hint").textContent = label ? `Click the mark of ${label}. Esc ends.` : HINTS[this.tool];
+  }
+
+  // The first marker that has no place on the slice, and none on its way to the session.
+  nextLabel() {
+    const sent = this.app.waiting.map((change) => change.step?.marker);
+    return this.app.state.markers.find((one) => !one.place_px && !sent.includes(one.label))?.label;
+  }
+
   freeLabel() {
-    const taken = this.app.state.markers.map((marker) => marker.label);
+    const sent = this.app.waiting.map((change) => change.step?.label);
+    const taken = [...this.app.state.markers.map((marker) => marker.label), ...sent];
     let number = taken.length + 1;
     while (taken.includes(`M${number}`)) number += 1;
     return `M${number}`;

@@ -34,6 +34,7 @@ export class View {
   }
 
   render(state, isFirst) {
+    const isOther = this.image && this.image.is_flat !== state.image.is_flat;
     this.image = state.image;
     this.mmPerPx = state.mm_per_px;
     byId("title").textContent = `Review of ${state.image.name}`;
@@ -41,6 +42,11 @@ export class View {
     if (isFirst) {
       this.greys = new Greys(this.app, state.image.grey_max);
       this.showLetters(state.image.sides);
+      this.fit();
+      this.isChosen = false;
+    }
+    if (isOther) {
+      this.greys.load();
       this.fit();
       this.isChosen = false;
     }
