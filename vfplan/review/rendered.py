@@ -214,6 +214,18 @@ class Shown:
         return self.registration.tre95_curve_m(points)
 
     @cached_property
+    def other_ink(self) -> tuple[AccountEntry, ...]:
+        """The account without the gaps that a bridge of the line crosses."""
+        bridged = [s.points[s.bridged] for s in self.strokes if s.bridged is not None]
+        places = np.vstack([np.full((1, 2), np.inf), *bridged])
+
+        def is_bridged(entry: AccountEntry) -> bool:
+            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
+            return entry.what != "ink" and away <= max(1.0, entry.pixels / 2)
+
+        return tuple(entry for entry in self.account if not is_bridged(entry))
+
+    @cached_property
     def margin_m(self) -> float | None:
         """What the plan added to the radius around each point; `None` where it added nothing."""
         margin = self.fixture.provenance.settings.get("margin")
