@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from statistics import median
+from textwrap import fill
 from typing import Any
 
 Document = dict[str, Any]
@@ -60,6 +61,13 @@ def machine(document: Document) -> str:
         f"NumPy {m['numpy']}. The run took {document['elapsed_s'] / 60:.1f} minutes and gave "
         f"{len(document['results'])} results."
     )
+
+
+def summary(document: Document) -> str:
+    """The sentence of `vfplan bench summary`."""
+    from vfplan.bench.record import summaries
+
+    return "```\n" + fill(summaries(document)["proxy"], 130) + "\n```"
 
 
 def extraction(document: Document) -> str:
@@ -272,6 +280,7 @@ TABLES = {
     function.__name__: function
     for function in (
         machine,
+        summary,
         extraction,
         ridges,
         sampling,

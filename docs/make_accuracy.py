@@ -5,7 +5,8 @@
     python docs/make_accuracy.py DIR...       # of runs that there are, such as one for each stage
 
 Every number between `<!-- NAME -->` and `<!-- end -->` comes from the bench.json of the folders.
-Those of the paper's scenes come from `vfplan demo paper`, which this runs.
+Those of the paper's scenes come from `vfplan demo paper`, which this runs; those of sections
+Sweeps and Feel from the programs that these name.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import make_feel
+import make_sweeps
 from accuracy_tables import TABLES, scenes
 from PIL import Image
 
@@ -49,6 +52,8 @@ def fill(folders: list[Path]) -> None:
         for diagram in folder.glob("bench_*.png"):
             keep(diagram, PICTURES / diagram.name)
     page = filled(page, "scenes", scenes(papers_scenes()))
+    page = filled(page, "feel", make_feel.make())
+    page = filled(page, "sweeps", make_sweeps.make())
     PAGE.write_text(page)
 
 

@@ -39,9 +39,9 @@ def judge(engine, scene, hips, truth):
     return 1e6 * np.sqrt((error**2).mean()), step.max(), np.median(tick_us)
 
 
-def main() -> None:
-    """The table."""
-    print(("{:<16}" + "{:>10}" * 8).format("", *HEAD))
+def rows():
+    """The lines of the table; the times are last."""
+    yield ("{:<16}" + "{:>10}" * 8).format("", *HEAD)
     for name in PLANAR:
         scene = SCENES[name]()
         exact_engine = vfplan.ProxyEngine.along(scene.lines_and_arcs, R)
@@ -56,8 +56,9 @@ def main() -> None:
             fit = judge(fit_engine, scene, hips, truth)
             errors = f"{exact[0]:>10.4f}{fit[0]:>10.2f}{robust[0]:>10.2f}"
             steps = f"{exact[1]:>10.4f}{robust[1]:>10.4f}{perfect[1]:>10.4f}"
-            print(f"{f'{name} {route}':<16}{errors}{steps}{exact[2]:>10.2f}{robust[2]:>10.2f}")
+            yield f"{f'{name} {route}':<16}{errors}{steps}{exact[2]:>10.2f}{robust[2]:>10.2f}"
 
 
 if __name__ == "__main__":
-    main()
+    for line in rows():
+        print(line)

@@ -9,14 +9,15 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parent))
 import feel
 from accuracy_tables import micrometres, table
 
 RULES = ("robust", "paper", "exact")
 
 
-def main() -> None:
-    """A row a cloud: the force steps of each rule, and what `robust` needed for it."""
+def make() -> str:
+    """The table in Markdown: by cloud the force steps of each rule, and what `robust` needed."""
     rows = []
     for trials in feel.scenes(False, 1e-5):
         scores = {}
@@ -31,7 +32,7 @@ def main() -> None:
         rows.append(row)
     columns = [f"`{rule}`: > 0.6 N, > 2 N, largest" for rule in RULES]
     last = "ticks of `robust` that used up their iterations"
-    print(table(["cloud", "points", *columns, "band of `robust`", last], rows))
+    return table(["cloud", "points", *columns, "band of `robust`", last], rows)
 
 
 def steps(errors: dict) -> str:
@@ -41,4 +42,4 @@ def steps(errors: dict) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    print(make())

@@ -132,14 +132,11 @@ def judge(engine, hips, truth):
     return np.sqrt((error**2).mean()), error.max(), np.median(tick_us[is_in_contact])
 
 
-def main(*bones: str) -> None:
-    """The table."""
-    print(f"{'':<36}{'exact':<29}robust")
-    print(
-        ("{:<16}" + "{:>10}" * 5 + "{:>11}" + "{:>10}" * 2).format(
-            "", "triangles", "points", *HEAD, *HEAD
-        )
-    )
+def rows(*bones: str):
+    """The lines of the table, two of them its head."""
+    yield f"{'':<36}{'exact':<29}robust"
+    heads = "{:<16}" + "{:>10}" * 5 + "{:>11}" + "{:>10}" * 2
+    yield heads.format("", "triangles", "points", *HEAD, *HEAD)
     for name, points, faces, hips, truth in (*scenes(), *(bone(Path(path)) for path in bones)):
         finer, finer_faces = refined(points, faces, R / 10)
         native = ProxyParameters.make(points, contact_radius=R)
@@ -151,11 +148,8 @@ def main(*bones: str) -> None:
         if _core.by_triangles(points, faces, native):
             exact_mark = "*"
             robust_mark = " "
-        print(
-            f"{name:<16}{len(faces):>10}{len(finer):>10}"
-            f"{cells(exact)}{exact_mark}{cells(robust)}{robust_mark}",
-            flush=True,
-        )
+        counts = f"{name:<16}{len(faces):>10}{len(finer):>10}"
+        yield f"{counts}{cells(exact)}{exact_mark}{cells(robust)}{robust_mark}".rstrip()
 
 
 def cells(result):
@@ -165,4 +159,5 @@ def cells(result):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    for line in rows(*sys.argv[1:]):
+        print(line, flush=True)

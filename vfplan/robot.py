@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,6 +99,8 @@ def read_robot(choice: str | Path | None) -> Robot | None:
             raise InputError(
                 f"is not text. Give {choices}", where=str(choice), code="not-text"
             ) from None
+    import tomllib
+
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT
 
 pytestmark = pytest.mark.slow
 STAGES = ("extract", "sample", "register", "proxy", "plan")
@@ -162,17 +161,6 @@ def test_files_say_what_the_document_says(quick):
     with (folder / "bench.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [float(r["error_rms"]) for r in rows] == [r["error_rms"] for r in document["results"]]
-
-
-def test_the_page_has_a_place_for_every_table(document, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    from accuracy_tables import TABLES
-
-    page = (ROOT / "docs" / "accuracy.md").read_text()
-    for name, table in TABLES.items():
-        text = table(document)
-        assert text
-        assert f"<!-- {name} -->" in page
 
 
 def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):

@@ -111,6 +111,23 @@ def test_hard_blows_find_what_light_ones_miss():
     assert np.ptp(ringing.x[-1000:, 1]) > 1e-3
 
 
+@pytest.mark.full
+def test_of_200_robots_none_that_passes_rings_and_each_beyond_its_bound_does():
+    """At a blow that the verdict does not strike."""
+    rng, passed = np.random.default_rng(8), 0
+    while passed < 200:
+        m, b, delay = rng.uniform(0.5, 2), rng.uniform(5, 40), int(rng.integers(0, 3))
+        step, cutoff = rng.choice([None, 1.2]), rng.choice([0.0, 100.0])
+        robot = Robot("any", m, b, 1000.0, delay, filter_hz=cutoff, force_step_limit_n=step)
+        bound = exact_bound(Plant.of(robot), delay)
+        assert not strike(robot, 1.3 * bound, 0.2).rests
+        stiffness = bound * rng.uniform(0.05, 0.8)
+        if blow_case(robot, stiffness, 1.25)[0].outcome == "pass":
+            passed += 1
+            decay = -np.log(loop.spectral_radius(Plant.of(robot), stiffness, delay))
+            assert strike(robot, stiffness, 0.2).rings_s <= np.log(20) / decay / 1000 + 2.0
+
+
 def test_a_blow_rests_when_the_linear_loop_does():
     """Within its limits the robot is linear: the time to rest follows from the largest root."""
     blow = strike(replace(ROBOT, delay_ticks=1), 1000.0, 0.0)

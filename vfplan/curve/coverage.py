@@ -8,7 +8,6 @@ in strips of rows, and only where it has any colour, so that large pictures need
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -75,6 +74,8 @@ def parse_colour(colour: str) -> Array:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
+    import difflib
+
     from matplotlib.colors import CSS4_COLORS, to_rgb
 
     try:
@@ -169,6 +170,8 @@ STRIP_ROWS = 128
 HALO_PX = 20
 # Steps of `Ink.other` in the pen's strength.
 OTHER_UNIT = 100.0
+# Coverage below which float16 holds 0. NumPy converts such a number ten times slower than 0.
+TINY_COVERAGE = 2.0**-25
 # Brightness of red, green and blue (ITU-R BT.601), which JPEG keeps at full resolution.
 LUMINANCE = np.array([0.299, 0.587, 0.114])
 
@@ -291,7 +294,8 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
         is_broad |= bool(cv2.erode(tinted, third).any())
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
         ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
-        ink.coverage[window.inner] = window.cut(unmixed) / strength
+        coverage = window.cut(unmixed) / strength
+        ink.coverage[window.inner] = np.where(np.abs(coverage) > TINY_COVERAGE, coverage, 0)
         ink.other[window.inner] = window.cut(np.minimum(OTHER_UNIT * foreign, 255))
     return ink, is_broad
 

@@ -10,7 +10,6 @@ semicolons or tabs, numbers may have a decimal comma, as spreadsheets in most of
 
 from __future__ import annotations
 
-import bz2
 import codecs
 import csv
 import io
@@ -245,6 +244,8 @@ def decompress(data: bytes, kind: str, max_bytes: int) -> bytes:
 
     Raises InputError: the data are damaged, cut short, or hold more
     """
+    import bz2
+
     decompressor = zlib.decompressobj(GZIP_OR_ZLIB) if kind == "gzip" else bz2.BZ2Decompressor()
     try:
         content = decompressor.decompress(data, max_bytes + 1)

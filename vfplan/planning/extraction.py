@@ -97,7 +97,7 @@ def extract(
     """
     from vfplan.curve.extraction import extract_curve, load_libraries
     from vfplan.images.read import OVERLAY
-    from vfplan.vectors.read import SUFFIXES
+    from vfplan.vectors import SUFFIXES
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()

@@ -38,8 +38,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
-from math import comb
-from statistics import NormalDist
+from math import comb, erfc, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -198,9 +197,22 @@ def _directions(p: int) -> Array:
     primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37])
     steps = np.arange(1, DIRECTIONS + 1)[:, None]
     uniform = np.mod(steps * np.sqrt(primes[:p]) + 0.5, 1.0)
-    normal = np.vectorize(NormalDist().inv_cdf)(uniform)
+    normal = normal_quantile(uniform)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.ascontiguousarray(normal.T)
+
+
+def normal_quantile(share: Array) -> Array:
+    """What a normal variable stays below with a probability from 1e-7 to 1 - 1e-7, to 1e-11.
+
+    NumPy has none. This is its Taylor series from the nearest of many places whose share is known.
+    """
+    places = np.linspace(-6.0, 6.0, 2401)
+    known = np.array([erfc(-place / sqrt(2)) / 2 for place in places.tolist()])
+    nearest = np.searchsorted((known[1:] + known[:-1]) / 2, share)
+    z = places[nearest]
+    r = (share - known[nearest]) * sqrt(2 * pi) * np.exp(z * z / 2)
+    return z + r * (1 + r * (z / 2 + r * ((2 * z * z + 1) / 6 + r * z * (6 * z * z + 7) / 24)))
 
 
 # All minimal subsets are tried, and this many take some seconds.

@@ -6,6 +6,5 @@ curve  such a curve, as straight lines or a spline, and the lines of a DICOM pre
 
 from __future__ import annotations
 
-from vfplan.vectors.read import SUFFIXES, VectorDrawing, onto_slice, read_vector_curve
-
-__all__ = ["SUFFIXES", "VectorDrawing", "onto_slice", "read_vector_curve"]
+# How the names of files end that hold a curve and no picture.
+SUFFIXES = (".json", ".csv", ".fcsv", ".roi")

@@ -56,7 +56,6 @@ LENGTH_COLUMN = re.compile(rf"([XY])[ _]?[(\[]?({'|'.join(METRES)})[)\]]?", re.I
 # Largest distance from a slice's plane [m] of a curve that was drawn on it.
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
-SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
 SLICER_SUFFIXES = (".json", ".fcsv")
 
 
