@@ -215,7 +215,9 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
                 shown = sheet_of_slice(arguments)
         with outputs(sheet_out) as (path,):
             write_sheet(shown, path)
-    if shown.is_slice_missing:
+    if is_bundle and shown.fixture.reviewed is not None:
+        following = sign_command(source, case=shown.fixture.case or "")
+    elif shown.is_slice_missing:
         words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
         following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
     elif shown.image is None:
