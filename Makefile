@@ -10,7 +10,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: franka franka-env demo test test-all test-full docs site api pictures lint format install lock sbom wheel clean
+.PHONY: franka franka-env demo test test-all test-full docs site api pictures lint format install lock sbom wasm wheel clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
@@ -92,8 +92,14 @@ LOCKED = $(BIN)/uv pip compile -q --universal --upgrade --generate-hashes --pyth
   --custom-compile-command "make lock"
 lock: | $(BIN)/python
 	$(BIN)/python -m pip install -q uv
-	$(LOCKED) pyproject.toml --all-extras --group build --group lint --group site -o requirements-ci.txt
+	$(LOCKED) pyproject.toml --all-extras --group build --group lint --group site --group wasm \
+	  -o requirements-ci.txt
 	$(LOCKED) --group franka -o requirements-franka.txt
+
+# The engine for pages, by a compiler of one version: the same sources give the same bytes.
+wasm: | $(BIN)/python
+	$(BIN)/python -m pip install -q --group wasm
+	$(BIN)/python release/make_wasm.py
 
 # The wheel, with the time of the commit in it: the same commit and toolchain give the same bytes.
 wheel: $(VENV)/.vfplan-tools

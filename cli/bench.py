@@ -23,7 +23,7 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
 
 
 @command("bench", first_screen="-o --quick --peer --tolerance --from --json")
-@click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
+@click.argument("stage", type=click.Choice([*STAGES, "all", "summary"]), default="all")
 @options_in_order(
     option("-o", "--output", type=FILE, metavar="DIR",
            help="Write bench.json, bench.csv and a diagram of each step into this folder."),
@@ -44,11 +44,14 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
 
     For each scene the table has every method with its error and its time, which is that of one
     call or of one tick. The last sentences compare the chosen setting with other settings.
+    `summary` measures the engines, and prints the last sentence alone.
     """
+    from vfplan.bench.peers import MESH_LIBRARIES
     from vfplan.bench.record import summaries, table_lines
     from vfplan.bench.stages import read_document
 
-    stages = list(STAGES) if stage == "all" else [stage]
+    is_summary = stage == "summary"
+    stages = list(STAGES) if stage == "all" else ["proxy" if is_summary else stage]
     refuse_idle_options(stages, source)
     document = None
     if source is not None:
@@ -60,24 +63,32 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
                 f"holds no results of stage {stage}. Name one that was measured",
                 where=str(source), code="no-such-stage",
             )  # fmt: skip
-    names = ["bench.json", "bench.csv", *(f"bench_{name}.png" for name in stages)]
+    drawn = [*stages, "summary"] if "proxy" in stages else stages
+    names = ["bench.json", "bench.csv", *(f"bench_{name}.png" for name in drawn)]
     refuse_folder(output, *names)
     if document is None:
         document = measure(stages, peers, quick, tolerance_m)
     if output is not None:
-        write_bench(document, stages, [output / name for name in names])
+        write_bench(document, drawn, [output / name for name in names])
 
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
-    sentences = [sentence for name, sentence in summaries(document).items() if name in stages]
+    sentences = {name: text for name, text in summaries(document).items() if name in stages}
+    if is_summary and sentences:
+        return CommandResult(document, sentences["proxy"])
+    *others, last = sentences or [""]
     lines = [
         *table_lines(document, stages, every_setting=is_verbose()), "",
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
-        *sentences[:-1],
+        *(f"{name}: {sentences[name]}" for name in others),
     ]  # fmt: skip
+    peers_run = {peer["name"] for peer in document["peers"]}
+    absent = [name for name in MESH_LIBRARIES.values() if f"penalty by {name}" not in peers_run]
+    if absent and "proxy" in stages:
+        lines.append(f"not compared with {', '.join(absent)}, which are optional")
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
         lines.append(f"wrote {output}/")
-        next_step = f"look at {output}/{names[-1]}"
+        next_step = f"look at {output}/bench_{drawn[-1]}.png"
     warnings = [peer["message"] for peer in document["peers"] if not peer["ran"]]
     if not sentences:
         return CommandResult(
@@ -86,7 +97,7 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
             next_step="measure again without --from",
         )  # fmt: skip
     return CommandResult(
-        document, "\n".join(lines), warnings=warnings, verdict=sentences[-1], next_step=next_step
+        document, "\n".join(lines), warnings=warnings, verdict=sentences[last], next_step=next_step
     )
 
 
@@ -109,7 +120,7 @@ def measure(
     stages: list[str], commands: tuple[str, ...], quick: bool, tolerance_m: float
 ) -> dict[str, Any]:
     """The document of a bench of now, beside the peers named or the shipped one."""
-    from vfplan.bench.peers import Peer, build_nanoflann
+    from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
     from vfplan.bench.stages import bench
 
     peers = [Peer(words) for words in commands]
@@ -119,9 +130,11 @@ def measure(
             folder = folders.enter_context(tempfile.TemporaryDirectory(prefix="vfplan-peer-"))
             try:
                 with announce_if_slow("compiling the nanoflann peer"):
-                    peers.append(build_nanoflann(Path(folder)))
+                    program = build_nanoflann(Path(folder))
+                peers += [program, Peer(f"{program.command} penalty", "nearest-point penalty")]
             except SettingError as error:
                 absent.append({"name": "nanoflann_peer", "ran": False, "message": error.message})
+            peers += mesh_peers()
         document = bench(
             stages, quick=quick, tolerance_m=tolerance_m, peers=peers, progress=progress
         )
@@ -129,16 +142,19 @@ def measure(
     return document
 
 
-def write_bench(document: dict[str, Any], stages: list[str], files: list[Path]) -> None:
-    """Write the document as JSON and CSV, and a diagram of each stage."""
-    from vfplan.bench.figures import draw_stage
+def write_bench(document: dict[str, Any], drawn: list[str], files: list[Path]) -> None:
+    """Write the document as JSON and CSV, a diagram of each stage, and the summary's."""
+    from vfplan.bench.figures import draw_stage, draw_summary
     from vfplan.bench.stages import write_csv, write_json
 
     with outputs(*files) as (json_path, csv_path, *pictures):
         write_json(document, json_path)
         write_csv(document, csv_path)
-        for stage, picture in zip(stages, pictures, strict=True):
-            draw_stage(document, stage, picture)
+        for name, picture in zip(drawn, pictures, strict=True):
+            if name == "summary":
+                draw_summary(document, picture)
+            else:
+                draw_stage(document, name, picture)
 
 
 @command("conformance")

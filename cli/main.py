@@ -38,6 +38,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "verify": "Check the signature of a bundle.",
         "rehearse": "Rehearse a session on a simulated arm.",
         "live": "Show the ticks of a controller live, and record them.",
+        "ar": "Show the wall in the picture of a camera.",
     },
     "More": {
         "demo": "Run all steps on the shipped sample.",
@@ -68,6 +69,7 @@ MODULES = {
     "campaign": "vfplan.campaign.command",
     "rehearse": "vfplan.arm.command",
     "live": "vfplan.live.command",
+    "ar": "vfplan.camera.command",
     "burr": "vfplan.burr.command",
 }
 

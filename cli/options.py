@@ -290,6 +290,10 @@ UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
                help="Unit of the session's positions.")  # fmt: skip
 ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
 
+# The page of what is printed.
+PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",
+               help="The printer's paper.")  # fmt: skip
+
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
 COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}

@@ -26,6 +26,7 @@ from vfplan.cli.options import (
     FILE,
     HDF5,
     PNG,
+    OutputFile,
     WholeNumber,
     option,
     options_in_order,
@@ -33,6 +34,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
+from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
@@ -58,6 +60,9 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
     option("--sheet-out", type=PNG, metavar="PNG",
            help="Write the review sheet only: the slice, both ends and every bridge enlarged, the "
            "markers and the findings."),
+    option("--print-out", type=OutputFile(".pdf"), metavar="PDF",
+           help="Write a page with the plan at true scale, and tags for `vfplan ar`."),
+    options.PAPER,
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
            help="Show a bundle on this slice, on which it was drawn (checked by its SHA-256)."),
     option("--by", default="", metavar="NAME", help="Propose this name on the page."),
@@ -71,7 +76,7 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
+def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
     SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.
@@ -80,13 +85,15 @@ def vfplan_review(output, sheet_out, **arguments) -> CommandResult:
     with exit code 0 after an approval, and with 1 if the person left without one. OUT.h5.draft.json
     keeps every step, and the same command goes on from there.
 
-    With --sheet-out the command only draws the review sheet.
+    With --sheet-out or --print-out the command only draws the review sheet or the plan.
     """
-    if (output is None) == (sheet_out is None):
+    if (output is None) == (sheet_out is None and print_out is None):
         raise click.UsageError(
             "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
         )
-    return serve_page(output, arguments) if sheet_out is None else draw_sheet(sheet_out, arguments)
+    if output is not None:
+        return serve_page(output, arguments)
+    return draw_sheet(sheet_out, print_out, arguments)
 
 
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
@@ -196,15 +203,18 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
             sign(unsigned, path, arguments["key"], case=arguments["case"])
 
 
-def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
-    """Draw the review sheet."""
+def draw_sheet(
+    sheet_out: Path | None, print_out: Path | None, arguments: dict[str, Any]
+) -> CommandResult:
+    """Draw the review sheet, or the plan for a printer, or both."""
     from vfplan.review.rendered import rendered_in_json
     from vfplan.review.sheet import verdict_of, write_sheet
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
     files = (source, arguments["markers"], arguments["markers2"])
-    approved = sheet_out.with_name(f"{source.stem}-approved.h5")
+    written = [str(path) for path in (sheet_out, print_out) if path is not None]
+    approved = Path(written[0]).with_name(f"{source.stem}-approved.h5")
     page = page_command(*files, output=approved, overwrites=False)
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
         if is_bundle:
@@ -213,23 +223,29 @@ def draw_sheet(sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
             settings = settings_from_options(ExtractSettings, arguments)
             with pointing_to_page(page), drawing_refusal(source, settings, sheet_out):
                 shown = sheet_of_slice(arguments)
-        with outputs(sheet_out) as (path,):
-            write_sheet(shown, path)
+        with outputs(sheet_out, print_out) as (sheet, page_of_plan):
+            if sheet is not None:
+                write_sheet(shown, sheet)
+            if page_of_plan is not None:
+                from vfplan.camera.sheet import draw_print, write_pdf
+
+                with naming_place(source):
+                    write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, case=shown.fixture.case or "")
     elif shown.is_slice_missing:
         words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
-        following = shlex.join([*words, "--sheet-out", str(sheet_out), "--overwrite"])
+        following = shlex.join([*words, "--sheet-out", str(sheet_out or "PNG"), "--overwrite"])
     elif shown.image is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
         following = page
     return CommandResult(
-        {"digest": shown.digest, "sheet": str(sheet_out),
-         "rendered": rendered_in_json(shown.fixture)},
-        f"digest {shown.digest}\nwrote {sheet_out}", findings=shown.findings,
-        verdict=verdict_of(shown), next_step=f"look at {sheet_out}, then {following}",
+        {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
+         "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
+        f"digest {shown.digest}\nwrote {', '.join(written)}", findings=shown.findings,
+        verdict=verdict_of(shown), next_step=f"look at {written[0]}, then {following}",
     )  # fmt: skip
 
 

@@ -73,8 +73,8 @@ def written(path, data):
     return path
 
 
-def table(data):
-    list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(()))
+def table(data, columns=("a",)):
+    list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(columns))
 
 
 def npy(array, cut=0):

@@ -26,7 +26,7 @@ LAYERS = [
     ["bench", "report"],
     ["samples"],
     ["cli"],
-    ["arm", "burr", "campaign", "live", "surface"],
+    ["arm", "burr", "camera", "campaign", "live", "surface"],
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 # h5py comes through vfplan.io.hdf5 alone, which switches plugins off before it is imported.
@@ -35,6 +35,7 @@ LEAF_ROOMS = set(LAYERS[-1])
 REACHES = {
     ("cli.options", "campaign"),  # --margin p=P
     ("cli.plan", "arm"),  # --rehearse
+    ("cli.review", "camera"),  # --print-out
     ("cli.demo", "arm"),  # demo panda
     ("samples.panda", "arm"),
 }

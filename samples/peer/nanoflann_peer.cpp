@@ -1,7 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // What a user would build without vfplan: nanoflann's k-d tree finds the neighbours, the paper's
-// Algorithms 1-4 move the proxy. A peer for `vfplan bench --peer`.
+// Algorithms 1-4 move the proxy. A peer for `vfplan bench --peer`. With the word "penalty" before
+// the folder it pushes away from the nearest point instead, and remembers nothing.
 //
 //     apt install libnanoflann-dev
 //     g++ -std=c++20 -O2 -o nanoflann_peer nanoflann_peer.cpp
@@ -177,18 +178,35 @@ class PaperRule {
     std::vector<Found> near_;
 };
 
-int main(int argc, char** argv) try {
-    if (argc != 2) {
-        std::cerr << "usage: nanoflann_peer FOLDER\n";
-        return 2;
+// The "proxy" of a penalty force is where that force would be zero: on the ball around the nearest
+// point. Once the HIP has passed the cloud, it is pushed out on the other side.
+class Penalty {
+  public:
+    Penalty(const Cloud& cloud, std::map<std::string, double> s)
+        : cloud_(cloud),
+          tree_(3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams(10)),
+          radius_(s.at("contact_radius") + s.at("point_radius")) {
+        tree_.buildIndex();
     }
-    const std::string folder = std::string(argv[1]) + "/";
-    const Cloud cloud{read_rows(folder + "points.csv")};
-    const auto path = read_rows(folder + "path.csv");
-    PaperRule rule(cloud, read_settings(folder + "settings.csv"));
-    if (path.empty()) throw std::runtime_error("the path is empty");
 
-    std::ofstream out(folder + "proxies.csv");
+    void step(Vec& proxy, const Vec& hip) const {
+        size_t nearest = 0;
+        double square = 0;
+        tree_.knnSearch(hip.data(), 1, &nearest, &square);
+        proxy = hip;
+        const double distance = std::sqrt(square);
+        if (distance > 0 && distance < radius_)
+            proxy = hip + (radius_ / distance - 1) * (hip - cloud_.points[nearest]);
+    }
+
+  private:
+    const Cloud& cloud_;
+    Tree tree_;
+    double radius_;
+};
+
+template <class Rule>
+static bool render(Rule rule, const std::vector<Vec>& path, std::ofstream out) {
     out.precision(17);
     out << "x,y,z,us\n";
     Vec proxy = path.front();
@@ -199,7 +217,25 @@ int main(int argc, char** argv) try {
             std::chrono::steady_clock::now() - began;
         out << proxy[0] << ',' << proxy[1] << ',' << proxy[2] << ',' << took.count() << '\n';
     }
-    return out.good() ? 0 : 1;
+    return out.good();
+}
+
+int main(int argc, char** argv) try {
+    const bool is_penalty = argc == 3 && std::string(argv[1]) == "penalty";
+    if (argc != 2 && !is_penalty) {
+        std::cerr << "usage: nanoflann_peer [penalty] FOLDER\n";
+        return 2;
+    }
+    const std::string folder = std::string(argv[argc - 1]) + "/";
+    const Cloud cloud{read_rows(folder + "points.csv")};
+    const auto path = read_rows(folder + "path.csv");
+    const auto settings = read_settings(folder + "settings.csv");
+    if (path.empty()) throw std::runtime_error("the path is empty");
+
+    std::ofstream out(folder + "proxies.csv");
+    const bool written = is_penalty ? render(Penalty(cloud, settings), path, std::move(out))
+                                    : render(PaperRule(cloud, settings), path, std::move(out));
+    return written ? 0 : 1;
 } catch (const std::exception& error) {
     std::cerr << error.what() << '\n';
     return 1;

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
 from vfplan import ProxyParameters
-from vfplan.bench.peers import NearestPointPenalty, Peer, build_nanoflann
+from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
 from vfplan.bench.pipeline import (
     SAMPLINGS,
     apply,
@@ -256,14 +256,20 @@ def test_ticks_that_nothing_can_follow_are_counted_apart():
     assert finer.truth is case.truth
 
 
-def test_penalty_pushes_out_of_the_nearest_ball_and_through_on_the_other_side():
+def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(nanoflann_peer):
     points = SCENES["segment"]().points
-    field = NearestPointPenalty(points, contact_radius=R)
-    step = field.step(np.array([0.0, 2e-3, 0.0]))
-    assert step.proxy == pytest.approx([0, R, 0])
-    assert step.force == pytest.approx([0, 3, 0])
-    assert field.step(np.array([0.0, -2e-3, 0.0])).force == pytest.approx([0, -3, 0])
-    assert not field.step(np.array([0.0, 6e-3, 0.0])).force.any()
+    box = BoxMesh()
+    hips = np.array([[0, 2e-3, 0], [0, -2e-3, 0], [0, 6e-3, 0]])
+    par = ProxyParameters.make(points, rule="paper", contact_radius=R)
+    pushed, _ = Peer(f"{nanoflann_peer.command} penalty").run(points, hips, par)
+    assert pushed == pytest.approx(np.array([[0, R, 0], [0, -R, 0], [0, 6e-3, 0]]))
+    z = box.half[2] + np.array([2e-3, -2e-3, 6e-3])
+    hips = np.column_stack([0 * z, 0 * z, z])
+    for peer in mesh_peers():
+        pushed, us = peer.run(points, hips, par, box.mesh)
+        expected = box.half[2] + np.array([R, -R, 6e-3])
+        assert pushed[:, 2] == pytest.approx(expected, abs=1e-8), peer.name
+        assert (us > 0).all()
 
 
 @pytest.mark.parametrize("name", ["sheet", "circle", "sphere", "omega", "segment"])

@@ -8,8 +8,8 @@ from functools import cache
 
 import pytest
 
-from vfplan import ProxyEngine
-from vfplan.bench.peers import NearestPointPenalty
+from vfplan import ProxyEngine, ProxyParameters
+from vfplan.bench.peers import Peer
 from vfplan.bench.proxy import FULL, SPEED_M_S, Case, chosen_run, is_drawn, judge
 from vfplan.bench.record import timed_ticks
 from vfplan.scenes import SCENES
@@ -41,9 +41,12 @@ def by(rule):
 
 
 @every_scene
-def test_robust_is_nearer_than_what_one_would_write_instead(scene):
+def test_robust_is_nearer_than_what_one_would_write_instead(scene, nanoflann_peer):
     robust, paper = (rendered(case(scene), by(rule)) for rule in ("robust", "paper"))
-    penalty = rendered(case(scene), NearestPointPenalty)
+    points = case(scene).at(0.5e-3).scene.points
+    settings = ProxyParameters.make(points, rule="paper", ignore_axis=case(scene).scene.ignore_axis)
+    pushed, _ = Peer(f"{nanoflann_peer.command} penalty").run(points, case(scene).hips, settings)
+    penalty = judge(case(scene), points, pushed, {})
     for other in (paper, penalty):
         if other is penalty and scene == ("point", "across"):
             continue  # the nearest point's ball is the truth where there is one point

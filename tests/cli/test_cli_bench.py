@@ -4,6 +4,7 @@ import csv
 import json
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from conftest import ROOT
 
@@ -13,10 +14,9 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
 
 @pytest.fixture(scope="module")
 def quick(vfplan_cli, nanoflann_peer, tmp_path_factory):
-    """The quick bench with a peer: its folder and its document."""
+    """The quick bench with the shipped peers: its folder and its document."""
     folder = tmp_path_factory.mktemp("bench") / "out"
-    run = vfplan_cli("bench", "all", "--quick", "-o", folder, "--peer", nanoflann_peer.command,
-                     "--json").sound  # fmt: skip
+    run = vfplan_cli("bench", "all", "--quick", "-o", folder, "--json").sound
     assert run.stderr == "", "no progress in a pipe, no warning with the peer there"
     return folder, run.json
 
@@ -43,7 +43,8 @@ def test_results_hold_what_the_contract_names(document):
         assert r["time_us_low"] <= r["time_us_median"] <= r["time_us_high"]
     assert document["machine"]["processor"]
     assert document["elapsed_s"] > 0
-    assert [p["name"] for p in document["peers"]] == ["nanoflann_peer"]
+    names = [p["name"] for p in document["peers"]]
+    assert names[:2] == ["nanoflann_peer", "nearest-point penalty"]
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -154,7 +155,7 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(document)
 def test_files_say_what_the_document_says(quick):
     folder, document = quick
     assert {p.name for p in folder.iterdir()} == {
-        "bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in STAGES)
+        "bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in (*STAGES, "summary"))
     }  # fmt: skip
     stored = json.loads((folder / "bench.json").read_text())
     assert stored["results"] == document["results"]
@@ -178,7 +179,7 @@ def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
     folder, _ = quick
     again = tmp_path / "again"
     assert vfplan_cli("bench", "--from", folder / "bench.json", "-o", again).sound
-    for stage in STAGES:
+    for stage in (*STAGES, "summary"):
         name = f"bench_{stage}.png"
         assert (again / name).read_bytes() == (folder / name).read_bytes()
 
@@ -211,8 +212,16 @@ def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
     assert any(line.startswith("* on the front") for line in lines)
     assert not any(" us " in line or "e-0" in line for line in lines)
     assert lines[-2] == f"verdict: {document['summary']['proxy']}"
+    rows = of(document, stage="proxy", chosen=True)
+    median_ns = 1e3 * np.median([r["time_us_median"] for r in rows])
+    tail_us = max(r["time_us_p999"] for r in rows)
+    sentence = vfplan_cli("bench", "summary", "--from", folder / "bench.json").stdout
+    assert lines[-2] == f"verdict: {sentence.rstrip()}"
+    assert sentence.startswith(
+        f"Over 8 scenes, a tick of the chosen setting takes {median_ns:.3g} ns (p99.9 {tail_us:.3g}"
+    )
     for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
-        assert f"{peer} is " in lines[-2]
+        assert f"; {peer} takes " in sentence
     more = vfplan_cli("bench", "proxy", "--from", folder / "bench.json", "-v").stdout.splitlines()
     assert len(more) > len(lines)
 

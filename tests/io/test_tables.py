@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from refusals import refuses
 
-from vfplan.errors import CurveError, InputError, MarkerError
+from vfplan.errors import CurveError, InputError, MarkerError, SessionError
 from vfplan.io.files import open_number_table
 from vfplan.markers.correspondences import read_sides
 from vfplan.session.events import POSE_COLUMNS, read_poses
+from vfplan.session.read import read_session
 from vfplan.vectors.read import read_vector_curve
 
 NUMBERS = np.array([[40.5, 60.25], [44, 64.75], [48.125, 69]])
@@ -50,6 +51,40 @@ def test_a_table_reads_alike_in_every_form(tmp_path, form):
     moves = [[k, *row, 0.0, 1, 0, 0, 0] for k, row in enumerate(rows)]
     poses = read_poses(written(tmp_path / "p.csv", POSE_COLUMNS, moves, *form))
     assert np.array_equal(poses.pose[:, :2], NUMBERS)
+
+
+# Of a session: its header, each row's form, and the refusal if there is one.
+FREE_CELLS = (
+    ("t,x,y,z,note", "{},{},{},{},ok", None),
+    ("t,x,y,z,note,", "{},{},{},{},,", None),
+    ("t,x,y,z,at", "{},{},{},{},2026-01-02T03:04:05", None),
+    ("t,x,y,z,f", "{},{},{},{},NA", None),
+    ('"","t","x","y","z"', '"1",{},{},{},{}', None),
+    ("t,x,y,z,n", '{},{},{},{},"a, b"', None),
+    ("sep=,\nt,x,y,z", "{},{},{},{}", None),
+    ("t,x_m,y_m,z [m]", "{},{},{},{}", None),
+    ("t,x,x_wanted,y,z", "{},{},7,{},{}", None),
+    ("t;x;y;z;version", "{};{};{};{};1,2.3", None),
+    ("t,x,y,z,note", "{},{},{},{},gr\xfc\xdf", None),
+    ("t,x_mm,y_mm,z_mm", "{},{},{},{}", "units-differ"),
+    ("t,x,x_m,y,z", "{},{},7,{},{}", "column-doubled"),
+    ("t,x,y,z_wanted", "{},{},{},{}", "column-missing"),
+    ("t,x,y,z", "{},{},,{}", "no-number"),
+    ("t,x,y,z,note", "{},{},{},{}", "row-length"),
+)
+
+
+@pytest.mark.parametrize(("header", "form", "code"), FREE_CELLS)
+def test_columns_that_are_not_used_may_hold_anything(tmp_path, header, form, code):
+    wanted = [[0, 1, 2, 3], [0.5, 1, 2.25, 3], [1, 1, 2, -3]]
+    text = "\n".join([header, *(form.format(*row) for row in wanted), "# end"])
+    (tmp_path / "s.csv").write_bytes(text.encode("latin-1"))
+    if code is None:
+        session = read_session(tmp_path / "s.csv")
+        assert np.array_equal(np.c_[session.time, session.hip], wanted)
+    else:
+        with refuses(SessionError, code):
+            read_session(tmp_path / "s.csv")
 
 
 @pytest.mark.parametrize(

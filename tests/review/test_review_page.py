@@ -733,3 +733,34 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     hand.accept_all()
     hand.approve()
     assert program.end()[0] == 0
+
+
+def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
+    """Each tick of a given way to the bit, and a hand that presses is told the force."""
+    _, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
+    browser.until("review.state.digest")
+    browser.key("u")
+    browser.until("review.push.engine !== null")
+    session = Session.open(SLICE, *MARKERS, pixel_spacing_mm=(0.5, 0.5))
+    start = session.current.geometry.strokes[0].points[200]
+    path = start + np.array([[0.0, -40], [0, 4], [20, 6], [-30, 3]])
+    calls = ", ".join(f"review.push.move({place}, 60)" for place in path.tolist())
+    answers = browser.run(f"[{calls}].map((answer) => [...answer.proxy, ...answer.force])")
+    shown = session.current.shown
+    engine, before = vfplan.ProxyEngine.of(shown.fixture), path[0]
+    engine.reset([row @ [*before, 1.0] for row in shown.plane])
+    for to, answer in zip(path, answers, strict=True):
+        for k in range(1, 61):
+            u, v = before + ((to - before) * k) / 60
+            step = engine.step([row[0] * u + row[1] * v + row[2] for row in shown.plane])
+        assert [*step.proxy, *step.force] == answer
+        before = to
+    assert np.linalg.norm(answers[-1][3:]) > 1.0
+    for way in np.linspace(-40, 6, 12):
+        browser.press(*hand.at((start[0], start[1] + way)), "mouseMoved", "none")
+        time.sleep(0.05)
+    felt = browser.until("document.getElementById('felt').textContent")
+    assert float(felt.split()[0]) > 1.0
+    browser.picture(tmp_path / "push.png")
+    browser.key("Escape")
+    browser.until("document.getElementById('push').childElementCount === 0")

@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, grouped
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, clouds, grouped
+from vfplan.figures.style import new_figure, save_png, style, subplots
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
 # Number of panels in a row.
@@ -77,6 +77,28 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         ncols=min(4, 2 + columns),
         fontsize=7.5,
     )
+    save_png(figure, path)
+
+
+def draw_summary(document: dict[str, Any], path: Path) -> None:
+    """The chosen setting and each peer as one cloud over all scenes of stage proxy, as a PNG."""
+    results = [result for result in document["results"] if result["stage"] == "proxy"]
+    figure, axes = subplots(7.4, 4.6)
+    axes.set(xscale="log", yscale="log", xlabel="median time of a tick [µs]",
+             ylabel="RMS error of the proxy [µm]")  # fmt: skip
+    spare = cycle(zip((HIP, FORCE, PROXY, CONTACT), "^vXP", strict=True))
+    for method, records in clouds("proxy", results).items():
+        x, y = np.array([place_of(record, "proxy") for record in records]).T
+        tails = np.maximum([tail_us(record) for record in records] - x, 0.0)
+        if method == "chosen":
+            look = {"color": "black", "marker": "*", "ms": 13, "mfc": "white", "zorder": 6}
+        else:
+            colour, marker = (RULES[method], "o") if method in RULES else next(spare)
+            look = {"color": colour, "marker": marker, "ms": 5, "zorder": 4}
+        axes.errorbar(x, y, xerr=[0 * x, tails], ls="", elinewidth=0.5, label=method, **look)
+    axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0, label="tolerance")
+    axes.axvline(document["budget_us"], color=CONTACT, ls=":", lw=1.0, label="1 kHz")
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
     save_png(figure, path)
 
 

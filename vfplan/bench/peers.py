@@ -1,12 +1,12 @@
-"""What a user would pick instead: outside programs in the same run, and a penalty force.
+"""What a user would pick instead: outside programs in the same run.
 
-An outside program is anything that reads points and a path and writes proxies.
-
-A peer is called as
+An outside program, a *peer*, is anything that reads points and a path and writes proxies. It is
+called as
 
     CMD FOLDER
 
-FOLDER holds `points.csv` (a header `x,y,z`, metres), `path.csv` (the same; one HIP a tick) and
+FOLDER holds `points.csv` (a header `x,y,z`, metres), `path.csv` (the same; one HIP a tick), on a
+scene of triangles `corners.csv` and `triangles.csv` (a header `a,b,c`, rows of corners), and
 `settings.csv` (a header `name,value`; the names contact_radius, band, point_radius, outer_radius,
 stiffness, gain, and for a planar scene ignore_axis_x, ignore_axis_y and ignore_axis_z). The program
 sets itself up, starts with the proxy at the first HIP, and writes `proxies.csv` with a header
@@ -20,19 +20,22 @@ from __future__ import annotations
 import os
 import shlex
 import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
 from importlib.resources import as_file, files
+from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.bench.record import Array
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import Status, Step
 from vfplan.errors import SettingError
+
+Mesh = tuple[Array, NDArray[np.int32]]
 
 # Time after which a peer that still runs has failed [s], and so has building the shipped one.
 TIMEOUT_S = 120.0
@@ -49,14 +52,20 @@ class Peer:
     ----------
     command
         As a shell would split it; the folder is appended.
+    title
+        What the tables call it; by default the program's file name.
+    needs_mesh
+        It runs on scenes of triangles alone.
     """
 
     command: str
+    title: str = ""
+    needs_mesh: bool = False
 
     @property
     def name(self) -> str:
-        """The program's file name."""
-        return Path(self._words[0]).stem
+        """What the tables call it."""
+        return self.title or Path(self._words[0]).stem
 
     @property
     def _words(self) -> list[str]:
@@ -70,7 +79,9 @@ class Peer:
                 code="no-such-peer",
             )
 
-    def run(self, points: Array, hips: Array, settings: ProxyParameters) -> tuple[Array, Array]:
+    def run(
+        self, points: Array, hips: Array, settings: ProxyParameters, mesh: Mesh | None = None
+    ) -> tuple[Array, Array]:
         """Proxies (T, 3) [m] and times (T,) [µs]; the settings' ignored axis counts.
 
         Raises
@@ -83,6 +94,10 @@ class Peer:
             folder = Path(name)
             for file, rows in (("points.csv", points), ("path.csv", hips)):
                 np.savetxt(folder / file, rows @ flat, "%.17g", ",", header="x,y,z", comments="")
+            if mesh is not None:
+                corners, triangles = mesh
+                np.savetxt(folder / "corners.csv", corners, "%.17g", ",", header="x,y,z")
+                np.savetxt(folder / "triangles.csv", triangles, "%d", ",", header="a,b,c")
             (folder / "settings.csv").write_text(settings_table(settings))
             self.call(folder)
             path = folder / "proxies.csv"
@@ -180,33 +195,16 @@ def build_nanoflann(folder: Path) -> Peer:
     return Peer(shlex.quote(str(program)))
 
 
-class NearestPointPenalty:
-    """A vector field: pushed out of the ball of radius R around the nearest point, no memory.
+# Libraries that find the nearest place on a mesh, by the module that Python imports.
+MESH_LIBRARIES = {"igl": "libigl", "coal": "coal", "open3d": "Open3D"}
 
-    The "proxy" of a penalty force F = K (R - |x|) x/|x| is where that force would be zero. Once the
-    HIP is past the cloud it is pushed out on the other side.
 
-    points: (N, 3) [m]
-    parameters: as for `ProxyEngine`
-    """
-
-    def __init__(self, points: Array, **parameters: Any) -> None:
-        from scipy.spatial import cKDTree
-
-        self.parameters = ProxyParameters.make(points, rule="paper", **parameters)
-        self._flat = flattening(self.parameters.ignore_axis)
-        self._points = points @ self._flat
-        self._tree = cKDTree(self._points)
-
-    def reset(self, hip: Array) -> None:
-        """Nothing to remember."""
-
-    def step(self, hip: Array) -> Step:
-        """One tick."""
-        x = self._flat @ hip
-        distance, i = self._tree.query(x)
-        depth = self.parameters.R - distance
-        normal = (x - self._points[i]) / distance if distance > 0 else np.zeros(3)
-        push = normal * max(depth, 0.0)
-        force = self.parameters.stiffness * push
-        return Step(hip + push, normal, force, int(depth > 0), Status.OK)
+def mesh_peers() -> list[Peer]:
+    """A penalty force from the nearest place on a mesh, by each library that is installed."""
+    program = files("vfplan.samples") / "peer" / "mesh_peer.py"
+    command = f"{shlex.quote(sys.executable)} {shlex.quote(str(program))}"
+    return [
+        Peer(f"{command} {module}", f"penalty by {library}", needs_mesh=True)
+        for module, library in MESH_LIBRARIES.items()
+        if find_spec(module) is not None
+    ]

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.bench.peers import NearestPointPenalty, Peer
+from vfplan.bench.peers import Peer
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
@@ -418,7 +418,6 @@ METHODS: dict[str, Method] = {
     "paper": Method(partial(engine_on_points, rule="paper")),
     "paper, every point": brute(rule="paper"),
     "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK, slow=True),
-    "nearest-point penalty": Method(partial(engine_on_points, kind=NearestPointPenalty)),
     "exact": Method(exact_engine, needs_shape=True),
 }
 
@@ -449,12 +448,15 @@ def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> I
             engine, figures = method.make(method_case)
             yield engine_run(method_case, name, settings, engine, points, figures)
     points, axis = case.scene.points, case.scene.ignore_axis
+    mesh = case.scene.mesh if isinstance(case.scene, Meshed) else None
     for peer in peers:
+        if peer.needs_mesh and mesh is None:
+            continue
         parameters = ProxyParameters.make(
             points, rule="paper", ignore_axis=axis, stiffness=DEFAULT_STIFFNESS
         )
         figures = {"points": len(points), "band_m": parameters.band}
-        run = partial(peer.run, points, case.hips, parameters)
+        run = partial(peer.run, points, case.hips, parameters, mesh)
         score = partial(judge, case, points, figures=figures)
         yield BenchRun(case.name, peer.name, {"spacing_m": spacing}, run, score, "m", peer=True)
 

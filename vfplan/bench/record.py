@@ -4,8 +4,8 @@ A run is one method with one set of settings on one scene. It is repeated; its e
 (every method here is deterministic), its time by the median over all repeats.
 
 What a bench says: a table, and a sentence a stage on the chosen setting, its error, its time, and
-the peers'. The chosen setting is the one that `vfplan plan` takes without options, or that
-`--tolerance` leads to. Ratios to a peer are medians over the scenes that both ran on.
+the peers': medians over the scenes. The chosen setting is the one that `vfplan plan` takes without
+options, or that `--tolerance` leads to.
 """
 
 from __future__ import annotations
@@ -263,49 +263,45 @@ def summaries(document: dict[str, Any]) -> dict[str, str]:
     sentences = {}
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
-        chosen = {result["scene"]: result for result in results if result.get("chosen")}
-        if chosen:
-            sentences[stage] = stage_sentence(stage, chosen, results)
+        if any(result.get("chosen") for result in results):
+            sentences[stage] = stage_sentence(stage, results)
     return sentences
 
 
-def stage_sentence(stage: str, chosen: dict[str, Record], results: list[Record]) -> str:
-    """The chosen setting of each scene, its error and its time, against each peer."""
-    worst = max(chosen.values(), key=lambda r: r["error_rms"])
-    slowest = max(chosen.values(), key=lambda r: r["time_us_median"])
-    median_us = float(np.median([r["time_us_median"] for r in chosen.values()]))
-    look = LOOKS[stage]
-    tail = ""
-    if look.part == "tick":
-        tail_us = max(r["time_us_p999"] for r in chosen.values())
-        tail = f" (p99.9 {time_text(tail_us)})"
+def stage_sentence(stage: str, results: list[Record]) -> str:
+    """Time and error of the chosen setting over all scenes, and of each peer."""
+    (_, chosen), *peers = clouds(stage, results).items()
+    part = LOOKS[stage].part
     sentence = (
-        f"{stage}: the chosen setting errs by {error_text(worst)} RMS at most ({worst['scene']}) "
-        f"and takes {time_text(median_us)} a {look.part} at the median of {len(chosen)} scenes, "
-        f"{time_text(slowest['time_us_median'])} at most{tail}"
+        f"Over {len(chosen)} scenes, a {part} of the chosen setting {cost_text(part, chosen)}"
     )
-    others = [result["method"] for result in results if result.get("peer")]
-    peers = dict.fromkeys([*look.peers, *others])
-    comparisons = [compare_with_peer(peer, chosen, results) for peer in peers]
-    if any(comparisons):
-        sentence += f". Against it: {'; '.join(filter(None, comparisons))}"
+    for method, best in peers:
+        sentence += f"; {method} {cost_text(part, best)}"
+        if len(best) < len(chosen):
+            sentence += f" on {len(best)} of them"
     return sentence + "."
 
 
-def compare_with_peer(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
-    """How a peer's best setting compares, scene by scene; empty if it did not run."""
-    mine = [r for r in results if r["method"] == method and r["scene"] in chosen]
-    best = {
-        scene: min(found, key=itemgetter("error_rms"))
-        for scene, found in grouped(mine, "scene").items()
-    }
-    if not best:
-        return ""
-    times = [r["time_us_median"] / chosen[scene]["time_us_median"] for scene, r in best.items()]
-    ratio = float(np.median(times))
-    worst = max(best.values(), key=lambda r: r["error_rms"])
-    speed = f"{three_digits(max(ratio, 1 / ratio))} times {'faster' if ratio < 1 else 'slower'}"
-    return f"{method} is {speed} and errs by {error_text(worst)} RMS at most"
+def clouds(stage: str, results: list[Record]) -> dict[str, list[Record]]:
+    """One record a scene: of the chosen setting, and of each peer's setting that errs least."""
+    groups = {"chosen": [result for result in results if result.get("chosen")]}
+    outside = [result["method"] for result in results if result.get("peer")]
+    for method in dict.fromkeys([*LOOKS[stage].peers, *outside]):
+        own = grouped([r for r in results if r["method"] == method], "scene")
+        if own:
+            groups[method] = [min(rs, key=itemgetter("error_rms")) for rs in own.values()]
+    return groups
+
+
+def cost_text(part: str, records: list[Record]) -> str:
+    """What the records take and how far they err, in the median and at most."""
+    time = time_text(float(np.median([r["time_us_median"] for r in records])))
+    tail = (
+        f" (p99.9 {time_text(max(r['time_us_p999'] for r in records))})" if part == "tick" else ""
+    )
+    typical = records[0] | {"error_rms": float(np.median([r["error_rms"] for r in records]))}
+    worst = max(records, key=itemgetter("error_rms"))
+    return f"takes {time}{tail} and errs by {error_text(typical)} RMS ({error_text(worst)} at most)"
 
 
 KEY = (

@@ -30,23 +30,21 @@ from vfplan.bundle.leak import (
     pieces_of,
     turned_facets,
 )
-from vfplan.display import MM
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
-    NumberTable,
+    METRES,
     check_text_size,
+    named_columns,
     naming_place,
     npy_header,
     open_number_table,
     read_bytes,
 )
 
-# Unit of a file's numbers -> metres.
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1 / MM, "um": 1e-6, "in": 0.0254}
 # Corners of a rim that are closer than this share of the mesh's size are one.
 WELD_SHARE = 1e-5
 SUFFIXES = (".ply", ".stl", ".obj", ".csv", ".npy")
@@ -299,29 +297,6 @@ def read_csv(data: bytes, units: str, where: str) -> Mesh:
         )  # fmt: skip
     points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
     return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
-
-
-def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
-    """The columns x, y and z, whose names may end in their unit (x_mm)."""
-    columns = []
-    for axis in "xyz":
-        candidates = [name for name in table.columns if name.partition("_")[0] == axis]
-        if not candidates:
-            raise InputError(
-                f"The header names {', '.join(table.columns)[:80]}, and no {axis}. Name the "
-                "columns of the coordinates x, y and z.",
-                where=table.where, code="column-missing",
-            )  # fmt: skip
-        column = candidates[0]
-        columns.append(column)
-        unit = column.partition("_")[2]
-        if unit != units and (unit in METRES or unit == "px"):
-            raise InputError(
-                f"The header names {column}, and {units} was given as the unit. Give --units "
-                f"{unit}, or name the column by its true unit.",
-                where=table.where, code="units-differ",
-            )  # fmt: skip
-    return tuple(columns)
 
 
 def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Triangles]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal
@@ -12,15 +12,20 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import choose, tuned
-from vfplan.curve.candidates import Candidate, gap_ahead_px, gap_px, is_open_ring
+from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
-from vfplan.findings import Finding, doubt
+from vfplan.findings import Finding, doubt, note
+from vfplan.fixture import Stroke
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
+
+# Share of a stroke that lies beyond a gap, below which it may be a leader line or a letter. People
+# lift the pen along the whole of a line, so that a larger share would ask at most lifts.
+NEAR_END_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,12 @@ class Leftover:
 
     Parameters
     ----------
+    places
+        (N, 2) its pixels (u, v).
     middle
         (2,) (u, v) [px].
+    nearest
+        (2,) its pixel that is closest to a curve.
     pixels
         How many.
     size
@@ -73,7 +82,9 @@ class Leftover:
         dot on the line, a control point or the head of an arrow.
     """
 
+    places: NDArray[np.int64]
     middle: Array
+    nearest: NDArray[np.int64]
     pixels: int
     size: float
     edge_distance: float
@@ -81,27 +92,31 @@ class Leftover:
     mirrored: bool
 
 
-def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
+def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
     import cv2
 
-    pixels = cv2.findNonZero(ink.mask.view(np.uint8)).reshape(-1, 2).astype(np.int64)
+    pixels = cv2.findNonZero(ink.mask.view(np.uint8))
+    if pixels is None:
+        return []
+    pixels = pixels.reshape(-1, 2).astype(np.int64)
+    distances = [_core.nearest(curve.points, pixels) for curve in curves]
     edge_distance = np.full(len(pixels), np.inf)
-    end_distance = np.full(len(pixels), np.inf)
-    mirrored = np.zeros(len(pixels), bool)
-    for curve in curves:
-        to_curve, nearest = _core.nearest(curve.points, pixels)
+    for curve, (to_curve, _) in zip(curves, distances, strict=True):
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
-        close = np.flatnonzero(to_curve <= tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX)
-        mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[close])
-        if not curve.closed:
-            to_end, _ = _core.nearest(curve.points[[0, -1]], pixels)
-            end_distance = np.minimum(end_distance, to_end)
     outside = edge_distance > tuned.EDGE_BLUR_PX
-    of_pixel = (pixels, edge_distance, end_distance, mirrored)
-    pixels, edge_distance, end_distance, mirrored = (values[outside] for values in of_pixel)
+    pixels, edge_distance = pixels[outside], edge_distance[outside]
     if len(pixels) == 0:
         return []
+    end_distance = np.full(len(pixels), np.inf)
+    mirrored = np.zeros(len(pixels), bool)
+    for curve, (to_curve, nearest) in zip(curves, distances, strict=True):
+        reach = tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX
+        close = np.flatnonzero(to_curve[outside] <= reach)
+        mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[outside][close])
+        if len(curve.end_points):
+            to_end, _ = _core.nearest(curve.end_points, pixels)
+            end_distance = np.minimum(end_distance, to_end)
     u, v = (pixels - pixels.min(0)).T
     box = np.zeros((v.max() + 1, u.max() + 1), np.uint8)
     box[v, u] = 1
@@ -113,7 +128,9 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
         if len(members) >= tuned.SPECK_PX:
             low, high = pixels[members].min(0), pixels[members].max(0)
             piece = Leftover(
+                places=pixels[members],
                 middle=(low + high) / 2,
+                nearest=pixels[members[edge_distance[members].argmin()]],
                 pixels=len(members),
                 size=float((high - low).max() + 1),
                 edge_distance=float(edge_distance[members].min()),
@@ -124,7 +141,7 @@ def find_leftover(ink: Ink, curves: list[MeasuredStroke]) -> list[Leftover]:
     return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
 
 
-def _is_mirrored(ink: Ink, curve: MeasuredStroke, pixels: NDArray, nearest: NDArray) -> Flags:
+def _is_mirrored(ink: Ink, curve: Stroke, pixels: NDArray, nearest: NDArray) -> Flags:
     """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
     normal = normals(curve.points, curve.closed)[nearest]
     across = ((pixels - curve.points[nearest]) * normal).sum(1)
@@ -285,6 +302,125 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
         f"Then close it: --max-gap {np.ceil(gap):.0f}."
     )
     return [finding_at((line.path[0] + line.path[-1]) / 2, "ink-at-end", text)]
+
+
+def join_findings(
+    leftover: list[Leftover], strokes: Sequence[Stroke], ink: Ink, max_gap_px: float
+) -> list[Finding]:
+    """A doubt for each piece of ink that joins a stroke, or in which a stroke may go on."""
+    reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
+    lines = [line_of(stroke, ink) for stroke in strokes]
+    for piece in leftover:
+        if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
+            text = f"ink of {piece.size:.0f} px joins the curve and was left out."
+        elif piece.end_distance <= reach or _goes_on(lines, piece, ink):
+            text = (
+                f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
+                "curve and was left out."
+            )
+        else:
+            continue
+        is_dot = piece.mirrored and piece.size <= tuned.DOT_WIDTHS * 2 * max(
+            stroke.width for stroke in strokes
+        )
+        if not is_dot:
+            findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
+    return findings
+
+
+def line_of(stroke: Stroke, ink: Ink) -> Candidate:
+    """A stroke as a line of ink, to ask whether other ink goes on from it."""
+    u, v = np.clip(np.rint(stroke.points).astype(int), 0, ink.size - 1).T
+    strength = float(ink.coverage[v, u].mean(dtype=np.float32))
+    none = np.zeros((0, 2), np.int64)
+    return Candidate(
+        stroke.points,
+        stroke.closed,
+        stroke.bridged,
+        none,
+        stroke.length,
+        stroke.width,
+        strength,
+        (),
+    )
+
+
+def _goes_on(lines: list[Candidate], piece: Leftover, ink: Ink) -> bool:
+    """Whether a line of ink lies in the direction of the end of one of these lines."""
+    if piece.size <= tuned.TANGENT_PX:
+        return False
+    others = [Candidate.of(found) for found in find_pieces(ink, [piece.places])]
+    return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
+
+
+def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
+    """A doubt for each stretch of the curve that lies on another stretch of it, or close beside."""
+    from scipy.spatial import cKDTree
+
+    counts = [len(stroke.points) for stroke in strokes]
+    points = np.concatenate([stroke.points for stroke in strokes])
+    ahead = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
+    ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    number = np.repeat(np.arange(len(strokes)), counts)
+    width = max(stroke.width or 0.0 for stroke in strokes)
+    reach = 2 * max(width, tuned.FLANK_PX)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    one, other = pairs.T
+    # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
+    apart = other - one
+    is_ring = np.array([stroke.closed for stroke in strokes])[number[one]]
+    apart = np.where(is_ring, np.minimum(apart, np.array(counts)[number[one]] - apart), apart)
+    is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2.0))
+    is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
+    folded = np.zeros(len(points), bool)
+    folded[one[is_apart & is_along]] = True
+    findings = []
+    for run in runs(filters.windows(folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(1), False):
+        length = np.count_nonzero(folded[run])
+        if length > tuned.SUDDEN_PX:
+            text = (
+                f"{length} px of the curve lie on another part of it, or close beside. Was it "
+                "drawn twice there, or do its ends overlap?"
+            )
+            findings.append(finding_at(points[_middle(run)], "curve-folds", text))
+    return findings
+
+
+def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:
+    """A doubt for each end at which the line runs out of the picture."""
+    reach = (stroke.width or 0.0) / 2 + tuned.FLANK_PX
+    text = "the curve runs out of the picture. Is what the picture shows all that is needed?"
+    return [
+        finding_at(end, "leaves-picture", text)
+        for end in stroke.end_points
+        if min(*end, *(size - 1 - end)) <= reach
+    ]
+
+
+def dotted_finding(stroke: Stroke) -> Finding:
+    """A doubt that a dotted line is one line."""
+    text = f"the line is dotted; {stroke.length:.0f} px were taken as one line. Is that right?"
+    return finding_at(stroke.points[len(stroke.points) // 2], "line-dotted", text)
+
+
+def bridge_findings(stroke: Stroke) -> list[Finding]:
+    """Each stretch of a stroke that was carried over a gap: a note, or a doubt.
+
+    It is a doubt where the stretch is long, or a small share of the stroke lies beyond it.
+    """
+    findings = []
+    for run in runs(stroke.bridged, stroke.closed):
+        rest = min(run[0], len(stroke.points) - 1 - run[-1])
+        text = f"the curve is carried across a gap of {len(run)} px."
+        code, severity, question = "bridge", note, ""
+        if not stroke.closed and rest < NEAR_END_SHARE * len(stroke.points):
+            code, severity = "bridge-near-end", doubt
+            question = f" Do the {rest} px beyond it belong to the curve?"
+        elif len(run) > tuned.LONG_STRETCH_PX:
+            code, severity, question = "bridge-long", doubt, " Does it run as drawn here?"
+        place = stroke.points[_middle(run)]
+        findings.append(finding_at(place, code, text + question, severity))
+    return findings
 
 
 def _and_more(pieces: list[Leftover]) -> str:

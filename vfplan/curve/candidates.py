@@ -13,9 +13,16 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.coverage import Ink
 from vfplan.errors import CurveError
-from vfplan.geometry.lines import Array, Flags
+from vfplan.fixture import Stroke
+from vfplan.geometry.lines import Array, Flags, arc_lengths, evenly, ring_of
 
 Pixels = NDArray[np.int64]
+
+# Dots of a dotted line at least, and pieces of ink at most among which it is looked for.
+MIN_DOTS, MAX_DOTS = 8, 600
+
+# Deviation [px] of a dotted line: dots lie on their line to a fraction of their size.
+DOT_SIGMA_PX = 0.3
 
 # Times by which a staircase of pixels is longer than its line.
 STAIR = 1.05
@@ -63,27 +70,27 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     """
     v, u = np.nonzero(bone)
     pixels = np.column_stack([u, v])
-    edges = _edges(bone, v, u)
+    edges = neighbours(bone, v, u)
     junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
     inner = edges[~junction[edges].any(1)].tolist()
-    neighbours: list[list[int]] = [[] for _ in pixels]
+    beside: list[list[int]] = [[] for _ in pixels]
     for a, b in inner:
-        neighbours[a].append(b)
-        neighbours[b].append(a)
+        beside[a].append(b)
+        beside[b].append(a)
     waiting = ~junction
     branches = []
     for start in np.flatnonzero(waiting).tolist():
-        if waiting[start] and len(neighbours[start]) < 2:
-            branches.append((_walk(start, neighbours, waiting), False))
+        if waiting[start] and len(beside[start]) < 2:
+            branches.append((_walk(start, beside, waiting), False))
     # What is left are rings. Each is cut between two neighbours, and walked the other way.
     for start, _ in inner:
         if waiting[start]:
-            branches.append((_walk(start, neighbours, waiting), True))
+            branches.append((_walk(start, beside, waiting), True))
     branches.sort(key=lambda branch: min(branch[0]))
     return [(pixels[branch], closed) for branch, closed in branches], pixels[junction]
 
 
-def _edges(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
+def neighbours(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
     """(E, 2) neighbours among a skeleton's pixels, as their indices in the order by rows.
 
     Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no fork.
@@ -100,14 +107,14 @@ def _edges(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
     return np.concatenate(pairs)
 
 
-def _walk(start: int, neighbours: list[list[int]], waiting: Flags) -> list[int]:
+def _walk(start: int, beside: list[list[int]], waiting: Flags) -> list[int]:
     """A branch from one of its pixels on; its pixels wait no longer."""
     path = []
     ahead = [start]
     while ahead:
         path.append(ahead[-1])
         waiting[ahead[-1]] = False
-        ahead = [k for k in neighbours[ahead[-1]] if waiting[k]]
+        ahead = [k for k in beside[ahead[-1]] if waiting[k]]
     return path
 
 
@@ -315,6 +322,48 @@ def find_candidates(pieces: list[Piece], max_gap_px: float) -> list[Candidate]:
         lines = _joined(lines, *pair)
     long = [line for line in lines if line.length >= tuned.MIN_ASPECT * line.width]
     return sorted(long, key=lambda line: (-line.length, *line.path[0]))
+
+
+def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
+    """The line through the middles of dots in a row; `None` where the pen drew none.
+
+    Its deviation is that of a hand which sets dots on a line.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
+    from scipy.spatial.distance import cdist
+
+    sides = np.array([np.ptp(group, axis=0).max() + 1 for group in groups])
+    if len(groups) < MIN_DOTS or len(groups) > MAX_DOTS:
+        return None
+    is_dot = sides <= tuned.ALIKE * np.median(sides)
+    dots = [group for group, alike in zip(groups, is_dot, strict=True) if alike]
+    weights = [ink.coverage[group[:, 1], group[:, 0]].astype(float) for group in dots]
+    places = np.array([w @ dot / w.sum() for w, dot in zip(weights, dots, strict=True)])
+    apart = cdist(places, places)
+    np.fill_diagonal(apart, np.inf)
+    spacing = float(np.median(apart.min(axis=0)))
+    # The longest way from dot to dot, without a step of more than twice the usual.
+    near = np.where(apart <= tuned.ALIKE * spacing, apart, 0.0)
+    way, before = dijkstra(minimum_spanning_tree(near), directed=False, return_predecessors=True)
+    way[np.isinf(way)] = -1.0
+    start, stop = np.unravel_index(way.argmax(), way.shape)
+    path = [stop]
+    while path[-1] != start:
+        path.append(before[start, path[-1]])
+    size = np.mean([len(dots[k]) for k in path])
+    # Letters are dots as well, but stand too close; noise lies all over the picture.
+    is_row = len(path) >= max(MIN_DOTS, tuned.HALF * len(dots))
+    if not is_row or spacing < np.median(sides[is_dot]):
+        return None
+    closed = bool(apart[start, stop] <= tuned.ALIKE * spacing)
+    row = ring_of(places[path], closed)
+    arc = arc_lengths(row, False)
+    spline = CubicSpline(arc, row, bc_type="periodic" if closed else "not-a-knot")
+    points = evenly(spline(np.linspace(0.0, arc[-1], 4 * round(arc[-1]))), False)
+    points = points[:-1] if closed else points
+    sigma = np.full(len(points), DOT_SIGMA_PX)
+    return Stroke(points, closed, sigma, width=float(np.sqrt(4 * size / np.pi)))
 
 
 def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:

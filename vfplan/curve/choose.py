@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import tuned
-from vfplan.curve.candidates import Candidate, find_candidates, find_groups, find_pieces, gap_px
+from vfplan.curve.candidates import (
+    Candidate,
+    dotted_line,
+    find_candidates,
+    find_groups,
+    find_pieces,
+    gap_px,
+)
 from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
@@ -154,6 +161,14 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
         )
         error.candidates = tuple(line.path for line in lines)
         return error
+    dotted = dotted_line(ink, find_groups(ink))
+    if dotted is not None:
+        u, v = dotted.points[len(dotted.points) // 2]
+        return CurveError(
+            f"The line in {pen.name} is dotted, {dotted.length:.0f} px long through "
+            f"({u:.0f}, {v:.0f}). Take it as one line: vfplan review IMAGE.",
+            code="line-dotted",
+        )
     return CurveError(
         f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or #rrggbb, or "
         "draw again if the pen was black, grey or white.",
@@ -202,6 +217,8 @@ def with_other_pens(
     """The refusal with all lines, which names much longer lines of other pens."""
     numbered = in_number_order(lines, ink)
     error.lines = tuple(line.path for line in numbered)
+    if error.code == "line-dotted":
+        return error
     own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
     others = lines_of_other_pens(ink, pen, region, own_px / tuned.RIVAL_SHARE)
     if others:

@@ -155,17 +155,21 @@ class Guide:
         self.radius = real_number("radius", radius)
         self.stiffness = real_number("stiffness", stiffness)
         self.ends = one_of("ends", ends, ENDS)
+        self.hold = one_of("hold", hold, HOLDS)
+        self.cut_bends = bool(cut_bends)
         self.ignore_axis = check_axis(ignore_axis)
+        self.lead = real_number("lead_force", lead_force), real_number("lead_speed", lead_speed)
+        self.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
         parameters = _core.GuideParameters(
             radius=self.radius,
             stiffness=self.stiffness,
             ends=ends,
-            hold=one_of("hold", hold, HOLDS),
-            cut_bends=bool(cut_bends),
+            hold=self.hold,
+            cut_bends=self.cut_bends,
             ignore_axis=self.ignore_axis,
-            lead_force=real_number("lead_force", lead_force),
-            lead_speed=real_number("lead_speed", lead_speed),
-            period=1 / number("rate_hz", rate_hz, "Hz", above=0.0),
+            lead_force=self.lead[0],
+            lead_speed=self.lead[1],
+            period=self.period,
         )
         if isinstance(points, Pieces):
             if self.ignore_axis is None:
@@ -174,15 +178,15 @@ class Guide:
                     "Name the axis, or give points."
                 )
             self.closed = tuple(points.closed.tolist())
-            curves = check_pieces(points)
+            self.curves: tuple[Any, ...] = check_pieces(points)
         else:
             strokes = check_strokes(points)
             closings = check_closed(closed, len(strokes))
             self.closed = tuple(closings)
-            curves = (np.vstack(strokes), [len(stroke) for stroke in strokes], closings)
+            self.curves = np.vstack(strokes), [len(stroke) for stroke in strokes], closings
         with core_settings():
             try:
-                self._guide = _core.Guide(*curves, parameters)
+                self._guide = _core.Guide(*self.curves, parameters)
             except _core.OutOfRange:
                 raise
             except ValueError as error:

@@ -48,6 +48,9 @@ MAX_TEXT_BYTES = 1 << 28
 # Bytes of a line of text. No program that exports tables writes a longer one.
 MAX_LINE_BYTES = 1 << 16
 
+# Unit of a table's or a mesh's numbers -> metres.
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 # Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
@@ -74,7 +77,7 @@ UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 # How a line begins that is no row: a remark, or Excel's word on its separator.
-REMARK = re.compile("\ufeff?[ \t]*(#|sep=)", re.IGNORECASE)
+REMARK = re.compile('\ufeff?[ \t]*(#|"?sep=)', re.IGNORECASE)
 
 # Digits, a point, an exponent. Python and NumPy would also take 1_000, nan and digits of other
 # scripts, and other readers take 0x10 and 1d3.
@@ -487,7 +490,8 @@ def require_length(
 
 
 def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
-    present = [separator for separator in SEPARATORS if separator in header_line] or [","]
+    unquoted = re.sub('"[^"]*"', "", header_line)
+    present = [separator for separator in SEPARATORS if separator in unquoted] or [","]
     if len(present) > 1:
         names = " and ".join(SEPARATORS[separator] for separator in present)
         text = (
@@ -553,8 +557,9 @@ class NumberTable:
     def blocks(self, columns: tuple[str, ...]) -> Iterator[NDArray[np.float64]]:
         """Yield some rows at a time, (n, len(columns)).
 
-        Raises the table's kind of error: a line too long, another number of cells than columns, a
-            cell that is no number, a decimal comma in one place and a decimal point in another
+        What the other columns hold does not matter. Raises the table's kind of error: a line too
+            long, another number of cells than columns, a cell that is no number, a decimal comma in
+            one place and a decimal point in another
         """
         indices = [self.columns.index(column) for column in columns]
         marks: set[bytes] = set()
@@ -566,11 +571,47 @@ class NumberTable:
             while piece := stream.read(BLOCK_BYTES):
                 complete, newline, unfinished = (unfinished + piece).rpartition(b"\n")
                 if newline:
-                    yield parse_block(self, complete, line, marks)[:, indices]
+                    yield parse_block(self, complete, line, marks, indices)
                     line += complete.count(b"\n") + 1
                 require_line(unfinished, f"{self.where}, line {line}", self.kind)
             if unfinished.strip():
-                yield parse_block(self, unfinished, line, marks)[:, indices]
+                yield parse_block(self, unfinished, line, marks, indices)
+
+
+def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
+    """The columns x, y and z, whose names may end in their unit: x_mm or x [mm].
+
+    Raises the table's kind of error: an axis without a column, or with two; a unit that is not
+        `units`
+    """
+    chosen = []
+    for axis in "xyz":
+        units_of = {}
+        for column in table.columns:
+            name, _, unit = re.sub(r"[\s_\[\]()]+", "_", column).strip("_").partition("_")
+            if name == axis and unit in ("", "px", *METRES):
+                units_of[column] = unit
+        header = ",".join(table.columns)[:80]
+        if not units_of:
+            raise table.kind(
+                f"The header {header!r} names no {axis}. Name the columns of the coordinates x, y "
+                "and z.",
+                where=table.where, code="column-missing",
+            )  # fmt: skip
+        if sum(map(table.columns.count, units_of)) > 1:
+            raise table.kind(
+                f"The header {header!r} names {axis} more than once. Leave one.",
+                where=table.where, code="column-doubled",
+            )  # fmt: skip
+        ((column, unit),) = units_of.items()
+        chosen.append(column)
+        if unit not in ("", units):
+            raise table.kind(
+                f"The header names {column}, and {units} was given as the unit. Give --units "
+                f"{unit}, or name the column by its true unit.",
+                where=table.where, code="units-differ",
+            )  # fmt: skip
+    return tuple(chosen)
 
 
 def require_line(line: bytes, place: str, kind: type[InputError]) -> None:
@@ -623,7 +664,7 @@ def open_number_table(
         text = "is not UTF-8 text. Save it as CSV UTF-8"
         raise kind(text, where=where, code="not-text") from None
     separator = _separator_of(header, place, kind)
-    columns = [name.strip().lower() for name in header.split(separator)]
+    columns = [name.strip().lower() for name in split_line(header, separator, place, kind)]
     if len(columns) > MAX_COLUMNS:
         raise kind(
             f"has {len(columns)} columns. Leave at most {MAX_COLUMNS}",
@@ -663,46 +704,64 @@ def _utf8_stream(open_stream: Callable[[], BinaryIO]) -> BinaryIO:
 
 
 def parse_block(
-    table: NumberTable, text: bytes, line: int, marks: set[bytes]
+    table: NumberTable, text: bytes, line: int, marks: set[bytes], indices: list[int]
 ) -> NDArray[np.float64]:
-    """(n, columns) numbers of lines, the first of which has the number `line`.
+    """(n, len(indices)) numbers of lines, the first of which has the number `line`.
 
     marks: the decimal marks that the table has used so far
     """
     # A carriage return that stands elsewhere than before a newline makes its line a bad one.
     body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
-    if table.separator != ",":
-        marks.update(mark for mark in (b",", b".") if mark in body)
-        if len(marks) == 2:
-            place = f"{table.where}, from line {line} on"
-            raise table.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
-        body = body.replace(b",", b".")
     if body and not body.translate(None, _NUMERIC_BYTES + table.separator.encode()):
-        with suppress(ValueError):
-            file = io.BytesIO(body)
-            values = np.loadtxt(file, delimiter=table.separator, comments=None, ndmin=2)
-            if values.shape[1] == len(table.columns):
-                return values
+        plain = body if table.separator == "," else body.replace(b",", b".")
+        in_body = {mark for mark in (b",", b".") if mark in body}
+        if table.separator == "," or len(marks | in_body) < 2:
+            with suppress(ValueError):
+                file = io.BytesIO(plain)
+                values = np.loadtxt(file, delimiter=table.separator, comments=None, ndmin=2)
+                if values.shape[1] == len(table.columns):
+                    marks |= in_body
+                    return values[:, indices]
     # Parse line by line: slower, passes over blank lines, and names the first bad line.
     lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=line)
     rows = [
-        parse_line(table, row, number)
+        parse_line(table, row, number, marks, indices)
         for number, row in lines
         if row.strip() and not REMARK.match(row)
     ]
-    return np.array(rows, dtype=np.float64).reshape(-1, len(table.columns))
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(indices))
 
 
-def parse_line(table: NumberTable, text: str, line: int) -> list[float]:
-    """The numbers of one line; raises the table's kind of error for the first that is none."""
+def split_line(text: str, separator: str, place: str, kind: type[InputError]) -> list[str]:
+    """The cells of one line, of which some may be quoted."""
+    if '"' not in text:
+        return text.split(separator)
+    try:
+        return next(csv.reader([text], delimiter=separator, strict=True))
+    except csv.Error as error:
+        message = f"is no CSV: {error}. Save the table again as CSV"
+        raise kind(message, where=place, code="table-broken") from None
+
+
+def parse_line(
+    table: NumberTable, text: str, line: int, marks: set[bytes], indices: list[int]
+) -> list[float]:
+    """The wanted numbers of one line; raises the table's kind of error for the first bad one."""
     place = f"{table.where}, line {line}"
-    cells = without_blank_end(text.split(table.separator), len(table.columns))
+    cells = split_line(text, table.separator, place, table.kind)
+    cells = without_blank_end(cells, len(table.columns))
     require_length(cells, table.columns, place, table.kind)
     row = []
-    for column, cell in zip(table.columns, cells, strict=True):
+    for i in indices:
+        cell = cells[i]
+        if table.separator != ",":
+            marks.update(mark for mark in (b",", b".") if mark.decode() in cell)
+            if len(marks) == 2:
+                raise table.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
+            cell = cell.replace(",", ".")
         try:
             row.append(parse_decimal(cell))
         except ValueError as error:
-            reason = f"column {column!r} cannot be used: {error}. Correct the row"
+            reason = f"column {table.columns[i]!r} cannot be used: {error}. Correct the row"
             raise table.kind(reason, where=place, code="no-number") from None
     return row

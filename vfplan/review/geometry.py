@@ -18,8 +18,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve import tuned
-from vfplan.curve.account import AccountEntry
+from vfplan import _core
+from vfplan.curve import account, tuned
+from vfplan.curve.account import AccountEntry, Leftover, find_leftover
+from vfplan.curve.candidates import (
+    dotted_line,
+    find_candidates,
+    find_groups,
+    find_pieces,
+    neighbours,
+)
 from vfplan.curve.centreline import drawn_length
 from vfplan.curve.coverage import Box
 from vfplan.errors import CurveError, SettingError
@@ -73,60 +81,30 @@ class Entry(AccountEntry):
         return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
 
 
-def list_account(mask: NDArray[np.bool_], lines: Sequence[Stroke]) -> tuple[Entry, ...]:
-    """All ink of a (H, W) mask beyond the lines' edges, and each bridged stretch, by size.
+def list_account(
+    leftover: Sequence[Leftover], lines: Sequence[Stroke], ink_px: int
+) -> tuple[Entry, ...]:
+    """All ink beyond the lines' edges, and each bridged stretch, by size.
 
-    The lines have the width of their pen.
+    ink_px: how many pixels the pen's ink has
     """
-    from scipy.spatial import cKDTree
-
-    pixels = np.argwhere(mask)[:, ::-1]
-    if len(pixels) == 0:
-        return ()
-    edge_distance = np.full(len(pixels), np.inf)
-    for line in lines:
-        to_line, _ = cKDTree(line.points).query(pixels)
-        edge_distance = np.minimum(edge_distance, to_line - line.width / 2)
-    # Connected pieces, but for specks.
-    outside = pixels[edge_distance > tuned.EDGE_BLUR_PX]
-    pieces = []
-    if len(outside):
-        corner = outside.min(axis=0)
-        width, height = (outside.max(axis=0) - corner + 1).tolist()
-        picture = np.zeros((height, width), np.uint8)
-        picture[outside[:, 1] - corner[1], outside[:, 0] - corner[0]] = 1
-        _, labels = cv2.connectedComponents(picture, connectivity=8)
-        label = labels[outside[:, 1] - corner[1], outside[:, 0] - corner[0]]
-        sizes = np.bincount(label)[1:]
-        pieces = np.split(np.argsort(label, kind="stable"), np.cumsum(sizes)[:-1])
     rows = []
-    for members in pieces:
-        if len(members) < tuned.SPECK_PX:
-            continue
-        piece = outside[members]
-        low, high = piece.min(axis=0), piece.max(axis=0)
-        box = (*low.tolist(), *(high - low + 1).tolist())
-        piece_mask = np.zeros((box[3], box[2]), bool)
-        piece_mask[piece[:, 1] - low[1], piece[:, 0] - low[0]] = True
-        rows.append((len(piece), *((low + high) / 2).tolist(), "ink", box, piece_mask))
+    for piece in leftover:
+        low = piece.places.min(axis=0)
+        u, v = (piece.places - low).T
+        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
+        mask[v, u] = True
+        box = (*low.tolist(), *mask.shape[::-1])
+        rows.append((piece.pixels, *piece.middle.tolist(), piece.size, "ink", box, mask))
     for line in lines:
         for run in runs(line.bridged, line.closed):
             u, v = line.points[run[len(run) // 2]].tolist()
-            rows.append((len(run), u, v, "gap", (round(u), round(v), 1, 1), None))
+            box = (round(u), round(v), 1, 1)
+            rows.append((len(run), u, v, float(len(run)), "gap", box, None))
     rows.sort(key=lambda row: (-row[0], *row[1:3]))
     return tuple(
-        Entry(
-            number,
-            u,
-            v,
-            count,
-            count / len(pixels),
-            float(max(box[2:]) if what == "ink" else count),
-            what,
-            box,
-            piece_mask,
-        )
-        for number, (count, u, v, what, box, piece_mask) in enumerate(rows[:MAX_ENTRIES], 1)
+        Entry(number, u, v, pixels, pixels / ink_px, *more)
+        for number, (pixels, u, v, *more) in enumerate(rows[:MAX_ENTRIES], 1)
     )
 
 
@@ -138,8 +116,14 @@ def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSetting
 # Routes that are offered at most: one digit chooses among them.
 MAX_ROUTES = 9
 
-# Free ends of a forked line beyond which it is writing, through which no route is offered.
+# Free ends of a forked line at most, from which a route is offered.
 MAX_FREE_ENDS = 12
+
+# Times the longest gap that is bridged, up to which a person is offered lines joined over a gap.
+JOINED_GAPS = 3.0
+
+# Length [px] of the way around a hole from which that is no letter's.
+MIN_RING_PX = 60
 
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
@@ -153,65 +137,77 @@ def routes_through(
     """The routes through one connected piece of ink, the longest first, and where it forks.
 
     A line has one route, from end to end, or around. A forked line has one for each pair of its
-    free ends. `corner` is where (0, 0) of the mask lies on the slice.
+    free ends, and one around its largest hole, as its ends may overlap or cross. `corner` is where
+    (0, 0) of the mask lies on the slice.
     """
-    from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
-    from skimage.morphology import skeletonize
 
-    # The skeleton's pixels are the nodes of a graph, with an edge between neighbours.
-    bone = skeletonize(np.pad(mask, 1), method="lee") > 0
-    rows, columns = np.nonzero(bone)
-    if len(rows) < 2:
-        return [], []
-    number = np.full(bone.shape, -1)
-    number[rows, columns] = np.arange(len(rows))
-    pairs, lengths = [], []
-    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        neighbour = number[rows + dv, columns + du]
-        keep = neighbour >= 0
-        if dv and du:
-            # The corner of a staircase is no fork.
-            keep &= (number[rows + dv, columns] < 0) & (number[rows, columns + du] < 0)
-        pairs.append(np.column_stack([np.flatnonzero(keep), neighbour[keep]]))
-        lengths.append(np.full(keep.sum(), np.hypot(dv, du)))
-    edges = np.concatenate(pairs)
-    count = len(rows)
-    degree = np.bincount(edges.ravel(), minlength=count)
-    graph = coo_matrix((np.concatenate(lengths), edges.T), shape=(count, count)).tocsr()
-    pixels = np.column_stack([columns, rows]) - 1.0 + np.array(corner, float)
+    padded = np.pad(mask, 2)
+    pixels, edges = skeleton_of(padded)
+    pixels += np.array(corner) - 2.0
+    degree = np.bincount(edges.ravel(), minlength=len(pixels))
     forks = [tuple(place) for place in pixels[degree > 2].tolist()]
+    routes = _around(padded, corner)
     ends = np.flatnonzero(degree == 1)
-    if len(ends) == 0:
-        return _around(graph, pixels, edges), forks
-    if len(ends) > MAX_FREE_ENDS:
-        return [], forks
-
-    # The shortest path from each end to each other one.
-    distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
-    routes = [
-        route_along(pixels[_walked_back(before[i], start, stop)], False)
-        for i, start in enumerate(ends)
-        for stop in ends[i + 1 :]
-        if np.isfinite(distance[i, stop])
-    ]
+    if len(ends) > 1:
+        graph = _graph(pixels, edges)
+        if len(ends) > MAX_FREE_ENDS:
+            # Letters on the line have many short branches; the line's own ends are the longest.
+            at_forks = np.flatnonzero(degree > 2)
+            reach = dijkstra(graph, directed=False, indices=at_forks, min_only=True)
+            ends = np.sort(ends[np.argsort(-reach[ends], kind="stable")[:MAX_FREE_ENDS]])
+        # The shortest path from each end to each other one.
+        distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
+        routes += [
+            route_along(pixels[_walked_back(before[i], start, stop)], False)
+            for i, start in enumerate(ends)
+            for stop in ends[i + 1 :]
+            if np.isfinite(distance[i, stop])
+        ]
     routes.sort(key=lambda route: -route.length)
     return routes[:MAX_ROUTES], forks
 
 
-def _around(graph: Any, pixels: NDArray, edges: NDArray) -> list[Stroke]:
-    """The one route around a ring: cut beside a pixel, and walked the other way round."""
+def skeleton_of(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int64]]:
+    """The pixels (N, 2) (u, v) of a mask's skeleton, and the (E, 2) pairs of neighbours."""
+    bone = _core.thinned(mask).astype(bool)
+    v, u = np.nonzero(bone)
+    return np.column_stack([u, v]).astype(float), neighbours(bone, v, u)
+
+
+def _graph(pixels: Array, edges: NDArray[np.int64]) -> Any:
+    """The sparse matrix of the distances of neighbouring pixels."""
+    from scipy.sparse import coo_matrix
+
+    lengths = np.hypot(*(pixels[edges[:, 0]] - pixels[edges[:, 1]]).T)
+    return coo_matrix((lengths, edges.T), shape=(len(pixels),) * 2).tocsr()
+
+
+def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
+    """The one route around the largest hole in the ink, if that is larger than a letter's."""
     from scipy.sparse.csgraph import dijkstra
 
-    cut = graph.tolil()
+    paper = 1 - padded.view(np.uint8)
+    _, labels, holes, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
+    areas = holes[:, cv2.CC_STAT_AREA].copy()
+    areas[[0, labels[0, 0]]] = 0
+    pixels, edges = skeleton_of((labels != labels[0, 0]) & (labels != areas.argmax()))
+    # Without its branches a ring is left.
+    is_branch = np.ones(len(edges), bool)
+    while areas.any() and is_branch.any():
+        degree = np.bincount(edges.ravel(), minlength=len(pixels))
+        is_branch = degree[edges].min(axis=1) == 1
+        edges = edges[~is_branch]
+    if not areas.any() or len(edges) < MIN_RING_PX:
+        return []
+    # Cut beside a pixel, and walked the other way round.
     start, stop = edges[0]
-    cut[start, stop] = cut[stop, start] = 0
-    cut = cut.tocsr()
-    cut.eliminate_zeros()
-    distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
+    graph = _graph(pixels, edges[1:])
+    distance, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
     if not np.isfinite(distance[stop]):
         return []
-    return [route_along(pixels[_walked_back(before, start, stop)], True)]
+    path = pixels[_walked_back(before, start, stop)] + np.array(corner) - 2.0
+    return [route_along(path, True)]
 
 
 def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
@@ -221,6 +217,12 @@ def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
         path.append(before[path[-1]])
     return path[::-1]
 
+
+# Findings that are made anew from the strokes and the ink after each step, not kept.
+MADE_ANEW = (
+    "bridge", "bridge-long", "bridge-near-end", "curve-folds", "drawn-by-hand", "ink-joins",
+    "ink-touches", "leaves-picture",
+)  # fmt: skip
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may
 # be a step along the line.
@@ -246,6 +248,8 @@ class Geometry:
         Routes that the curve may take, from which a person can choose.
     excluded_ink
         Middles of the ink that a person left out of the curve.
+    max_gap_px
+        Pen lifts up to this long are bridged.
     """
 
     strokes: tuple[MendedStroke, ...] = ()
@@ -254,35 +258,86 @@ class Geometry:
     refusal: dict[str, Any] | None = None
     candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
+    max_gap_px: float = ExtractSettings.max_gap_px
 
     @cached_property
-    def account(self) -> tuple[Entry, ...]:
-        """The ink that is not the curve and its bridged stretches, the largest first."""
-        if self.ink is None:
-            return ()
+    def lines(self) -> tuple[Stroke, ...]:
+        """The strokes, each with the width of its pen."""
         lines = []
         for stroke in self.strokes:
             width = stroke.width if stroke.is_ordered else 0.0
             if width is None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
             lines.append(replace(stroke, width=width))
-        return list_account(self.ink.mask, lines)
+        return tuple(lines)
 
-    @property
+    @cached_property
+    def leftover(self) -> list[Leftover]:
+        """The pen's ink that is not the curve, piece by piece."""
+        return find_leftover(self.ink.found, self.lines)
+
+    @cached_property
+    def account(self) -> tuple[Entry, ...]:
+        """The ink that is not the curve and its bridged stretches, the largest first."""
+        if self.ink is None:
+            return ()
+        return list_account(self.leftover, self.lines, int(self.ink.mask.sum()))
+
+    @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
-        """The findings of extraction, and where a hand placed the curve."""
-        findings = list(self.findings)
+        """What a person should look at, made anew for the strokes as they are."""
+        if not self.strokes:
+            return self.findings
+        # Of extraction, and of a bundle, what still holds.
+        told = {(finding.code, finding.text): finding for finding in self.findings}
+        made = [] if self.ink is None else self._of_ink()
+        made += account.fold_findings(self.strokes)
         for stroke in self.strokes:
-            if not stroke.edited.any():
+            made += account.bridge_findings(stroke)
+            if stroke.edited.any():
+                first = stroke.points[np.flatnonzero(stroke.edited)[0]]
+                text = (
+                    f"{int(stroke.edited.sum())} px of the curve were placed by hand where no ink "
+                    "shows them. Their deviation is taken as 1 px."
+                )
+                place_px = tuple(first.tolist())
+                made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
+        made = [told.get((finding.code, finding.text), finding) for finding in made]
+        is_left = [f for f in self.findings if f.code not in MADE_ANEW and self._holds(f)]
+        return (*is_left, *(finding for finding in made if finding not in is_left))
+
+    def _of_ink(self) -> list[Finding]:
+        """What the pen's ink leaves open: what was left out, and ends at the picture's border."""
+        told = {(finding.code, finding.text) for finding in self.findings}
+        again = account.leftover_findings(self.leftover, self.max_gap_px)
+        findings = [finding for finding in again if (finding.code, finding.text) in told]
+        places = [np.array(f.place_px) for f in findings]
+        for piece in self.leftover:
+            # Findings have places with one decimal.
+            if any(np.abs(piece.middle - place).max() < 0.06 for place in places):
                 continue
-            first = stroke.points[np.flatnonzero(stroke.edited)[0]]
-            text = (
-                f"{int(stroke.edited.sum())} px of the curve were placed by hand where no ink "
-                "shows them. Their deviation is taken as 1 px."
-            )
-            place_px = tuple(first.tolist())
-            findings.append(note("drawn-by-hand", "extract", text, place_px=place_px))
-        return tuple(findings)
+            joins = account.join_findings([piece], self.lines, self.ink.found, self.max_gap_px)
+            if tuple(piece.middle.tolist()) in self.excluded_ink:
+                joins = [replace(finding, severity="note") for finding in joins]
+            findings += joins
+        for line in self.lines:
+            findings += account.border_findings(line, self.ink.found.size)
+        return findings
+
+    def _holds(self, finding: Finding) -> bool:
+        """Whether a finding on the picture is still true of the strokes."""
+        place = finding.place_px
+        if place is None or finding.stage != "extract":
+            return True
+        if finding.code == "ink-at-end":
+            ends = [stroke.end_points for stroke in self.strokes if len(stroke.end_points)]
+            places = [*ends, *(pair.mean(axis=0, keepdims=True) for pair in ends)]
+            return bool(ends) and nearest_point(np.concatenate(places), place)[1] <= CLOSE_PX
+        if finding.code == "curve-short" and self.strokes[0].length >= tuned.CRUMB_PX:
+            return False
+        points = np.concatenate([stroke.points for stroke in self.strokes])
+        is_near = nearest_point(points, place)[1] <= JOIN_PX
+        return is_near != (finding.code == "ink-outweighs")
 
     def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
@@ -322,8 +377,9 @@ class Geometry:
     def _with_same_ink(self, **changes: Any) -> Geometry:
         """A change by which the account stays what it is."""
         new = replace(self, **changes)
-        if "account" in self.__dict__:
-            new.__dict__["account"] = self.account
+        for name in ("lines", "leftover", "account"):
+            if name in self.__dict__:
+                new.__dict__[name] = self.__dict__[name]
         return new
 
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
@@ -359,6 +415,33 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
     return Geometry(strokes, ink, extracted.findings)
 
 
+def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
+    """The number of the longest candidate at a place on the slice, and the candidates with it.
+
+    Where no candidate lies there, the longest route over the ink there becomes one.
+    """
+    candidates = list(geometry.candidates)
+    distances = [nearest_point(route.points, place)[1] for route in candidates]
+    if min(distances, default=np.inf) > JOIN_PX:
+        for entry in Geometry(ink=geometry.ink).account:
+            inside = np.argwhere(entry.mask)[:, ::-1] + np.array(entry.box[:2])
+            if nearest_point(inside, place)[1] <= CLOSE_PX:
+                candidates += routes_through(entry.mask, entry.box[:2])[0]
+        distances = [nearest_point(route.points, place)[1] for route in candidates]
+    nearest = min(distances, default=np.inf)
+    if nearest > JOIN_PX:
+        raise SettingError(
+            f"No line of the pen lies at ({place[0]:.0f}, {place[1]:.0f}). Click on a line, or "
+            "draw the curve.",
+            code="no-line-there",
+            numbers={"u": float(place[0]), "v": float(place[1])},
+        )
+    # A click misses by a little, and lines that meet lie at one place.
+    there = [k for k in range(len(candidates)) if distances[k] <= nearest + CLOSE_PX]
+    longest = max(there, key=lambda k: candidates[k].length)
+    return replace(geometry, candidates=tuple(candidates)), longest + 1
+
+
 def with_chosen(
     image: PlannedImage, settings: ExtractSettings, geometry: Geometry, number: int
 ) -> Geometry:
@@ -369,6 +452,10 @@ def with_chosen(
     """
     route = geometry.candidate(number)
     settled = replace(geometry, refusal=None)
+    if route.sigma is not None:
+        # A dotted line is measured already.
+        strokes = (MendedStroke.of(route),)
+        return replace(settled, strokes=strokes, findings=(account.dotted_finding(route),))
     try:
         extracted = extract(image, replace(settings, stroke=number))
     except CurveError as error:
@@ -435,17 +522,32 @@ def _refusal_of(error: CurveError) -> dict[str, Any]:
 
 
 def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:
-    """The candidates that extraction names, or every route through the lines of the ink."""
-    routes = []
-    if error.candidates:
-        for path in error.candidates:
-            path = np.asarray(path, float)
-            closed = len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0
-            routes.append(route_along(path, bool(closed)))
-        return tuple(routes)
-    for entry in Geometry(ink=ink).account:
-        if max(entry.box[2:]) >= MIN_LINE_PX:
-            routes += routes_through(entry.mask, entry.box[:2])[0]
+    """The candidates that extraction names, or every route through the lines of the ink.
+
+    Behind them, lines joined over longer pen lifts, and a dotted line.
+    """
+    named = [np.asarray(path, float) for path in error.candidates]
+    routes = [
+        route_along(path, bool(len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0))
+        for path in named
+    ]
+    if not named:
+        for entry in Geometry(ink=ink).account:
+            if max(entry.box[2:]) >= MIN_LINE_PX:
+                routes += routes_through(entry.mask, entry.box[:2])[0]
+        routes.sort(key=lambda route: -route.length)
+    try:
+        groups = find_groups(ink.found)
+        pieces = find_pieces(ink.found, groups)
+        for line in find_candidates(pieces, JOINED_GAPS * settings.max_gap_px):
+            is_new = not any(np.array_equal(line.path, path) for path in named)
+            if is_new and line.bridged.any():
+                routes.append(route_along(line.path, line.closed))
+        dotted = dotted_line(ink.found, groups)
+        if dotted is not None:
+            routes.append(dotted)
+    except CurveError:  # Too many pieces.
+        pass
     low, high = np.zeros(2), np.full(2, np.inf)
     if settings.roi is not None:
         low = np.array(settings.roi[:2], float)
@@ -455,8 +557,7 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
         for route in routes
         if route.length >= MIN_LINE_PX and ((route.points >= low) & (route.points < high)).all()
     ]
-    long.sort(key=lambda route: -route.length)
-    return tuple(long[:MAX_ROUTES])
+    return tuple(routes if named else long[:MAX_ROUTES])
 
 
 def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:

@@ -7,6 +7,7 @@ A profile is a row of samples across the path; `offset` is where the ink's centr
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -288,9 +289,10 @@ class SliceInk:
         path = gaussian_filter1d(np.asarray(path, float), tuned.SMOOTH_PX, axis=0, mode=mode)
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
-        if closed or line.edited.all():
-            return line
-        return self._to_its_ends(line, (True, True), width, tuned.TAPER_REACH_PX)
+        if not closed and not line.edited.all():
+            line = self._to_its_ends(line, (True, True), width, tuned.TAPER_REACH_PX)
+        # No hand placed what shows no ink.
+        return replace(line, bridged=line.edited, edited=None)
 
     def _to_its_ends(
         self, line: Stroke, free: tuple[bool, bool], width: float, reach_px: float

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
 from vfplan.display import MM, millimetres
+from vfplan.engine.browser import bodies_of
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import InputError, VfplanError
@@ -127,7 +128,7 @@ class Shown:
             return cls(name, made)
         check_slice(made, image)
         if registration is None:
-            registration = _registration_again(made)
+            registration = registration_again(made)
         if extracted is not None:
             measured = extracted.extraction
             return cls(name, made, image, measured.strokes, measured.account, registration)
@@ -173,6 +174,24 @@ class Shown:
         if self.plane is None or source is None:
             return ()
         return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
+
+    def bodies(self) -> dict[str, Any]:
+        """What renders the fixture in a browser, and where that lies on the slice.
+
+        `plane` takes (u, v, 1) [px] to the fixture's frame [m], and `back` a way there [m] onto the
+        slice [px].
+
+        Raises `VfplanError` for what no engine takes.
+        """
+        fixture = self.fixture
+        if self.plane is None or fixture.rendering is None:
+            raise InputError("The plan is not rendered yet.", code="not-rendered")
+        back = onto_plane(self.plane, fixture.ignore_axis)(np.eye(3) + self.plane[:, 2]).T
+        radius_m = 0.0 if fixture.region is None else fixture.contact_radius
+        return {
+            "bodies": bodies_of(fixture), "plane": self.plane.tolist(), "back": back.tolist(),
+            "radius_px": radius_m / self.metres_per_px,
+        }  # fmt: skip
 
     @cached_property
     def metres_per_px(self) -> float | None:
@@ -333,7 +352,7 @@ def labels_left_out(fixture: Fixture) -> list[str]:
     return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
 
 
-def _registration_again(fixture: Fixture) -> Registration | None:
+def registration_again(fixture: Fixture) -> Registration | None:
     """The registration that the bundle's markers give; `None` where that is not the bundle's own.
 
     A bundle holds neither weights of markers nor the bound along its curve.

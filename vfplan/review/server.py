@@ -35,6 +35,7 @@ from weakref import WeakKeyDictionary
 import cv2
 import numpy as np
 
+from vfplan.engine.browser import module
 from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_TEXT_BYTES, now_utc, opened_file, to_json_types
@@ -181,7 +182,7 @@ BURST = 3 * MESSAGES_PER_S
 MAX_TABS = 8
 
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
@@ -309,13 +310,16 @@ class ReviewServer:
     def _answer(self, connection: Any, request: Any) -> Any:
         address = urlsplit(request.path)
         name = address.path
-        if name in ("/steps", "/slice.png"):
+        if name in ("/steps", "/slice.png", "/bodies.json"):
             query = parse_qs(address.query)
             token = query.get("token", [""])[0]
             if not hmac.compare_digest(token.encode(), self.token.encode()):
                 return connection.respond(403, "the address lacks this review's token")
             if name == "/steps":
                 return None
+            if name == "/bodies.json":
+                body = json.dumps(self._session.bodies()).encode()
+                return reply(connection, body, "application/json", HEADERS)
             rgb = self._session.current.source.image.rgb
             grey_max = int(np.iinfo(rgb.dtype).max)
             low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
@@ -524,4 +528,5 @@ def _pages() -> dict[str, tuple[bytes, str]]:
     pages["/palette.css"] = (palette.encode(), "text/css; charset=utf-8")
     style = files("vfplan.report").joinpath("style.css").read_bytes()
     pages["/report.css"] = (style, "text/css; charset=utf-8")
+    pages["/engine.wasm"] = (module(), "application/wasm")
     return pages

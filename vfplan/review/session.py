@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import review_digest
-from vfplan.errors import CheckFailed, SettingError
+from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
@@ -167,6 +167,16 @@ class Session:
             "approvable": not why_not,
             "digest": self.digest,
         }
+
+    def bodies(self) -> dict[str, Any]:
+        """What renders the plan as it stands, for the page's own engine; else why nothing does."""
+        shown = self.current.shown
+        if shown is None:
+            return {"why_not": "There is no plan yet that a robot renders."}
+        try:
+            return {"digest": self.digest, **shown.bodies()}
+        except VfplanError as error:
+            return {"why_not": error.message}
 
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""

@@ -18,7 +18,7 @@ from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
 from vfplan.planning.match import Record, match
 from vfplan.review.acceptance import visible_name
-from vfplan.review.geometry import Geometry, route_over, with_chosen
+from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table, snapped
 from vfplan.review.plan import Plan, key_of, made_flat_plan
@@ -278,10 +278,13 @@ def reverse(plan: Plan, step: Step) -> Plan:
 
 
 def choose(plan: Plan, step: Step) -> Plan:
-    """Take a candidate, by its number, as the curve."""
+    """Take a candidate as the curve: by its number, or the longest `at` a place."""
     settings = plan.source.extraction_with(_needs_ink(plan), plan.exclude)
-    number = _whole(step, "candidate")
-    geometry = with_chosen(plan.source.image, settings, plan.geometry, number)
+    if "at" in step:
+        geometry, number = candidate_at(plan.geometry, _place(plan, step, "at"))
+    else:
+        geometry, number = plan.geometry, _whole(step, "candidate")
+    geometry = with_chosen(plan.source.image, settings, geometry, number)
     return plan.changed(geometry=geometry)
 
 

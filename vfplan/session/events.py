@@ -33,6 +33,7 @@ from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     OpenedFile,
+    named_columns,
     open_number_table,
     parse_decimal,
     read_text,
@@ -41,7 +42,8 @@ from vfplan.io.files import (
 from vfplan.io.writing import write_whole
 from vfplan.session.session import Array, unit_factor
 
-POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+TURN_COLUMNS = ("qw", "qx", "qy", "qz")
+POSE_COLUMNS = ("t", "x", "y", "z", *TURN_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +64,10 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
     Raises SessionError: the file is no such table, or a pose in it is not one
     """
     file = OpenedFile(Path(path), SessionError)
-    table = open_number_table(file.view, str(path), SessionError, POSE_COLUMNS)
-    columns = (*POSE_COLUMNS, "arrived") if "arrived" in table.columns else POSE_COLUMNS
+    table = open_number_table(file.view, str(path), SessionError, ("t", *TURN_COLUMNS))
+    columns = ("t", *named_columns(table, units), *TURN_COLUMNS)
+    if "arrived" in table.columns:
+        columns += ("arrived",)
     blocks = list(table.blocks(columns))
     if not blocks:
         raise SessionError("holds no pose. Give at least one", where=str(path), code="poses-empty")

@@ -10,14 +10,14 @@ import dataclasses
 import functools
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
 import numpy as np
 
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.io.files import OpenedFile, npy_header, open_number_table
+from vfplan.io.files import OpenedFile, named_columns, npy_header, open_number_table
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp, is_bag
@@ -33,7 +33,6 @@ from vfplan.session.session import (
     unit_factor,
 )
 
-HIP_COLUMNS = ("t", "x", "y", "z")
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 ZIP_SIGNATURE = b"PK\x03\x04"
 
@@ -126,17 +125,19 @@ def open_session(
         )
     else:
         notes["format"] = "csv"
-        table = open_number_table(file.view, name, SessionError, HIP_COLUMNS)
-        ignored = [column for column in table.columns if column not in HIP_COLUMNS]
-        # Counts that stay 0 say that the fixture never changed.
+        table = open_number_table(file.view, name, SessionError, ("t",))
+        columns = ("t", *named_columns(table, units))
+        ignored = [column for column in table.columns if column and column not in columns]
+        # Counts that stay 0 say that the fixture never changed; what is no number counts nothing.
         for column in CHANGE_COLUMNS:
-            if column in ignored and not any(rows.any() for rows in table.blocks((column,))):
-                ignored.remove(column)
+            with suppress(SessionError):
+                if column in ignored and not any(rows.any() for rows in table.blocks((column,))):
+                    ignored.remove(column)
         if ignored:
             notes["ignored_columns"] = ignored
 
         def read() -> Iterator[Samples]:
-            for rows in table.blocks(HIP_COLUMNS):
+            for rows in table.blocks(columns):
                 yield rows[:, 0].copy(), rows[:, 1:] * factor
 
     mended: dict[str, int] = {}

@@ -200,7 +200,8 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y, with or without row numbers."""
     table = parse_table(text, where, MarkerError)
     columns = tuple(name for name in table.header if name)
-    if columns == ("u_px", "v_px"):  # With a label as well it is a list of markers.
+    if {"u_px", "v_px"} <= {*columns} and not {"label", "name"} & {*map(str.casefold, columns)}:
+        columns = ("u_px", "v_px")  # With a label as well it is a list of markers.
         refuse_origin(origin, "u_px,v_px")
         origin = "centre"
     elif columns != ("X", "Y"):

@@ -2,7 +2,7 @@
 import { byId, make } from "./dom.js";
 
 const LIST = [
-  ["V, D, X, M", "tools: select, draw, exclude, marker"],
+  ["V, D, X, M, U", "tools: select, draw, exclude, marker, push"],
   ["Wheel, pinch, + and -", "zoom at the pointer"],
   ["Drag, arrows", "move the slice; Space and drag with any tool"],
   ["F, 1", "fit; one to one"],
@@ -76,6 +76,7 @@ export class Keys {
       case "d": this.tools.choose("draw"); break;
       case "x": this.tools.choose("box"); break;
       case "m": this.tools.choose("marker"); break;
+      case "u": this.tools.choose("push"); break;
       case "f": this.view.fit(); break;
       case "1": byId("one").click(); break;
       case "+":

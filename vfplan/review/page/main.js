@@ -9,6 +9,7 @@ import { Selection } from "./selection.js";
 import { Tools } from "./tools.js";
 import { Pointer } from "./pointer.js";
 import { Keys } from "./keys.js";
+import { Push } from "./push.js";
 
 const TOAST_MS = 7000;
 const RECONNECT_MS = 1000;
@@ -75,9 +76,10 @@ const markers = new Markers(app, view);
 const approval = new Approval(app, view);
 const selection = new Selection(app, view, curve, markers);
 const tools = new Tools(app, view);
+const push = new Push(app, view, tools);
 const pointer = new Pointer(app, view, { curve, markers, findings, tools, selection });
 const keys = new Keys(app, view, { findings, approval, selection, tools, pointer });
-const parts = [view, curve, findings, markers, approval, selection, tools, keys];
+const parts = [view, curve, findings, markers, approval, selection, tools, push, keys];
 
 // A button that is pressed and a knot that is dragged stay as they are: what would change the page
 // waits for the release. Without this a new row of buttons would stand in place of the one that is
@@ -221,6 +223,6 @@ byId("slice").addEventListener("load", () => view.makeCopies());
 byId("slice").src = `slice.png?token=${encodeURIComponent(app.token)}`;
 byId("undo").addEventListener("click", () => app.change({ undo: true }));
 byId("redo").addEventListener("click", () => app.change({ redo: true }));
-Object.assign(app, { receive, afterRelease, view });
+Object.assign(app, { receive, afterRelease, view, push });
 window.review = app; // for the tests, which look at what is shown
 connect();

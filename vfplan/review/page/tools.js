@@ -6,6 +6,7 @@ const HINTS = {
   draw: "Click along the line. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
   marker: "Click each mark. Esc ends.",
+  push: "The pointer is the robot's tool. The robot's own engine answers it.",
 };
 const PIECES = 8; // straight pieces that a smooth line has from one click to the next
 
@@ -38,6 +39,7 @@ export class Tools {
     this.showHint();
     this.clearDrawing();
     if (tool !== "select") this.app.select(null);
+    this.chosen?.();
     byId("stage").focus({ preventScroll: true });
   }
 

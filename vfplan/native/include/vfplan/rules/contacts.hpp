@@ -91,13 +91,41 @@ class ContactGroups {
                 length > 0 ? (1 / length) * group.mean_direction : group.nearest_direction;
         }
         count_ = std::min(groups, max_groups);
-        std::partial_sort(all, all + count_, all + groups, [](const auto& a, const auto& b) {
-            return a.nearest_distance < b.nearest_distance;
-        });
+        keep_nearest(all, groups);
         std::copy(all, all + count_, contact_);
     }
 
   private:
+    /// Brings the nearest `count_` groups to the front, in order: a heap of the farthest takes in
+    /// the others, then gives them back. Standard libraries differ where distances are equal.
+    void keep_nearest(SurfaceContact<D>* all, int groups) noexcept {
+        for (int k = count_ / 2 - 1; k >= 0; --k) sift(all, k, count_, all[k]);
+        for (int k = count_; k < groups; ++k)
+            if (all[k].nearest_distance < all[0].nearest_distance) sift(all, 0, count_, all[k]);
+        for (int last = count_ - 1; last > 0; --last) {
+            const SurfaceContact<D> moved = all[last];
+            all[last] = all[0];
+            sift(all, 0, last, moved);
+        }
+    }
+    /// Puts `value` into the heap of `n` whose place `hole` is free: down to a leaf, then up.
+    static void sift(SurfaceContact<D>* heap, int hole, int n, SurfaceContact<D> value) noexcept {
+        const int top = hole;
+        while (2 * hole + 1 < n) {
+            int child = 2 * hole + 2;
+            if (child == n || heap[child].nearest_distance < heap[child - 1].nearest_distance)
+                --child;
+            heap[hole] = heap[child];
+            hole = child;
+        }
+        while (hole > top) {
+            const int parent = (hole - 1) / 2;
+            if (!(heap[parent].nearest_distance < value.nearest_distance)) break;
+            heap[hole] = heap[parent];
+            hole = parent;
+        }
+        heap[hole] = value;
+    }
     static void include(SurfaceContact<D>& whole, const SurfaceContact<D>& part) noexcept {
         whole.mean_direction = whole.mean_direction + part.mean_direction;
         if (part.nearest_distance < whole.nearest_distance) {

@@ -1,0 +1,8 @@
+"""The wall in a camera's picture: a printed sheet with tags, the camera's pose, and the overlay.
+
+sheet     the plan at true scale with its tags, the board of a calibration, and tags on a bone
+pose      the camera, where it stands, and how far off what is drawn may be
+overlay   line, bands, outline and tool on a frame, or why nothing is drawn
+
+A leaf room: no other package imports it. Its command is `vfplan ar`.
+"""

@@ -1,0 +1,172 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The engine and the guide as a WebAssembly module, for pages. It takes flat arrays of float64:
+// what ProxyEngine and Guide hand to the core, no more.
+//
+// A page fills what `array` gives, calls `make`, then `step` for each tick, and reads the answer
+// where `step` points to. Arrays that no engine takes end the module with a message on stderr.
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "vfplan/engine.hpp"
+#include "vfplan/guide.hpp"
+
+namespace {
+
+using vfplan::Vec3;
+
+/// What `rows` are, three float64 each, and what `ties` say of them.
+enum class Shape {
+    points,       ///< a cloud; no ties
+    pieces,       ///< lines and arcs; ties: bulge and stroke a row, then `closed` a stroke
+    mesh,         ///< its corners; ties: three rows a triangle
+    guide_points, ///< curves that guide; ties as of pieces, without bulges
+    guide_pieces  ///< lines and arcs that guide; ties as of pieces
+};
+
+struct Array {
+    std::vector<double> numbers;
+};
+
+/// Reads an array from its beginning.
+struct Reader {
+    const double* at;
+    double number() { return *at++; }
+    Vec3 vector() {
+        const Vec3 v{{at[0], at[1], at[2]}};
+        at += 3;
+        return v;
+    }
+    std::optional<Vec3> axis() {
+        const Vec3 v = vector();
+        return norm(v) > 0 ? std::optional(v) : std::nullopt;
+    }
+};
+
+vfplan::Parameters engine_parameters(const Array& array) {
+    Reader r{array.numbers.data()};
+    vfplan::Parameters p;
+    p.rule = static_cast<vfplan::Rule>(static_cast<int>(r.number()));
+    p.contact_radius = r.number();
+    p.band = r.number();
+    p.point_radius = r.number();
+    p.outer_radius = r.number();
+    p.gain = r.number();
+    p.stiffness = r.vector();
+    p.ignore_axis = r.axis();
+    p.max_iterations = static_cast<int>(r.number());
+    p.max_hip_step = r.number();
+    return p;
+}
+
+vfplan::GuideParameters guide_parameters(const Array& array) {
+    Reader r{array.numbers.data()};
+    vfplan::GuideParameters p;
+    p.radius = r.number();
+    p.stiffness = r.number();
+    p.ends = static_cast<vfplan::Ends>(static_cast<int>(r.number()));
+    p.hold = static_cast<vfplan::Hold>(static_cast<int>(r.number()));
+    p.cut_bends = r.number() != 0;
+    p.ignore_axis = r.axis();
+    p.lead_force = r.number();
+    p.lead_speed = r.number();
+    p.period = r.number();
+    return p;
+}
+
+/// The strokes of rows and ties.
+std::vector<vfplan::Stroke> strokes(const Array& rows, const Array& ties) {
+    const std::size_t n = rows.numbers.size() / 3;
+    std::vector<vfplan::Stroke> all(ties.numbers.size() - 2 * n);
+    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = ties.numbers[2 * n + s] != 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        vfplan::Stroke& s = all.at(static_cast<std::size_t>(ties.numbers[2 * i + 1]));
+        const double* x = rows.numbers.data() + 3 * i;
+        s.vertices.insert(s.vertices.end(), x, x + 3);
+        s.bulges.push_back(ties.numbers[2 * i]);
+    }
+    return all;
+}
+
+/// An engine or a guide, and its last answer: proxy, normal, force, state, status.
+struct Rendered {
+    std::unique_ptr<vfplan::Engine> engine;
+    std::unique_ptr<vfplan::Guide> guide;
+    double answer[11] = {};
+};
+
+std::unique_ptr<vfplan::Guide> guide_of(Shape shape, const Array& parameters, const Array& rows,
+                                        const Array& ties) {
+    const vfplan::GuideParameters p = guide_parameters(parameters);
+    const std::vector<vfplan::Stroke> all = strokes(rows, ties);
+    if (shape == Shape::guide_pieces) return std::make_unique<vfplan::Guide>(all, p);
+    std::vector<std::size_t> counts;
+    std::vector<bool> closed;
+    for (const vfplan::Stroke& s : all) {
+        counts.push_back(s.bulges.size());
+        closed.push_back(s.closed);
+    }
+    return std::make_unique<vfplan::Guide>(rows.numbers.data(), counts, closed, p);
+}
+
+std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, const Array& rows,
+                                          const Array& ties) {
+    const vfplan::Parameters p = engine_parameters(parameters);
+    const std::size_t n = rows.numbers.size() / 3;
+    if (shape == Shape::pieces) return std::make_unique<vfplan::Engine>(strokes(rows, ties), p);
+    if (shape == Shape::points)
+        return std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
+    const std::vector<std::int32_t> triangles(ties.numbers.begin(), ties.numbers.end());
+    return std::make_unique<vfplan::Engine>(
+        vfplan::mesh::Surface{rows.numbers.data(), n, triangles.data(), triangles.size() / 3}, p);
+}
+
+}  // namespace
+
+#define EXPORTED(name) extern "C" __attribute__((export_name(#name)))
+
+/// Room for n float64, to be filled by the page at `data` and freed by it.
+EXPORTED(array) Array* array(std::size_t n) { return new Array{std::vector<double>(n)}; }
+EXPORTED(data) double* data(Array* array) { return array->numbers.data(); }
+EXPORTED(free_array) void free_array(Array* array) { delete array; }
+
+EXPORTED(make)
+Rendered* make(int shape_number, const Array* parameters, const Array* rows, const Array* ties) {
+    const auto shape = static_cast<Shape>(shape_number);
+    auto* made = new Rendered;
+    if (shape == Shape::guide_points || shape == Shape::guide_pieces)
+        made->guide = guide_of(shape, *parameters, *rows, *ties);
+    else
+        made->engine = engine_of(shape, *parameters, *rows, *ties);
+    return made;
+}
+
+EXPORTED(free_rendered) void free_rendered(Rendered* rendered) { delete rendered; }
+
+EXPORTED(reset) void reset(Rendered* rendered, double x, double y, double z) {
+    if (rendered->guide) rendered->guide->reset({{x, y, z}});
+    else rendered->engine->reset({{x, y, z}});
+}
+
+/// One tick. A guide has no normal, and its state is 1 where it has hold of the tip.
+EXPORTED(step) const double* step(Rendered* rendered, double x, double y, double z) {
+    vfplan::Step s;
+    int state;
+    if (rendered->guide) {
+        const vfplan::GuideStep g = rendered->guide->step({{x, y, z}});
+        s.proxy = g.proxy;
+        s.force = g.force;
+        s.status = g.status;
+        state = g.held;
+    } else {
+        s = rendered->engine->step({{x, y, z}});
+        state = static_cast<int>(s.state);
+    }
+    double* out = rendered->answer;
+    for (const Vec3* v : {&s.proxy, &s.normal, &s.force})
+        for (int i = 0; i < 3; ++i) *out++ = (*v)[i];
+    *out++ = state;
+    *out = s.status;
+    return rendered->answer;
+}
