@@ -13,15 +13,20 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
-from vfplan.images.dataset import group_value, memory_file, open_dataset, pixel_axes
+from vfplan.geometry.lines import plane_normal
+from vfplan.images.dataset import group_value, is_dicom, memory_file, open_dataset, pixel_axes
 from vfplan.images.raster import check_size, chosen_index
-from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
+from vfplan.io.files import OpenedFile
+from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox, run_once
 
 # Photometric interpretations in colour, besides those that begin with YBR.
 COLOUR_KINDS = ("RGB", "PALETTE COLOR")
@@ -35,6 +40,8 @@ OVERLAYS = 0x6000
 BYTES_PER_PIXEL = 48
 # Pixels a second that the slowest decoder reads at least.
 PIXELS_PER_SECOND = 2_000_000
+# Frames of a file that can be chosen from.
+MAX_FRAMES = 10_000
 # Bytes of pixels that the child process hands over at a time: a quarter of the largest array.
 PART_BYTES = MAX_ARRAY_BYTES // 4
 
@@ -85,6 +92,41 @@ def read_dicom(
     return rgb, pixel_spacing_mm, T_patient_image, instance, remarks
 
 
+@dataclass(frozen=True)
+class StackedSlice:
+    """A slice of a stack: its file, its frame from 1 if there are several, and its series."""
+
+    path: Path
+    frame: int | None
+    series: str
+
+
+def read_stack(path: Path) -> tuple[StackedSlice, ...]:
+    """The slices of a DICOM file or of all in a folder: by series, then along the patient.
+
+    One that does not say where it lies follows those that do, in the order of the files. Raises as
+    `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
+    """
+    rows = []
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if not file.is_file():
+            continue
+        opened, where = OpenedFile(file, ImageError), str(file)
+        if not is_dicom(opened.view().read(132)):
+            continue
+        job = "vfplan.images.dicom:describe"
+        series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)
+        for number, height in enumerate(heights, start=1):
+            frame = number if len(heights) > 1 else None
+            order = (title, series, height is None, height or 0.0, len(rows))
+            rows.append((order, StackedSlice(file, frame, title)))
+    if not rows and path.is_dir():
+        text = "holds no DICOM slice. Give the folder of a series"
+        raise ImageError(text, where=str(path), code="no-slices")
+    return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
+
+
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
 
 
@@ -126,6 +168,26 @@ def decode(
     rows = max(1, PART_BYTES // rgb[0].nbytes)
     for first in range(0, len(rgb), rows):
         yield (rgb[first : first + rows],)
+
+
+def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
+    """The series of a file, its title, and the height of each frame along the slices' normal."""
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
+    heights = []
+    with open_dataset(file, where, ImageError) as dataset:
+        frames = int(dataset.get("NumberOfFrames") or 1)
+        has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
+        for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):
+            spacing_mm = read_spacing(dataset, "PixelSpacing", index)
+            place = place_in_patient(dataset, spacing_mm, index)
+            if place is not None:
+                normal = plane_normal(place[:3, :2])
+                height = float(normal @ place[:3, 2] / np.linalg.norm(normal))
+            heights.append(None if place is None else height)
+        series = str(dataset.get("SeriesInstanceUID", ""))
+        title = f"{dataset.get('Modality', 'series')} {dataset.get('SeriesNumber') or ''}".strip()
+    yield [series, title, heights]
 
 
 def read_pixels(dataset: Any, index: int, max_pixels: int) -> NDArray:

@@ -112,6 +112,15 @@ def as_image(image: PlannedImage | NDArray | str | Path) -> PlannedImage:
     return PlannedImage(rgb, None, hashlib.sha256(np.ascontiguousarray(rgb)).hexdigest())
 
 
+def is_dicom_file(path: str | Path) -> bool:
+    """Whether a file begins as DICOM does; `False` where it cannot be read."""
+    try:
+        with opened_file(Path(path)) as file:
+            return is_dicom(file.read(132))
+    except InputError:
+        return False
+
+
 def is_picture_file(path: str | Path) -> bool:
     """Whether a file begins as a picture does; `False` where it cannot be read."""
     try:

@@ -456,6 +456,23 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     return plan.changed(fit=fit)
 
 
+def choose_slice(plan: Plan, step: Step) -> Plan:
+    """Turn to another slice of the stack, by its number from 0, before a curve is drawn."""
+    source, number = plan.source, _whole(step, "slice")
+    if not 0 <= number < len(source.stack):
+        text = f"There is no slice {number}. The stack has {len(source.stack)}, from 0."
+        raise SettingError(text, code="no-such-slice", numbers={"slices": len(source.stack)})
+    if plan.is_shaped or plan.exclude:
+        text = "The curve belongs to this slice. Undo what was drawn before you choose another."
+        raise SettingError(text, code="slice-drawn-on")
+    is_of_files = plan.fit is source.fit
+    try:
+        chosen = source.at(number, source.pairs if is_of_files else None, plan.fit)
+    except VfplanError as error:
+        raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
+    return plan.changed(source=chosen, geometry=chosen.geometry, fit=chosen.fit)
+
+
 def rectify(plan: Plan, step: Step) -> Plan:
     """Make a photograph flat by the homography of its markers; the slice is extracted anew."""
     ink, source = _needs_ink(plan), plan.source
@@ -511,7 +528,7 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, rectify, answer,
+        leave_out_marker, set_markers, find_markers, choose_slice, rectify, answer,
     )
 }  # fmt: skip
 
