@@ -9,7 +9,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from captures import capture
+from captures import capture, ct_series
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
@@ -764,3 +764,35 @@ def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
     browser.picture(tmp_path / "push.png")
     browser.key("Escape")
     browser.until("document.getElementById('push').childElementCount === 0")
+
+
+@pytest.mark.slow
+def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened, tmp_path):
+    program, hand = opened(ct_series(tmp_path / "ct"))
+    stack = hand.state("review.state.image")
+    assert (stack["series"], stack["position"]) == (["CT 1"] * 6 + ["CT 2"] * 5, 3)
+    browser.run(
+        "for (let k = 0; k < 2; k += 1) document.getElementById('stage').dispatchEvent("
+        "new WheelEvent('wheel', { deltaY: 100, shiftKey: true, cancelable: true }))"
+    )
+    browser.until("review.state.image.position === 5")
+    assert hand.state("review.state.image.name").endswith("-5.dcm")
+    browser.run(
+        "(() => { const list = document.getElementById('series'); list.value = 'CT 2';"
+        " list.dispatchEvent(new Event('change')); })()"
+    )
+    browser.until("review.state.image.position === 8")
+    browser.picture(tmp_path / "stack.png")
+    browser.key("d")
+    for place in ((40, 40), (110, 90), (180, 60)):
+        hand.click(place)
+    browser.key("Enter")
+    browser.until("review.state.curve_px.length === 1")
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+    chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
+    known = vfplan.read_fixture(program.output).provenance.inputs["image"]
+    assert known == vfplan.read_image(chosen).sha256

@@ -25,7 +25,8 @@ from vfplan.errors import ImageError
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.dataset import group_value, is_dicom, memory_file, open_dataset, pixel_axes
 from vfplan.images.raster import check_size, chosen_index
-from vfplan.io.files import OpenedFile
+from vfplan.images.read import MAX_BYTES, is_volume, volume_slice
+from vfplan.io.files import OpenedFile, read_whole
 from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox, run_once
 
 # Photometric interpretations in colour, besides those that begin with YBR.
@@ -102,7 +103,9 @@ class StackedSlice:
 
 
 def read_stack(path: Path) -> tuple[StackedSlice, ...]:
-    """The slices of a DICOM file or of all in a folder: by series, then along the patient.
+    """The slices of a volume, of a DICOM file or of all in a folder.
+
+    They are sorted by series, then along the patient.
 
     One that does not say where it lies follows those that do, in the order of the files. Raises as
     `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
@@ -113,7 +116,11 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
         if not file.is_file():
             continue
         opened, where = OpenedFile(file, ImageError), str(file)
-        if not is_dicom(opened.view().read(132)):
+        start = opened.view().read(352)
+        if is_volume(start) and file == path:
+            count = volume_slice(read_whole(path, MAX_BYTES, ImageError), where, 0)[0]
+            return tuple(StackedSlice(path, number, "volume") for number in range(1, count + 1))
+        if not is_dicom(start):
             continue
         job = "vfplan.images.dicom:describe"
         series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.images.dataset import is_dicom
+from vfplan.images.dataset import is_dicom, memory_file
 from vfplan.images.raster import (
     ALPHA,
     COLOURS,
     PREMULTIPLIED,
     Header,
     Tag,
+    check_size,
     chosen_index,
     decode_raster,
     is_picture,
@@ -32,6 +33,7 @@ from vfplan.images.raster import (
     upright,
 )  # fmt: skip
 from vfplan.io.files import naming_place, opened_file, read_whole
+from vfplan.io.sandbox import run_in_sandbox
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 # Bytes of an image file. OpenCV's decoders take no more.
@@ -112,15 +114,6 @@ def as_image(image: PlannedImage | NDArray | str | Path) -> PlannedImage:
     return PlannedImage(rgb, None, hashlib.sha256(np.ascontiguousarray(rgb)).hexdigest())
 
 
-def is_dicom_file(path: str | Path) -> bool:
-    """Whether a file begins as DICOM does; `False` where it cannot be read."""
-    try:
-        with opened_file(Path(path)) as file:
-            return is_dicom(file.read(132))
-    except InputError:
-        return False
-
-
 def is_picture_file(path: str | Path) -> bool:
     """Whether a file begins as a picture does; `False` where it cannot be read."""
     try:
@@ -193,6 +186,12 @@ def read_image(
         return PlannedImage(
             rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings
         )  # fmt: skip
+    if is_volume(data):
+        _, place, grey = volume_slice(data, where, frame)
+        check_size(grey.shape[1], grey.shape[0], max_pixels)
+        steps_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
+        rgb = np.repeat(grey[..., None], 3, axis=2)
+        return PlannedImage(rgb, pixel_spacing_mm or steps_mm, sha256, place)
     with naming_place(where):
         header = read_header(data, max_pixels)
         index = chosen_index("page", frame, len(header.tags))
@@ -208,6 +207,26 @@ def read_image(
         upright(rgb, orientation), pixel_spacing_mm, sha256,
         orientation=orientation, findings=tuple(findings),
     )  # fmt: skip
+
+
+def is_volume(data: bytes) -> bool:
+    """Whether the bytes begin as an NRRD or NIfTI file does, the latter also packed by gzip."""
+    return (
+        data.startswith((b"NRRD", b"\x1f\x8b")) or data[344:347] == b"n+1" or (data[4:7] == b"n+2")
+    )
+
+
+def volume_slice(
+    data: bytes, where: str, number: int | None
+) -> tuple[int, NDArray[np.float64], NDArray[np.uint16] | None]:
+    """How many slices a volume has, where one lies (4, 3), and its greys; of number 0 no greys."""
+    with memory_file(data) as file:
+        # The surfaces' reader runs in a process of its own.
+        job = "vfplan.surface.volumes:grey_slice"
+        (count, place), *grey = run_in_sandbox(
+            job, number, file=file, where=where, kind=ImageError
+        )  # fmt: skip
+    return count, np.array(place), grey[0][0] if grey else None
 
 
 def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:

@@ -29,7 +29,6 @@ from vfplan.images.read import (
     MAX_MEGAPIXELS,
     PlannedImage,
     flat_as_planned,
-    is_dicom_file,
     made_flat,
 )
 from vfplan.io.files import naming_place, read_bytes
@@ -397,7 +396,7 @@ def open_source(
             raise SettingError(text, code="slice-given-twice")
         refuse_wrong_order(path, markers, markers2)
         extraction, planning = ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
-        stack = read_stack(path) if path.is_dir() or is_dicom_file(path) else ()
+        stack = read_stack(path)
         if extraction.frame is not None or curve_path is not None or len(stack) < 2:
             source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
                                planning)  # fmt: skip
