@@ -782,6 +782,12 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
         " list.dispatchEvent(new Event('change')); })()"
     )
     browser.until("review.state.image.position === 8")
+    browser.run(
+        "(() => { document.querySelector('#plan-distance').closest('details').open = true;"
+        " const field = document.getElementById('plan-distance'); field.value = '3,5';"
+        " field.dispatchEvent(new Event('change')); })()"
+    )
+    browser.until("review.state.plan.contact_radius === 0.0035")
     browser.picture(tmp_path / "stack.png")
     browser.key("d")
     for place in ((40, 40), (110, 90), (180, 60)):

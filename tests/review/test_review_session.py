@@ -450,6 +450,8 @@ BAD_FIELDS = {
     "add_marker": [{"label": "x1"}, {"label": ""}, {"label": "a\u202eb\x07"}],
     "rename_marker": [{"marker": "x1", "label": "y" * 65}],
     "leave_out_marker": [{"marker": "x1", "out": 1}], "set_markers": [{"table": 3}],
+    "choose_slice": [{"slice": 0}],
+    "set_plan": [{"model": "bent"}, {"contact_radius": [0]}, {"pixel_spacing_mm": [0, 1]}],
     "answer": [{"finding": 99}, {"finding": "no-such-code"}],
     "viewed": [{"stroke": 0, "from": -1}, {"stroke": 9}],
 }  # fmt: skip
@@ -686,3 +688,18 @@ def test_a_slice_of_a_volume_lies_as_a_radiologist_looks_at_it(tmp_path, name, s
     assert image.pixel_spacing_mm == pytest.approx((0.5, 0.6))
     expected = [[5e-4, 0, 1e-3], [0, 6e-4, 2e-3], [0, 0, 11e-3], [0, 0, 1]]
     assert np.allclose(image.T_patient_image, expected, atol=1e-8)
+
+
+def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
+    fields = {"model": "similarity", "contact_radius": [4e-3], "pixel_spacing_mm": [0.5, 0.5]}
+    done = sample.apply({"do": "set_plan", "seen_from": "above", **fields})
+    planned = vfplan.plan(
+        SLICE, *MARKERS, extraction=sample.source.extraction,
+        settings=FixtureSettings(model="similarity", contact_radius=4e-3, seen_from="above"),
+    ).fixture  # fmt: skip
+    fixture = done.current.outcome.fixture
+    assert np.allclose(fixture.points, planned.points, atol=1e-9)
+    assert fixture.rendering.contact_radius == 4e-3
+    assert fixture.provenance.inputs == planned.provenance.inputs
+    mirrored = sample.apply({"do": "set_plan", "seen_from": "below"})
+    assert "--seen-from" in mirrored.state()["refusal"]["text"]

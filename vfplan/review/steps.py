@@ -13,10 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.content import max_number
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
+from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.planning.match import Record, match
+from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
@@ -486,6 +489,36 @@ def rectify(plan: Plan, step: Step) -> Plan:
         raise SettingError(f"The picture stays: {error.message}.", code=error.code) from None
 
 
+def set_plan(plan: Plan, step: Step) -> Plan:
+    """Plan with another model, distance, side from which the slice is seen, or pixel size."""
+    source, fit, changes = plan.source, plan.fit, {}
+    for name, allowed in (("model", MODELS), ("seen_from", (None, "above", "below"))):
+        if name in step:
+            if step[name] not in allowed:
+                raise _malformed(step, name, f"one of {allowed}")
+            changes[name] = step[name]
+    if "contact_radius" in step:
+        changes["contact_radius"] = _numbers(step, "contact_radius", 1)[0]
+    # A bundle that was opened is planned anew.
+    changed = replace(source, planning=replace(source.planning, **changes), fixture=None)
+    new = replace(fit, settings=replace(fit.settings, **changes))
+    if "pixel_spacing_mm" in step:
+        spacing = _numbers(step, "pixel_spacing_mm", 2)
+        largest = max_number("/image/pixel_spacing")
+        if not all(MIN_SPACING_MM <= size <= largest for size in spacing):
+            raise _malformed(
+                step, "pixel_spacing_mm", f"sizes of {MIN_SPACING_MM:g} to {largest:g}"
+            )
+        changed = replace(
+            changed, image=replace(source.image, pixel_spacing_mm=spacing),
+            extraction=replace(source.extraction, pixel_spacing_mm=spacing),
+        )  # fmt: skip
+        new = replace(new, pixel_spacing_mm=spacing)
+    if fit is source.fit:
+        changed = replace(changed, fit=new)
+    return plan.changed(source=changed, fit=new)
+
+
 # Answers, and what was looked at.
 
 
@@ -528,7 +561,8 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, choose_slice, rectify, answer,
+        leave_out_marker, set_markers, find_markers, choose_slice, rectify, set_plan,
+        answer,
     )
 }  # fmt: skip
 

@@ -21,6 +21,16 @@ export class Greys {
     });
   }
 
+  // A drag with the right button: to the right for a wider window, down for a brighter slice.
+  drag(dx, dy) {
+    const share = this.greyMax / 400;
+    const width = Math.max(this.high.value - this.low.value + dx * share, share);
+    const middle = (Number(this.low.value) + Number(this.high.value)) / 2 - dy * share;
+    this.low.value = middle - width / 2;
+    this.high.value = middle + width / 2;
+    this.changed(this.low);
+  }
+
   reset() {
     this.low.value = 0;
     this.high.value = this.greyMax;
