@@ -74,6 +74,8 @@ class PlannedImage:
         EXIF's, 1 to 8, by which the picture was turned; 1 where it was not.
     findings
         What was read otherwise than a person may expect.
+    grey_range
+        The values of black and white in a grey DICOM slice or volume, Hounsfield units in a CT.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
@@ -83,6 +85,7 @@ class PlannedImage:
     instance: str = ""
     orientation: int = 1
     findings: tuple[Finding, ...] = ()
+    grey_range: Sequence[float] | None = None
 
     @property
     def width_px(self) -> int:
@@ -172,7 +175,7 @@ def read_image(
         from vfplan.images.dicom import read_dicom
 
         with naming_place(where):
-            rgb, spacing_mm, T_patient_image, instance, remarks = read_dicom(
+            rgb, spacing_mm, T_patient_image, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
         if pixel_spacing_mm is not None:
@@ -184,14 +187,17 @@ def read_image(
             )  # fmt: skip
         findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
         return PlannedImage(
-            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings
+            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings,
+            grey_range=grey_range,
         )  # fmt: skip
     if is_volume(data):
-        _, place, grey = volume_slice(data, where, frame)
+        _, place, grey_range, grey = volume_slice(data, where, frame)
         check_size(grey.shape[1], grey.shape[0], max_pixels)
         steps_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
         rgb = np.repeat(grey[..., None], 3, axis=2)
-        return PlannedImage(rgb, pixel_spacing_mm or steps_mm, sha256, place)
+        return PlannedImage(
+            rgb, pixel_spacing_mm or steps_mm, sha256, place, grey_range=grey_range
+        )  # fmt: skip
     with naming_place(where):
         header = read_header(data, max_pixels)
         index = chosen_index("page", frame, len(header.tags))
@@ -218,15 +224,15 @@ def is_volume(data: bytes) -> bool:
 
 def volume_slice(
     data: bytes, where: str, number: int | None
-) -> tuple[int, NDArray[np.float64], NDArray[np.uint16] | None]:
-    """How many slices a volume has, where one lies (4, 3), and its greys; of number 0 no greys."""
+) -> tuple[int, NDArray[np.float64], list[float], NDArray[np.uint16] | None]:
+    """How many slices a volume has, where one lies (4, 3), its range, its greys; of 0 no greys."""
     with memory_file(data) as file:
         # The surfaces' reader runs in a process of its own.
         job = "vfplan.surface.volumes:grey_slice"
-        (count, place), *grey = run_in_sandbox(
+        (count, place, grey_range), *grey = run_in_sandbox(
             job, number, file=file, where=where, kind=ImageError
         )  # fmt: skip
-    return count, np.array(place), grey[0][0] if grey else None
+    return count, np.array(place), grey_range, grey[0][0] if grey else None
 
 
 def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:

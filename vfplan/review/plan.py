@@ -126,7 +126,7 @@ class Source:
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
             "has_slice": self.slice_path is not None, "has_ink": self.geometry.ink is not None,
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max), "sides": sides,
-            "is_flat": self.is_flat, "position": self.position,
+            "is_flat": self.is_flat, "position": self.position, "grey_range": self.image.grey_range,
             "series": [one.series for one in self.stack],
         }  # fmt: skip
 

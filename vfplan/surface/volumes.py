@@ -258,7 +258,8 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     """A slice of a volume across its third axis, in the sandbox, for `vfplan.images.read`.
 
     number: from 1; of several `None` is refused, and 0 only counts them
-    Yields how many there are and (4, 3) T_patient_image [m], then the (H, W) greys, uint16
+    Yields how many there are, (4, 3) T_patient_image [m] and the range of the volume, then the
+    (H, W) greys, uint16.
     """
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
@@ -276,9 +277,9 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
             place[:3, axis] *= -1
     index = chosen_index("slice", 1 if number == 0 else number, voxels.shape[2])
     place[:3, 3] += index * place[:3, 2]
-    yield [voxels.shape[2], place[:, [0, 1, 3]].tolist()]
+    low, high = float(voxels.min()), float(voxels.max())
+    yield [voxels.shape[2], place[:, [0, 1, 3]].tolist(), [low, high]]
     if number != 0:
-        low, high = float(voxels.min()), float(voxels.max())
         share = (voxels[:, :, index].T.astype(float) - low) / (high - low or 1.0)
         yield (np.rint(np.iinfo(np.uint16).max * share).astype("<u2"),)
 

@@ -102,6 +102,7 @@ export class View {
       this.fit();
       this.isChosen = false;
     }
+    for (const id of ["bone", "soft"]) byId(id).hidden = !state.image.grey_range;
     this.stack.render(state.image);
     this.showScaleBar();
   }
