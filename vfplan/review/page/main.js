@@ -171,6 +171,7 @@ function showRefusal(state) {
   if (refusal.code === "several-candidates" && rows.length) {
     text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
   }
+  if (refusal.code === "image-grey") text = "The picture is grey, so no pen can be told from it. Draw the curve.";
   byId("refusal").querySelector("h2").textContent = isOfCurve ? "No curve yet" : "The plan is refused";
   byId("refusal-text").textContent = inPageWords(text);
   refill(byId("candidates"), rows);
