@@ -94,6 +94,8 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         if data["points"] == 1:
             opening = "a single point"
     certified = "certified" if content["/leak@certified"] else "not certified"
+    if content["/leak@kind"] == "mesh":
+        certified = f"each triangle {certified}"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across; "
         f"{content['/leak@kind']}, {certified}: {opening}"
@@ -136,19 +138,24 @@ def import_warnings(fixture: Any, opening_m: float) -> list[str]:
 @command("export")
 @FIXTURE
 @output_option(
-    "Write this file. Its suffix says the format: .ply, .stl, .csv, .mrk.json or .dxf.",
-    kind=OutputFile(".ply", ".stl", ".csv", ".mrk.json", ".dxf"),
+    "Write this file. Its suffix says the format: .ply, .stl, .csv, .mrk.json, .dxf, "
+    ".rtstruct.dcm or .seg.dcm.",
+    kind=OutputFile(".ply", ".stl", ".csv", ".mrk.json", ".dxf", ".rtstruct.dcm", ".seg.dcm"),
 )
-def vfplan_export(fixture, output) -> CommandResult:
+@option("--study", type=FILE, metavar="SLICE.dcm",
+        help="Write the .dcm into the patient and study of this slice.")  # fmt: skip
+def vfplan_export(fixture, output, study) -> CommandResult:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its mesh as .stl [mm], its strokes as
-    .mrk.json [mm], or its lines and arcs as .dxf [mm].
+    .mrk.json [mm], or its lines and arcs as .dxf [mm]. For a PACS write its strokes as
+    .rtstruct.dcm, or the inside of its closed mesh as .seg.dcm.
     """
+    from vfplan.bundle.dicom import in_patient
     from vfplan.bundle.exporting import export, left_out
     from vfplan.bundle.read import read_fixture
 
     exported = read_fixture(fixture)
     with outputs(output) as (path,):
-        export(exported, path)
+        export(exported, path, study=study)
     data = {"output": str(output), "points": len(exported.points), "frame": exported.frame}
     what = count(len(exported.points), "point")
     if output.name.lower().endswith(".dxf"):
@@ -159,7 +166,13 @@ def vfplan_export(fixture, output) -> CommandResult:
     if missing:
         data["left_out"] = missing
         verdict += f", without {', '.join(missing)}, which this format does not hold"
+    warnings = []
+    frame = in_patient(exported, exported.points)[1]
+    if frame == "robot_base" and output.name.lower().endswith((".mrk.json", ".stl")):
+        warnings.append(
+            "the points are the robot's, which Slicer takes for LPS: do not lay them over a patient"
+        )
     return CommandResult(
-        data, text, verdict=verdict,
+        data, text, warnings=warnings, verdict=verdict,
         next_step=f"open {output} in your tool; vfplan import reads .ply and .csv back",
     )  # fmt: skip

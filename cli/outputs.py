@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -74,17 +75,18 @@ def _refuse(paths: list[Path]) -> None:
     context = click.get_current_context(silent=True)
     values = () if context is None else context.params.values()
     inputs = {
-        value.resolve()
+        os.path.realpath(value)  # It takes a loop of links as it is.
         for value in values
         if isinstance(value, Path) and not any(value is path for path in paths)
     }
-    resolved: set[Path] = set()
+    resolved: set[str] = set()
     for path in paths:
-        if path.resolve() in resolved:
+        place = os.path.realpath(path)
+        if place in resolved:
             message = "is given for two outputs. Give each its own name"
             raise refusal(path, message, "output-twice")
-        resolved.add(path.resolve())
-        if path.resolve() in inputs:
+        resolved.add(place)
+        if place in inputs:
             message = "is an input of this call. Give the output another name"
             raise refusal(path, message, "output-is-input")
         try:

@@ -92,7 +92,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     else:
         choices = f"{', '.join(SHIPPED)}, none or a robot file"
         try:
-            text = read_whole(Path(choice), MAX_SETTINGS_BYTES).decode("utf-8")
+            text = read_whole(Path(choice), MAX_SETTINGS_BYTES).decode("utf-8-sig")
         except InputError as error:
             error.message += f", or give {choices}"
             raise

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from meshes import sphere
 from refusals import refuses
+from scipy.spatial.transform import Rotation
 
 import vfplan
 from vfplan.bundle.exporting import export
@@ -301,7 +302,10 @@ def stl_of(path, corners):
     return path
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.8, 1.0])
+SHARES = [pytest.param(share, marks=pytest.mark.slow) for share in np.linspace(0.01, 0.99, 34)]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.8, 1.0, *SHARES])
 def test_turned_facets_are_felt_as_if_they_were_not(share, tmp_path):
     points, faces = sphere(20.0, 4)
     draw = np.random.default_rng(3)
@@ -363,3 +367,27 @@ def test_a_cloud_through_which_the_proxy_goes_is_in_pieces(name, tmp_path):
     assert len(fixture.points) == len(points) - doubles
     said = fixture.provenance.settings.get("left_out", "")
     assert said == (f"{doubles} points that are there twice" if doubles else "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(60))
+def test_a_slit_across_a_cloud_is_told_where_the_proxy_fits_through(seed, tmp_path):
+    draw = np.random.default_rng(seed)
+    width, spacing = draw.uniform(7.0, 13.0), draw.uniform(0.5, 2.5)
+    # Three sheets beside each other, some scanned twice, rough, or in lines along the slits.
+    sheet = grid(spacing, draw.choice([spacing, 0.2 * spacing]), draw.choice([0.0, 0.02]))
+    step = np.array([np.ptp(sheet[:, 0]) + width, 0, 0])
+    points = np.vstack([sheet, sheet + step, sheet - step] + [sheet] * draw.integers(2))
+    points = Rotation.random(random_state=seed).apply(points)
+    np.save(tmp_path / "c.npy", points)
+    fixture = import_cloud(tmp_path / "c.npy", units="mm")
+    told = any(" 3 pieces " in finding.text for finding in fixture.findings)
+    widest_mm = 2e3 * (fixture.contact_radius - fixture.band)
+    assert told == (width > widest_mm) or abs(width - widest_mm) < 0.2
+
+
+def test_a_cloud_farther_away_than_a_bundle_reaches_is_refused(tmp_path):
+    np.save(tmp_path / "c.npy", grid(2.0) + 101.0)
+    with refuses(InputError, "cloud-too-far"):
+        import_cloud(tmp_path / "c.npy", units="m")
+    assert import_cloud(tmp_path / "c.npy", units="mm").findings == ()

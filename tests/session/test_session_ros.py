@@ -100,62 +100,6 @@ def test_several_topics_need_a_choice(tmp_path):
             read_session(tmp_path / "bag", ros=ros)
 
 
-# Of each connection of a topic: the seconds of its messages, and how its frames change with time.
-ONE, RESTART, TWO = [(0, 4)], [(0, 2), (2, 4)], [(0, 4), (1, 3)]
-SENDERS = [
-    (ONE, "a", "t", {}, 40),
-    (RESTART, "a", "t", {}, 40),
-    (TWO, "a", "t", {}, "several-connections"),
-    (TWO, "a", "t", {"sender": 1}, 40),
-    (TWO, "ab", "t", {"frame": "b"}, "several-connections"),
-    (TWO, "ab", "t", {"frame": "b", "sender": 1}, 20),
-    (ONE, "ab", "t", {}, "frame-changes"),
-    (ONE, "ab", "t", {"frame": "b"}, 20),
-    (ONE, "ab", "t", {"frame": "c"}, "frame-missing"),
-    (ONE, "ab", "t", {"frame": "robot_base"}, "frame-changes"),
-    (ONE, "a", "tu", {}, "frame-changes"),
-    (ONE, "a", "tu", {"child_frame": "u"}, 20),
-]
-
-
-@pytest.mark.parametrize(("spans", "frames", "children", "options", "wanted"), SENDERS)
-def test_every_connection_of_a_topic_is_read_or_one_is_chosen(
-    tmp_path, spans, frames, children, options, wanted
-):
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    kind = "geometry_msgs/msg/TransformStamped"
-    types = {name: store.types[f"geometry_msgs/msg/{name}"] for name in ("Transform", "Vector3")}
-    still = store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)  # never set
-    all_times = []
-    with Writer(tmp_path / "a.bag") as writer:
-        for number, (first, last) in enumerate(spans, 1):
-            caller = f"/driver{number}"
-            to = writer.add_connection("/tip", kind, typestore=store, callerid=caller)
-            for k in range(10 * first, 10 * last):
-                stamp = T0 + k * 10**8
-                header = header_of(store, stamp, k, frame=frames[k % len(frames)])
-                body = types["Transform"](types["Vector3"](k / 1e3, 0.0, float(number)), still)
-                message = store.types[kind](header, children[k % len(children)], body)
-                writer.write(to, stamp + 7, store.serialize_ros1(message, kind))
-                all_times.append(k / 10)
-    ros = RosOptions(**options)
-    if isinstance(wanted, str):
-        with refuses(SessionError, wanted):
-            read_session(tmp_path / "a.bag", ros=ros)
-        return
-    session = read_session(tmp_path / "a.bag", ros=ros)
-    assert session.ticks == wanted == len(all_times) - session.notes["left_out"]
-    np.testing.assert_allclose(np.diff(session.hip[:, 0]), np.diff(session.time) / 100, 1e-9)
-    assert session.notes["start_utc"].startswith("2023-11-14T22:13:")
-    used = [c["samples"] for c in session.notes["connections"] if c["used"]]
-    assert sum(used) == wanted
-    by_log = read_session(tmp_path / "a.bag", ros=RosOptions(**options, time="log"))
-    assert (by_log.notes["stamp"], by_log.ticks) == ("bag", wanted)
-
-
 @pytest.mark.parametrize(
     ("kind", "field", "code"),
     [
@@ -166,6 +110,9 @@ def test_every_connection_of_a_topic_is_read_or_one_is_chosen(
         ("geometry_msgs/msg/QuaternionStamped", "quaternion", "no-position"),
         ("geometry_msgs/msg/WrenchStamped", "wrench.force", "no-position"),
         ("geometry_msgs/msg/Point", None, "no-header-time"),
+        ("geometry_msgs/msg/PoseArray", None, "several-poses"),
+        ("geometry_msgs/msg/PoseArray", "poses.2", "topic-missing"),
+        ("geometry_msgs/msg/PoseArray", "poses.1", None),
     ],
 )
 def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
@@ -182,6 +129,9 @@ def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
         "Vector3Stamped": (vector,),
         "QuaternionStamped": (make["Quaternion"](0.0, 0.0, 0.0, 1.0),),
         "WrenchStamped": (make["Wrench"](vector, vector),),
+        "PoseArray": (
+            [pose_of(store, three, (0, 0, 0, 1)), pose_of(store, 2 * three, (0, 0, 0, 1))],
+        ),
     }
     with Writer(tmp_path / "bag", version=9) as writer:
         to = writer.add_connection("/thing", kind, typestore=store)
@@ -190,8 +140,12 @@ def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
             parts = three if body is None else (header_of(store, T0 + k), *body)
             message = store.types[kind](*parts)
             writer.write(to, T0 + k, store.serialize_cdr(message, kind))
+    ros = RosOptions(field=field, time="header")
+    if code is None:
+        assert read_session(tmp_path / "bag", ros=ros).hip[2].tolist() == (2 * three).tolist()
+        return
     with refuses(SessionError, code):
-        read_session(tmp_path / "bag", ros=RosOptions(field=field, time="header"))
+        read_session(tmp_path / "bag", ros=ros)
 
 
 def test_franka_state_in_a_ros1_bag(tmp_path):

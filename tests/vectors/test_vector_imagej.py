@@ -13,7 +13,7 @@ from vector_files import polyline
 from vfplan.errors import CurveError, MissingExtra, SettingError
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
-from vfplan.vectors.read import read_vector_curve
+from vfplan.vectors.read import onto_slice, read_vector_curve
 
 roifile = pytest.importorskip("roifile", reason="needs pip install 'vfplan[imagej]'")
 
@@ -187,3 +187,20 @@ def test_a_table_that_ends_where_it_begins_is_closed(tmp_path):
 def test_other_tables_are_refused(tmp_path, text, told):
     with pytest.raises(CurveError, match=told):
         read_vector_curve(table(tmp_path, text), "centre")
+
+
+@pytest.mark.parametrize("header", ["X (mm),Y (mm)", "X_mm,Y_mm", "x [cm],y [cm]"])
+@pytest.mark.parametrize("origin", ["centre", "corner"])
+def test_a_calibrated_table_is_measured_on_the_image_that_has_a_spacing(tmp_path, header, origin):
+    pixels = np.array([(10.0, 20.0), (40.5, 24.0), (60.0, 90.25)])
+    from_corner = 0.5 * (origin == "corner")
+    lengths = (pixels + from_corner) * (0.4, 0.25) / (10.0 if "cm" in header else 1.0)
+    path = tmp_path / "c.csv"
+    np.savetxt(path, lengths, header=header, delimiter=",", comments="", fmt="%.12g")
+    curve = read_vector_curve(path, origin)
+    placed = onto_slice(curve, None, "c.csv", (0.4, 0.25))
+    assert np.allclose(placed.points, pixels, rtol=0, atol=1e-9)
+    with refuses(CurveError, "curve-without-spacing"):
+        extract(path, ExtractSettings(curve_origin=origin))
+    with refuses(CurveError, "origin-unknown"):
+        read_vector_curve(path)

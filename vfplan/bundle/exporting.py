@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle import dicom
+from vfplan.bundle.dicom import in_patient
 from vfplan.bundle.importing import STL_FACET
-from vfplan.errors import InputError
+from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.writing import write_whole
 
@@ -23,8 +26,13 @@ MRK_SCHEMA = (
 Vector = NDArray[np.float64]
 
 
-def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
+def export(
+    fixture: Fixture, path: str | Path, *, overwrite: bool = False, study: str | Path | None = None
+) -> None:
     """Write points as .ply or .csv, a mesh as .stl, strokes as .mrk.json, lines and arcs as .dxf.
+
+    For a PACS, strokes as .rtstruct.dcm and the inside of a closed mesh as .seg.dcm, in the patient
+    and study of `study`, a DICOM slice.
 
     PLY and CSV keep the bundle's unit (m; px in the frame image). STL and .mrk.json are in mm, in
     the patient's axes where the registration tells them. Slicer knows no others: points of the
@@ -38,7 +46,12 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
-    make, _ = FORMS[suffix_of(path)]
+    suffix = suffix_of(path)
+    make, _ = FORMS[suffix]
+    if suffix.endswith(".dcm"):
+        make = partial(make, study=study)
+    elif study is not None:
+        raise SettingError("Only .dcm is of a study. Leave --study out.", code="study-unused")
     write_whole(Path(path), [make(fixture)], overwrite=overwrite)
 
 
@@ -96,15 +109,6 @@ def ply(fixture: Fixture) -> bytes:
         faces["v"] = fixture.mesh
         body += faces.tobytes()
     return "\n".join([*head, "end_header", ""]).encode() + body
-
-
-def in_patient(fixture: Fixture, points: Vector) -> tuple[Vector, str]:
-    """Points in the patient's frame where the registration tells it, and their frame's name."""
-    record = fixture.registration
-    if record is None or record.source_frame != "patient_lps":
-        return points, fixture.frame
-    T_patient_robot = np.linalg.inv(record.T_robot_image)
-    return points @ T_patient_robot[:3, :3].T + T_patient_robot[:3, 3], "patient_lps"
 
 
 def stl(fixture: Fixture) -> bytes:
@@ -207,7 +211,9 @@ def arbitrary_axes(axis: Vector) -> Vector:
 
 
 # Ending -> what makes such a file, and the parts of a fixture that it holds besides the points.
-FORMS: dict[str, tuple[Callable[[Fixture], bytes], tuple[str, ...]]] = {
+FORMS: dict[str, tuple[Callable[..., bytes], tuple[str, ...]]] = {
+    ".rtstruct.dcm": (dicom.rtstruct, ("curve",)),
+    ".seg.dcm": (dicom.segmentation, ("mesh",)),
     ".ply": (ply, ("mesh",)),
     ".stl": (stl, ("mesh",)),
     ".csv": (csv, ("sigma", "curve")),

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.bundle.content import max_size
+from vfplan.bundle.content import max_size, table
 from vfplan.bundle.leak import (
     Across,
     joined_corners,
@@ -29,6 +29,7 @@ from vfplan.bundle.leak import (
     open_edges,
     pieces_of,
     turned_facets,
+    widest_opening,
 )
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
@@ -186,10 +187,19 @@ def import_cloud(
         sample_radius = float(spacing / np.sqrt(3))
         # A mesh that no rule could sample when the bundle is loaded is refused now.
         try:
-            _core.sampled(points, mesh, sample_radius)
+            samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
             raise too_many_samples(spacing) from error
         band = sample_band(sample_radius, radius)
+        widest, place = widest_opening(points, mesh, samples, radius - band)
+        if widest:
+            at = ", ".join(f"{1e3 * x:.1f}" for x in place)
+            text = (
+                f"Through the widest opening of the mesh, at ({at}) mm, goes a ball of "
+                f"{2e3 * widest:.3g} mm; the proxy is one of {2e3 * radius:g} mm. Close it, or "
+                "give a larger --contact-radius."
+            )
+            findings.append(doubt("mesh-open", "import", text, place_m=tuple(place.tolist())))
     settings = {"units": units, "curve": curve or "none"}
     if ignored:
         settings["left_out"] = short_text(", ".join(ignored))
@@ -224,6 +234,15 @@ def check_cloud(points: Points, where: str) -> Points:
             raise InputError(
                 f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
             )
+        limit_m = next(row.max_abs for row in table() if row.path == "/points")["m"]
+        is_near = (np.abs(points) <= limit_m).all(axis=1)
+        if not is_near.all():
+            k = int(is_near.argmin())
+            raise InputError(
+                f"Point {k} is at {points[k].tolist()} m, and a bundle reaches {limit_m} m. Check "
+                "--units, or move the points nearer to the origin of their frame.",
+                code="cloud-too-far",
+            )  # fmt: skip
         return check_points(points)
 
 
@@ -286,17 +305,17 @@ def read_npy(data: bytes, where: str) -> Mesh:
 
 def read_csv(data: bytes, units: str, where: str) -> Mesh:
     """The points of a table: columns x, y and z, or the first three where there is no header."""
-    table = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
-    columns = table.columns[:3]
-    if table.header_lines:
-        columns = named_columns(table, units)
+    numbers = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
+    columns = numbers.columns[:3]
+    if numbers.header_lines:
+        columns = named_columns(numbers, units)
     elif len(columns) < 3:
         raise InputError(
             f"It has {len(columns)} columns. Give a table with x, y and z.",
             where=where, code="column-missing",
         )  # fmt: skip
-    points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
-    return Mesh(points, left_out=tuple(name for name in table.columns if name not in columns))
+    points = np.concatenate([np.empty((0, 3)), *numbers.blocks(columns)])
+    return Mesh(points, left_out=tuple(name for name in numbers.columns if name not in columns))
 
 
 def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Triangles]:

@@ -21,8 +21,12 @@ from vfplan.bundle.content import Content
 BLOCK = 1 << 18
 # Number of steps along a tree's order that bound the distance to the nearest neighbour.
 STEPS = 16
-# Pieces of a cloud whose way to the next piece is measured.
+# Pieces of a cloud whose way to the next piece is measured, and places of an opening looked around.
 LARGEST_PIECES = 64
+# Largest area of a sheet for that of the skin over its rim. Half a sphere has twice as much.
+SHEET = 1.5
+# Places along an opening that are tried at first.
+MAX_CELLS = 64
 
 
 def certificate(content: Content) -> Content:
@@ -143,12 +147,92 @@ def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
     return (fewer < 0) | ((fewer == 0) & (as_it_is > turned))
 
 
+def rim_edges(triangles: NDArray[np.int32]) -> NDArray[np.intp]:
+    """(E, 2) ends of the edges that belong to exactly one triangle."""
+    edges, count = np.unique(sorted_edges(triangles), return_counts=True)
+    return np.column_stack((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
+
+
+def widest_opening(
+    points: NDArray[np.float64], triangles: NDArray[np.int32], samples: NDArray[np.float64],
+    reach: float,
+) -> tuple[float, NDArray[np.float64]]:  # fmt: skip
+    """The largest ball that may go through a mesh, if it is larger than `reach` [m], and where.
+
+    samples: of the mesh, dense against `reach`
+
+    Its radius [m], 0 where there is none. Whatever goes through an opening crosses the skin that is
+    stretched over its rim; how large a ball fits on a skin is known. Rims are taken to be simple
+    when seen along their thinnest side. The rim around a sheet is no opening.
+    """
+    widest = (0.0, points[0])
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    piece = parts_of(len(points), np.concatenate((triangles[:, :2], triangles[:, 1:])))
+    areas = np.bincount(piece[triangles[:, 0]], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    rim = rim_edges(triangles)
+    part = parts_of(len(points), rim)[rim[:, 0]]
+    order = np.argsort(part, kind="stable")
+    tree = None
+    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        edges = points[rim[rows]]
+        if len(edges) and np.linalg.norm(np.ptp(edges.reshape(-1, 3), axis=0)) > 2 * reach:
+            tree = tree or kd_tree(samples)
+            area = areas[piece[rim[rows[0], 0]]]
+            widest = max(widest, widest_place(edges, tree, reach, area), key=lambda one: one[0])
+    return widest if widest[0] > reach else (0.0, widest[1])
+
+
+def widest_place(
+    edges: NDArray[np.float64], tree: Any, reach: float, area: float
+) -> tuple[float, NDArray[np.float64]]:
+    """Of a skin over edges (E, 2, 3) the place farthest from a tree's points, and how far [m].
+
+    area: of the mesh that has this rim [m2]; it is 0 m to the skin over a sheet
+    """
+    centre = edges.mean(axis=(0, 1))
+    axes = np.linalg.svd((edges - centre).reshape(-1, 3), full_matrices=False)[2]
+    start, end = np.moveaxis((edges - centre) @ axes.T, 1, 0)
+    low, high = start[:, :2].min(axis=0), start[:, :2].max(axis=0)
+    side = max(reach / 2, float((high - low).max()) / MAX_CELLS)
+    grids = np.meshgrid(*(np.arange(a, b, side) + side / 2 for a, b in zip(low, high, strict=True)))
+    places = np.column_stack([grid.ravel() for grid in grids])
+    around = np.stack(np.meshgrid((-1, 0, 1), (-1, 0, 1)), axis=-1).reshape(-1, 2)
+    best = (0.0, centre)
+    while side > reach / 100:
+        blocks = np.array_split(places, 1 + len(places) * len(edges) // BLOCK)
+        skin = np.concatenate([on_skin(block, start, end) for block in blocks])
+        is_inside = np.isfinite(skin[:, 2])
+        if area < SHEET * side**2 * np.count_nonzero(is_inside) and best[0] == 0:
+            break
+        distance = np.zeros(len(skin))
+        distance[is_inside] = tree.query(skin[is_inside] @ axes + centre)[0]
+        nearest = np.argsort(-distance)[:LARGEST_PIECES]
+        if distance[nearest[0]] > best[0]:
+            best = float(distance[nearest[0]]), skin[nearest[0]] @ axes + centre
+        side /= 3
+        places = (places[nearest][:, None] + side * around).reshape(-1, 2)
+    return best
+
+
+def on_skin(
+    places: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 3) places (n, 2) within a rim, as high as the rim about them; outside it at NaN."""
+    u, v = places[:, :1], places[:, 1:]
+    spans = (start[:, 1] > v) != (end[:, 1] > v)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (v - start[:, 1]) / (end[:, 1] - start[:, 1])
+    is_inside = (spans & (start[:, 0] + share * (end[:, 0] - start[:, 0]) > u)).sum(axis=1) % 2 == 1
+    weights = 1 / ((u - start[:, 0]) ** 2 + (v - start[:, 1]) ** 2 + 1e-18)
+    height = weights @ start[:, 2] / weights.sum(axis=1)
+    return np.column_stack((places, np.where(is_inside, height, np.nan)))
+
+
 def joined_corners(
     points: NDArray[np.float64], triangles: NDArray[np.int32], reach: float
 ) -> NDArray[np.intp]:
     """(N,) for each point itself, or on a rim the first one within `reach` [m] by small steps."""
-    edges, count = np.unique(sorted_edges(triangles), return_counts=True)
-    rim = np.unique((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
+    rim = np.unique(rim_edges(triangles))
     corner = np.arange(len(points))
     if len(rim):
         pairs = kd_tree(points[rim]).query_pairs(reach, output_type="ndarray")

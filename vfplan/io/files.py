@@ -20,7 +20,7 @@ import re
 import stat
 import weakref
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -578,8 +578,8 @@ class NumberTable:
                 yield parse_block(self, unfinished, line, marks, indices)
 
 
-def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
-    """The columns x, y and z, whose names may end in their unit: x_mm or x [mm].
+def named_columns(table: NumberTable, units: str, known: Iterable[str] = METRES) -> tuple[str, ...]:
+    """The columns x, y and z, whose names may end in a known unit: x_mm or x [mm].
 
     Raises the table's kind of error: an axis without a column, or with two; a unit that is not
         `units`
@@ -589,7 +589,7 @@ def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
         units_of = {}
         for column in table.columns:
             name, _, unit = re.sub(r"[\s_\[\]()]+", "_", column).strip("_").partition("_")
-            if name == axis and unit in ("", "px", *METRES):
+            if name == axis and unit in ("", "px", *known):
                 units_of[column] = unit
         header = ",".join(table.columns)[:80]
         if not units_of:

@@ -194,7 +194,7 @@ def read_vectors(
     from vfplan.vectors.read import onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
-    placed = onto_slice(curve, image.T_patient_image, str(path))
+    placed = onto_slice(curve, image.T_patient_image, str(path), image.pixel_spacing_mm)
     extraction = vector_stroke(placed.stroke(1.0), image, str(path))
     findings = vector_findings(curve, contact_radius)
     doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
@@ -227,10 +227,11 @@ def vector_alone(
 ) -> ExtractResult:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
     from vfplan.vectors.curve import FINE_M
-    from vfplan.vectors.read import read_vector_curve
+    from vfplan.vectors.read import onto_slice, read_vector_curve
 
     started = time.perf_counter()
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
+    curve = curve if curve.measured_from is None else onto_slice(curve, None, str(path))
     is_in_image = curve.points.shape[1] == 2
     if is_in_image and settings.density_per_mm is not None:
         raise SettingError(

@@ -6,25 +6,24 @@ that Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: htt
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import itertools
 import shlex
 from array import array
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import ModuleType
 from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import MissingExtra, SessionError, SettingError, requires_extra
+from vfplan.errors import MissingExtra, SessionError, SettingError
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import opened_file
+from vfplan.session.channels import Bag, library, mcap_reader, opened_bag
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
@@ -73,11 +72,6 @@ class Sender(NamedTuple):
         return f"sender {self.number} ({self.type}, frame {self.frame!r}{child})"
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path looks like a ROS 1 or ROS 2 bag."""
-    return path.suffix in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file()
-
-
 def bag_files(path: Path) -> list[Path]:
     """The files that a bag consists of, in order of their names."""
     if path.is_file():
@@ -110,8 +104,9 @@ def bag_sha256(path: Path) -> str:
 
 def prepare() -> None:
     """Load the library before any bag is read, if it is installed."""
-    with suppress(MissingExtra):
-        _library()
+    for name in ("rosbags.rosbag1", "rosbags.rosbag2", "rosbags.typesys", "mcap.reader"):
+        with suppress(MissingExtra):
+            library(name)
 
 
 def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
@@ -126,9 +121,10 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     ros = RosOptions(*options)
     # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
     senders: dict[Sender, array[int]] = {}
-    with _opened_bag(path) as reader:
-        ros = replace(ros, topic=_choose_topic(reader, ros, path.name))
-        for k, (sender, *stamps, message) in enumerate(_messages(reader, ros)):
+    with opened_bag(path) as bag:
+        is_cut = any(part.is_cut for part in bag.parts)
+        ros = replace(ros, topic=_choose_topic(bag, ros, path.name))
+        for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
             if not k:
                 ros = replace(ros, field=_choose_field(message, ros, path.name))
             senders.setdefault(sender, array("q")).extend(stamps)
@@ -165,6 +161,8 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     }
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
+    if is_cut:
+        notes["cut"] = True
     if next(iter(chosen)).frame:
         notes["ros_frame_id"] = next(iter(chosen)).frame
     if ros.tool_tip is not None:
@@ -217,19 +215,14 @@ def _check_senders(
             raise SessionError(message, where=where, code="frame-changes")
 
 
-def _messages(reader: Any, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+def _messages(bag: Bag, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
     """Every message of the topic, merged by the log's time.
 
     Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
     `/tf` is as many as it has transforms.
     """
-    connections = [c for c in reader.connections if c.topic == ros.topic and c.msgcount]
-    if not connections:
-        return
-    numbers = {(id(c.owner), c.id): k for k, c in enumerate(connections, 1)}
-    for connection, recorded, raw in reader.messages(connections=connections):
-        number = numbers[id(connection.owner), connection.id]
-        whole = reader.deserialize(raw, connection.msgtype)
+    for channel, recorded, raw in bag.messages(ros.topic or ""):
+        whole = channel.decode(raw)
         for message in getattr(whole, "transforms", [whole]):
             header = getattr(message, "header", None)
             frames = (getattr(header, "frame_id", ""), getattr(message, "child_frame_id", ""))
@@ -237,7 +230,7 @@ def _messages(reader: Any, ros: RosOptions) -> Iterator[tuple[Sender, int, int, 
             nanoseconds = 0
             if stamp is not None:
                 nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-            yield Sender(number, connection.msgtype, *frames), nanoseconds, recorded, message
+            yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 
 def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[Samples]:
@@ -246,12 +239,16 @@ def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[S
     ros = RosOptions(*options)
     tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
     times, hips = [], []
-    with _opened_bag(path) as reader:
-        for sender, stamp, recorded, message in _messages(reader, ros):
+    with opened_bag(path) as bag:
+        for sender, stamp, recorded, message in _messages(bag, ros):
             if not is_chosen(sender, ros):
                 continue
             times.append(((stamp if ros.time == "header" else recorded) - start) * 1e-9)
-            value = _value_at(message, ros.field or "")
+            try:
+                value = _value_at(message, ros.field or "")
+            except AttributeError:
+                text = f"a message at {recorded} ns has no {ros.field!r}. Choose another field"
+                raise SessionError(text, where=path.name, code="field-missing") from None
             name = (ros.field or "").rpartition(".")[2]
             hips.append(tip_position(value, tip, factor, path.name, name, ros.row_major))
             if len(times) == BLOCK:
@@ -332,14 +329,19 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array:
     xyzw = [float(getattr(quaternion, axis)) for axis in "xyzw"]
     length = np.linalg.norm(xyzw)
     if not abs(length - 1) < UNIT_ROUNDED:
-        message = f"a quaternion has length {length:.6g}. Record it with length 1"
+        message = (
+            f"a quaternion has length {length:.6g}. Record it with length 1, or leave --tool-tip "
+            "out"
+        )
         raise SessionError(message, where=where, code="quaternion-not-unit")
     return Rotation.from_quat(xyzw).as_matrix()
 
 
 def _value_at(message: Any, field: str) -> Any:
     for name in field.split("."):
-        if name:
+        if name.isdecimal() and isinstance(message, list) and int(name) < len(message):
+            message = message[int(name)]
+        elif name:
             message = getattr(message, name)
     return message
 
@@ -366,6 +368,11 @@ def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
             reason = reason or (error if name else None)
     if reason is not None:
         raise reason
+    if ros.field is None and hasattr(message, "poses"):
+        text = (
+            f"{_type_name(message)} holds {len(message.poses)} poses. Choose one: --field poses.0"
+        )
+        raise SessionError(text, where=where, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
     text = (
         f"{_type_name(message)} holds no position: no field {ros.field or ''!r} is a point, a pose,"
@@ -374,24 +381,24 @@ def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
     raise SessionError(text, where=where, code="field-missing")
 
 
-def _choose_topic(reader: Any, ros: RosOptions, where: str) -> str:
+def _choose_topic(bag: Bag, ros: RosOptions, where: str) -> str:
     """The topic that is named, or the only one whose first message holds a position."""
-    present = sorted({c.topic for c in reader.connections})
+    present = bag.topics
     if ros.topic in present:
         return ros.topic
     topics, reasons = [], []
     for topic in present if ros.topic is None else ():
         try:
-            for *_, message in _messages(reader, replace(ros, topic=topic)):
+            for *_, message in _messages(bag, replace(ros, topic=topic)):
                 _choose_field(message, ros, where)
                 topics.append(topic)
                 break
         except SessionError as error:
-            if error.code != "field-missing":
-                error.message = f"topic {topic!r}: {error.message}"
+            if error.code == "type-undefined":
                 reasons.append(error)
-        except (KeyError, AttributeError):
-            pass  # The bag has no definition of this type.
+            elif error.code != "field-missing":
+                error.message = f"topic {topic!r}: {error.message}"
+                reasons.insert(0, error)
     topics = [topic for topic in topics if topic not in TF_TOPICS] or topics
     if len(topics) == 1:
         return topics[0]
@@ -405,28 +412,6 @@ def _choose_topic(reader: Any, ros: RosOptions, where: str) -> str:
         f"{', '.join(present) or 'none'}"
     )
     raise SessionError(message, where=where, code="topic-missing")
-
-
-@functools.cache
-def _library() -> tuple[Callable[..., Any], Any]:
-    with requires_extra("ROS bags need the package rosbags", "ros"):
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    return AnyReader, get_typestore(Stores.LATEST)
-
-
-@contextmanager
-def _opened_bag(path: Path) -> Iterator[Any]:
-    reader, types = _library()
-    try:
-        with reader([path], default_typestore=types) as bag:
-            yield bag
-    except (SessionError, SettingError, MissingExtra, GeneratorExit):
-        raise
-    except Exception as error:  # Each module of rosbags has its own class, and others come through.
-        reason = str(error) or type(error).__name__
-        message = f"cannot be read as a ROS bag: {reason}. Record or copy it again"
-        raise SessionError(message, where=path.name, code="bag-broken") from None
 
 
 # A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes.
@@ -467,7 +452,7 @@ class McapWriter:
         # Ticks that are in the file, once it is closed, and why later ones are not.
         self.kept = 0
         self.full: OSError | None = None
-        writer_module = _mcap_module("writer")
+        writer_module = library("mcap.writer")
         self._path = path
         self._file = path.open("wb")
         self._writer = writer_module.Writer(self._file, chunk_size=CHUNK_BYTES)
@@ -522,18 +507,6 @@ def has_our_topic(stream: BinaryIO, name: str) -> Iterator[list[bool]]:
         yield [any(channel.topic == TOPIC for channel in channels), is_cut]
     except Exception:
         yield [False, is_cut]
-
-
-def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
-    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
-    module = _mcap_module("reader")
-    try:
-        is_cut = module.make_reader(stream).get_summary() is None
-    except Exception:
-        is_cut = True
-    stream.seek(0)
-    make = module.NonSeekingReader if is_cut else module.make_reader
-    return make(stream, validate_crcs=not is_cut), is_cut
 
 
 def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
@@ -592,10 +565,3 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Arra
             raise SessionError(message, where=name, code="mcap-broken") from None
     if messages:
         yield block()
-
-
-def _mcap_module(name: str) -> ModuleType | Any:
-    import importlib
-
-    with requires_extra("MCAP needs the package mcap", "live"):
-        return importlib.import_module(f"mcap.{name}")

@@ -40,7 +40,7 @@ from vfplan.io.files import (
     split_rows,
 )
 from vfplan.io.writing import write_whole
-from vfplan.session.session import Array, unit_factor
+from vfplan.session.session import UNITS, Array, unit_factor
 
 TURN_COLUMNS = ("qw", "qx", "qy", "qz")
 POSE_COLUMNS = ("t", "x", "y", "z", *TURN_COLUMNS)
@@ -65,7 +65,7 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
     """
     file = OpenedFile(Path(path), SessionError)
     table = open_number_table(file.view, str(path), SessionError, ("t", *TURN_COLUMNS))
-    columns = ("t", *named_columns(table, units), *TURN_COLUMNS)
+    columns = ("t", *named_columns(table, units, UNITS), *TURN_COLUMNS)
     if "arrived" in table.columns:
         columns += ("arrived",)
     blocks = list(table.blocks(columns))

@@ -20,11 +20,13 @@ from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.io.files import OpenedFile, named_columns, npy_header, open_number_table
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
-from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp, is_bag
+from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp
+from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
     BLOCK,
     FRAMES,
+    UNITS,
     Array,
     Samples,
     Session,
@@ -102,6 +104,12 @@ def open_session(
     notes: dict[str, object] = {"units": units}
     length = None
     signature = file.view().read(8)
+    if signature.startswith(b"MATLAB "):
+        message = (
+            "is a MATLAB file, which is not read. Write its columns as CSV in MATLAB: "
+            "writetable(table(t, x, y, z), 'session.csv')"
+        )
+        raise SessionError(message, where=name, code="matlab-file")
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
         read = functools.partial(
@@ -126,7 +134,7 @@ def open_session(
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
-        columns = ("t", *named_columns(table, units))
+        columns = ("t", *named_columns(table, units, UNITS))
         ignored = [column for column in table.columns if column and column not in columns]
         # Counts that stay 0 say that the fixture never changed; what is no number counts nothing.
         for column in CHANGE_COLUMNS:
@@ -270,7 +278,11 @@ def plain_dataset(
     """
     wanted = f"Give {', '.join(names)}"
     # A link to another file is never followed: a session is one file.
-    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+    link = file.get(name, getlink=True)
+    if isinstance(link, h5py.SoftLink):
+        message = f"{name!r} is a link, and none is followed. Store the data under that name"
+        raise kind(message, where=where, code="dataset-odd")
+    if not isinstance(link, h5py.HardLink):
         present = ", ".join(sorted(file)) or "nothing"
         message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
         raise kind(message, where=where, code="dataset-missing")

@@ -19,6 +19,9 @@ from vfplan.errors import SessionError, SettingError
 
 Array = NDArray[np.float64]
 
+# The units in which a robot's positions can be.
+UNITS = ("m", "mm")
+
 # The frames in which a robot's positions can be.
 FRAMES = ("robot_base", "patient_lps")
 
@@ -285,7 +288,7 @@ SessionSource = Session | SessionStream
 
 def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
-    if units not in ("m", "mm"):
+    if units not in UNITS:
         raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
     return 1.0 if units == "m" else 1e-3
 
@@ -375,8 +378,8 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         if not increases.all():
             k = int(np.argmin(increases))
             raise SessionError(
-                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} "
-                f"follows {with_last[k]:.9g} s. Give each sample a later time than the one "
+                f"time does not increase: {float(with_last[k + 1])!r} s at sample {count + k} "
+                f"follows {float(with_last[k])!r} s. Give each sample a later time than the one "
                 "before",
                 where=where,
                 code="time-not-increasing",

@@ -220,7 +220,13 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     drawn = set()
     stairs = 0
     largest_share = float(dataset.get("MaximumFractionalValue", 1) or 1)
-    for k, pixels in zip(members, iter_pixels(dataset, indices=members), strict=True):
+    shape = (-1, int(dataset.Rows), int(dataset.Columns))
+    if dataset.BitsAllocated == 1 and shape[1] * shape[2] % 8:
+        # pydicom loses count of single frames that end within a byte.
+        frames = dataset.pixel_array.reshape(shape)[members]
+    else:
+        frames = iter_pixels(dataset, indices=members)
+    for k, pixels in zip(members, frames, strict=True):
         if kind == "FRACTIONAL":
             borders = volumes.rings_of_share(pixels / largest_share)
         else:

@@ -60,6 +60,8 @@ class VectorDrawing:
         not say.
     type_difference_m
         How far Slicer's two types of curve differ [m], where neither was chosen.
+    measured_from
+        Where on the first pixel a calibrated program counts from; (M, 2) points are then in mm.
     """
 
     points: NDArray[np.float64]
@@ -69,6 +71,7 @@ class VectorDrawing:
     warnings: tuple[str, ...] = ()
     drawn_on: dict[str, list[int]] = field(default_factory=dict)
     type_difference_m: float = 0.0
+    measured_from: str | None = None
 
     def stroke(self, step: float) -> Stroke:
         """The curve as a stroke whose points are `step` apart in arc length, ends included.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -21,7 +22,14 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
 from vfplan.geometry import CORNER_PX
 from vfplan.images.dataset import is_dicom
-from vfplan.io.files import MAX_TEXT_BYTES, decode_text, naming_place, parse_table, read_whole
+from vfplan.io.files import (
+    MAX_TEXT_BYTES,
+    METRES,
+    decode_text,
+    naming_place,
+    parse_table,
+    read_whole,
+)
 from vfplan.markers.correspondences import fcsv_points, lps_points, markups_of
 from vfplan.vectors.curve import (
     VectorDrawing,
@@ -43,6 +51,8 @@ UNCLEAR_FORMAT = 228
 NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
+# A column of calibrated coordinates, and its unit.
+LENGTH_COLUMN = re.compile(rf"([XY])[ _]?[(\[]?({'|'.join(METRES)})[)\]]?", re.IGNORECASE)
 # Largest distance from a slice's plane [m] of a curve that was drawn on it.
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
@@ -56,8 +66,8 @@ def read_vector_curve(
 ) -> VectorDrawing:  # fmt: skip
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
-    A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
-    the first.
+    A CSV is `u_px,v_px`, or ImageJ's `X,Y`, calibrated where a unit follows (`X (mm)`); it and a
+    `.fcsv` are closed where the last row repeats the first.
 
     Parameters
     ----------
@@ -122,11 +132,23 @@ def read_vector_curve(
     return replace(curve, sha256=hashlib.sha256(data).hexdigest(), warnings=warnings)
 
 
-def onto_slice(curve: VectorDrawing, T_patient_image: NDArray | None, where: str) -> VectorDrawing:
-    """The curve in the pixels of a slice whose place in the patient is known.
+def onto_slice(
+    curve: VectorDrawing, T_patient_image: NDArray | None, where: str,
+    spacing_mm: tuple[float, float] | None = None,
+) -> VectorDrawing:  # fmt: skip
+    """The curve in the pixels of a slice whose place in the patient, or pixel spacing, is known.
 
-    Raises `CurveError` when the place is not known, or the curve does not lie in the slice's plane.
+    Raises `CurveError` when it is not known, or the curve does not lie in the slice's plane.
     """
+    if curve.measured_from is not None:
+        if spacing_mm is None:
+            raise CurveError(
+                "is in millimetres, and no image says how large a pixel is. Give the image, with "
+                "--pixel-spacing if it has none",
+                where=where, code="curve-without-spacing",
+            )  # fmt: skip
+        pixels = _from_centres(curve.points / spacing_mm, curve.measured_from)
+        return replace(curve, points=pixels, measured_from=None)
     if curve.points.shape[1] == 2:
         return curve
     if T_patient_image is None:
@@ -200,11 +222,13 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y, with or without row numbers."""
     table = parse_table(text, where, MarkerError)
     columns = tuple(name for name in table.header if name)
+    units = [LENGTH_COLUMN.fullmatch(name) for name in columns]
+    unit = units[0][2] if len(units) == 2 and all(units) and units[0][2] == units[1][2] else None
     if {"u_px", "v_px"} <= {*columns} and not {"label", "name"} & {*map(str.casefold, columns)}:
         columns = ("u_px", "v_px")  # With a label as well it is a list of markers.
         refuse_origin(origin, "u_px,v_px")
         origin = "centre"
-    elif columns != ("X", "Y"):
+    elif columns != ("X", "Y") and not unit:
         is_area = columns[:2] == ("X", "Y")
         raise CurveError(
             f"is no image, and as a curve its header is {','.join(columns)[:60]!r}"
@@ -219,8 +243,11 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
             code="origin-unknown",
         )
     points, closed = without_repeated_end(table.numbers(columns))
-    points = _from_centres(distinct_points(points, closed), origin)
-    return VectorDrawing(points, closed, "straight", "")
+    points = distinct_points(points, closed)
+    if unit:
+        points = 1e3 * METRES[unit.lower()] * points
+        return VectorDrawing(points, closed, "straight", "", measured_from=origin)
+    return VectorDrawing(_from_centres(points, origin), closed, "straight", "")
 
 
 def is_roi(data: bytes) -> bool:

@@ -1,0 +1,238 @@
+"""What the files of a ROS bag hold: their channels, and messages in the order of the log.
+
+ROS 1 bags and SQLite are read by rosbags, MCAP by mcap. Each channel has types of its own, for two
+may define one name differently, and no other suffers from one that cannot be decoded.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import importlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, BinaryIO
+
+from vfplan.errors import MissingExtra, SessionError, SettingError, requires_extra
+from vfplan.io.files import opened_file
+
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+# How a complete MCAP file ends.
+MCAP_END = b"\x89MCAP0\r\n"
+# MCAP's names of how a type may be defined
+MCAP_FORMS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+# What stands between the files of a definition in IDL.
+IDL_RULE = "=" * 80 + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A sender of messages of one type."""
+
+    topic: str
+    type: str
+    # Of the topic's channels in one file, from 1
+    number: int
+    # "cdr" or "ros1"
+    encoding: str
+    # How its type is defined, "msg", "idl" or neither, and the text and digest of the definition
+    form: str
+    definition: str
+    digest: str
+
+    def decode(self, raw: bytes) -> Any:
+        """A message; raises `SessionError` where the bag does not say what its bytes mean."""
+        try:
+            if self.encoding == "ros1":
+                return self._types.deserialize_ros1(raw, self.type)
+            return self._types.deserialize_cdr(raw, self.type)
+        except Exception as error:  # What rosbags raises for what it does not know is of all sorts.
+            message = (
+                f"topic {self.topic!r} of type {self.type!r} cannot be decoded: "
+                f"{str(error).rstrip('.') or type(error).__name__}. Choose another topic, or "
+                "record it with its definition"
+            )
+            raise SessionError(message, code="type-undefined") from None
+
+    @functools.cached_property
+    def _types(self) -> Any:
+        typesys = importlib.import_module("rosbags.typesys")
+        if self.encoding not in ("cdr", "ros1"):
+            raise ValueError(f"its encoding is {self.encoding!r}")
+        store = typesys.get_typestore(typesys.Stores.EMPTY)
+        if self.form == "msg":
+            types = typesys.get_types_from_msg(self.definition, self.type)
+        elif self.form == "idl":
+            parts = self.definition.split(IDL_RULE)[1:]
+            texts = [part.partition("\n")[2] for part in parts] or [self.definition]
+            types = {}
+            for text in texts:
+                types |= typesys.get_types_from_idl(text)
+        else:
+            types = {}
+            store = typesys.get_typestore(typesys.Stores.LATEST)
+        store.register(types)
+        if self.digest:
+            is_ros1 = self.encoding == "ros1"
+            digest = (
+                store.generate_msgdef(self.type)[1] if is_ros1 else store.hash_rihs01(self.type)
+            )
+            if digest != self.digest:
+                raise ValueError("its definition is of another version")
+        return store
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file of a bag, or a folder with its own list of files."""
+
+    channels: list[Channel]
+    # The messages of a topic: channel, when each was recorded [ns], and its bytes
+    messages: Callable[[str], Iterator[tuple[Channel, int, bytes]]]
+    # It ends before its end.
+    is_cut: bool = False
+
+
+@dataclass(frozen=True)
+class Bag:
+    """An open bag."""
+
+    parts: list[Part]
+
+    @property
+    def topics(self) -> list[str]:
+        """The names of its topics."""
+        return sorted({channel.topic for part in self.parts for channel in part.channels})
+
+    def messages(self, topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+        """The messages of a topic in all parts, merged by the log's time."""
+        return heapq.merge(*(part.messages(topic) for part in self.parts), key=lambda one: one[1])
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a ROS 1 or ROS 2 bag."""
+    return path.suffix in BAG_SUFFIXES or bool(bag_parts(path))
+
+
+def bag_parts(path: Path) -> list[Path]:
+    """What is read of a bag: a file, a folder's MCAP files, or what its metadata.yaml lists."""
+    if not path.is_dir():
+        return [path] if path.suffix in BAG_SUFFIXES else []
+    files = sorted(path.glob("*.mcap"))
+    if not files and (path / "metadata.yaml").is_file():
+        return [path]
+    return files or sorted(path.glob("*.db3"))
+
+
+@contextmanager
+def opened_bag(path: Path) -> Iterator[Bag]:
+    """A bag, open; errors of the libraries become `SessionError`.
+
+    Raises MissingExtra: the library that its files need is not installed
+    """
+    try:
+        with ExitStack() as stack:
+            yield Bag([open_part(part, stack) for part in bag_parts(path)])
+    except (SettingError, MissingExtra, GeneratorExit):
+        raise
+    except SessionError as error:
+        error.where = error.where or path.name
+        raise
+    except Exception as error:  # Each module of rosbags has its own class, and others come through.
+        reason = (str(error) or type(error).__name__).rstrip(".")
+        message = f"cannot be read as a ROS bag: {reason}. Record or copy it again"
+        raise SessionError(message, where=path.name, code="bag-broken") from None
+
+
+def open_part(path: Path, stack: ExitStack) -> Part:
+    """A part of a bag that stays open until the stack is left."""
+    library("rosbags")
+    if path.suffix == ".mcap":
+        return mcap_part(stack.enter_context(opened_file(path, SessionError)))
+    encoding = "ros1" if path.suffix == ".bag" else "cdr"
+    module = library("rosbags.rosbag1" if encoding == "ros1" else "rosbags.rosbag2")
+    reader = stack.enter_context(module.Reader(path))
+    counts = Counter()
+    channels = {}
+    for sender in reader.connections:
+        counts[sender.topic] += 1
+        form = sender.msgdef.format.name.lower()
+        channels[sender.id] = Channel(
+            sender.topic, sender.msgtype, counts[sender.topic], encoding, form, sender.msgdef.data,
+            sender.digest or "",
+        )  # fmt: skip
+
+    def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+        senders = [sender for sender in reader.connections if sender.topic == topic]
+        for sender, recorded, raw in reader.messages(connections=senders) if senders else ():
+            yield channels[sender.id], recorded, raw
+
+    return Part([*channels.values()], messages)
+
+
+def mcap_part(stream: BinaryIO) -> Part:
+    """An MCAP file of ROS 1 or ROS 2; of one that was cut off its whole part."""
+    module = library("mcap.reader")
+    stream.seek(-len(MCAP_END), 2)
+    is_cut = stream.read() != MCAP_END
+    stream.seek(0)
+    summary = None if is_cut else module.make_reader(stream).get_summary()
+    has_index = summary is not None and bool(summary.channels)
+
+    def read(topics: list[str] | None) -> Iterator[tuple[Any, Any, Any]]:
+        stream.seek(0)
+        make = module.make_reader if has_index else module.NonSeekingReader
+        try:
+            yield from make(stream).iter_messages(topics, log_time_order=not is_cut)
+        except Exception:  # The package passes on the errors of struct, lz4 and zstd.
+            if not is_cut:
+                raise
+
+    if has_index:
+        found = {c.id: (c, summary.schemas.get(c.schema_id)) for c in summary.channels.values()}
+    else:
+        found = {channel.id: (channel, schema) for schema, channel, _ in read(None)}
+    counts = Counter()
+    channels = {}
+    for key, (channel, schema) in found.items():
+        counts[channel.topic] += 1
+        name, form, text = "", "", ""
+        if schema is not None:
+            # A type of ROS 1 has its package and its name alone.
+            name = schema.name.replace("/", "/msg/") if schema.name.count("/") == 1 else schema.name
+            text = schema.data.decode("utf-8", "replace")
+            form = MCAP_FORMS.get(schema.encoding, "") if text else ""
+        channels[key] = Channel(
+            channel.topic, name, counts[channel.topic], channel.message_encoding, form, text, ""
+        )
+
+    def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+        for _, channel, message in read([topic]):
+            yield channels[channel.id], message.log_time, message.data
+
+    return Part([*channels.values()], messages, is_cut)
+
+
+def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
+    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
+    module = library("mcap.reader")
+    try:
+        is_cut = module.make_reader(stream).get_summary() is None
+    except Exception:
+        is_cut = True
+    stream.seek(0)
+    make = module.NonSeekingReader if is_cut else module.make_reader
+    return make(stream, validate_crcs=not is_cut), is_cut
+
+
+def library(name: str) -> ModuleType | Any:
+    """A module of rosbags or mcap; raises `MissingExtra` without it."""
+    package = name.partition(".")[0]
+    extra = {"rosbags": "ros", "mcap": "live"}[package]
+    what = {"rosbags": "ROS bags need", "mcap": "MCAP needs"}[package]
+    with requires_extra(f"{what} the package {package}", extra):
+        return importlib.import_module(name)
