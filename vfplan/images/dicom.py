@@ -13,9 +13,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from operator import itemgetter
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -23,11 +20,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
 from vfplan.geometry.lines import plane_normal
-from vfplan.images.dataset import group_value, is_dicom, memory_file, open_dataset, pixel_axes
+from vfplan.images.dataset import group_value, memory_file, open_dataset, pixel_axes
 from vfplan.images.raster import check_size, chosen_index
-from vfplan.images.read import MAX_BYTES, is_volume, volume_slice
-from vfplan.io.files import OpenedFile, read_whole
-from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox, run_once
+from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
 
 # Photometric interpretations in colour, besides those that begin with YBR.
 COLOUR_KINDS = ("RGB", "PALETTE COLOR")
@@ -92,47 +87,6 @@ def read_dicom(
     pixel_spacing_mm = tuple(spacing_mm) if spacing_mm is not None else None
     T_patient_image = np.array(place) if place is not None else None
     return rgb, pixel_spacing_mm, T_patient_image, instance, remarks, grey_range
-
-
-@dataclass(frozen=True)
-class StackedSlice:
-    """A slice of a stack: its file, its frame from 1 if there are several, and its series."""
-
-    path: Path
-    frame: int | None
-    series: str
-
-
-def read_stack(path: Path) -> tuple[StackedSlice, ...]:
-    """The slices of a volume, of a DICOM file or of all in a folder.
-
-    They are sorted by series, then along the patient.
-
-    One that does not say where it lies follows those that do, in the order of the files. Raises as
-    `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
-    """
-    rows = []
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in files:
-        if not file.is_file():
-            continue
-        opened, where = OpenedFile(file, ImageError), str(file)
-        start = opened.view().read(352)
-        if is_volume(start) and file == path:
-            count = volume_slice(read_whole(path, MAX_BYTES, ImageError), where, 0)[0]
-            return tuple(StackedSlice(path, number, "volume") for number in range(1, count + 1))
-        if not is_dicom(start):
-            continue
-        job = "vfplan.images.dicom:describe"
-        series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)
-        for number, height in enumerate(heights, start=1):
-            frame = number if len(heights) > 1 else None
-            order = (title, series, height is None, height or 0.0, len(rows))
-            rows.append((order, StackedSlice(file, frame, title)))
-    if not rows and path.is_dir():
-        text = "holds no DICOM slice. Give the folder of a series"
-        raise ImageError(text, where=str(path), code="no-slices")
-    return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
 
 
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------

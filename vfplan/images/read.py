@@ -9,6 +9,7 @@ import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ from vfplan.images.raster import (
     read_header,
     upright,
 )  # fmt: skip
-from vfplan.io.files import naming_place, opened_file, read_whole
-from vfplan.io.sandbox import run_in_sandbox
+from vfplan.io.files import OpenedFile, naming_place, opened_file, read_whole
+from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 # Bytes of an image file. OpenCV's decoders take no more.
@@ -229,10 +230,52 @@ def volume_slice(
     with memory_file(data) as file:
         # The surfaces' reader runs in a process of its own.
         job = "vfplan.surface.volumes:grey_slice"
-        (count, place, grey_range), *grey = run_in_sandbox(
-            job, number, file=file, where=where, kind=ImageError
-        )  # fmt: skip
+        try:
+            (count, place, grey_range), *grey = run_in_sandbox(job, number, file=file, where=where)
+        except InputError as error:
+            raise ImageError(error.message, where=where, code=error.code) from None
     return count, np.array(place), grey_range, grey[0][0] if grey else None
+
+
+@dataclass(frozen=True)
+class StackedSlice:
+    """A slice of a stack: its file, its frame from 1 if there are several, and its series."""
+
+    path: Path
+    frame: int | None
+    series: str
+
+
+def read_stack(path: Path) -> tuple[StackedSlice, ...]:
+    """The slices of a volume, of a DICOM file or of all in a folder.
+
+    They are sorted by series, then along the patient.
+
+    One that does not say where it lies follows those that do, in the order of the files. Raises as
+    `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
+    """
+    rows = []
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if not file.is_file():
+            continue
+        opened, where = OpenedFile(file, ImageError), str(file)
+        start = opened.view().read(352)
+        if is_volume(start) and file == path:
+            count = volume_slice(read_whole(path, MAX_BYTES, ImageError), where, 0)[0]
+            return tuple(StackedSlice(path, number, "volume") for number in range(1, count + 1))
+        if not is_dicom(start):
+            continue
+        job = "vfplan.images.dicom:describe"
+        series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)
+        for number, height in enumerate(heights, start=1):
+            frame = number if len(heights) > 1 else None
+            order = (title, series, height is None, height or 0.0, len(rows))
+            rows.append((order, StackedSlice(file, frame, title)))
+    if not rows and path.is_dir():
+        text = "holds no DICOM slice. Give the folder of a series"
+        raise ImageError(text, where=str(path), code="no-slices")
+    return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
 
 
 def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:

@@ -22,14 +22,15 @@ from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.geometry.lines import evenly
-from vfplan.images.dicom import StackedSlice, read_stack
 from vfplan.images.read import (
     MADE_FLAT_BY,
     MAX_BYTES,
     MAX_MEGAPIXELS,
     PlannedImage,
+    StackedSlice,
     flat_as_planned,
     made_flat,
+    read_stack,
 )
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
