@@ -71,6 +71,7 @@ pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/make_readme_film.py
 	$(BIN)/python docs/make_finding_pictures.py
+	$(BIN)/python docs/make_camera.py
 	$(BIN)/python docs/make_review.py
 	$(BIN)/python docs/draw_algorithm.py
 	$(BIN)/python docs/draw_house.py

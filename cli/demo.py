@@ -26,9 +26,12 @@ from vfplan.io.writing import write_whole
 @options_in_order(
     option("-o", "--output", type=FILE, default="vfplan-demo", metavar="DIR",
            help="Write the files into this folder. It is made if it does not exist."),
+    option("--page", type=FILE, metavar="OUT.html",
+           help="Write one page instead, which needs no network: the paper's four simulations, "
+                "felt with the mouse."),
     OVERWRITE,
 )  # fmt: skip
-def vfplan_demo(what, output) -> CommandResult:
+def vfplan_demo(what, output, page) -> CommandResult:
     """Plan a fixture on the shipped slice, replay the shipped session, and draw both.
 
     \b
@@ -39,6 +42,8 @@ def vfplan_demo(what, output) -> CommandResult:
       experiments  the paper's two experiments with a scripted hand
       panda        the same on a simulated Panda (extra [arm]): force over depth, arm, torques
     """
+    if page is not None:
+        return write_page(page)
     sample = importlib.import_module(f"vfplan.samples.{what}")
     if output.exists():
         refuse_folder(output, *sample.FILES)
@@ -59,6 +64,20 @@ def vfplan_demo(what, output) -> CommandResult:
         f"{tell(report)}\nwrote into {output}: {', '.join(sample.FILES)}",
         verdict=f"done: {len(sample.FILES)} files written",
         next_step=f"look at the pictures in {output}; docs/tutorial.md tells the steps one by one",
+    )
+
+
+def write_page(page: Path) -> CommandResult:
+    """Write the four simulations as a page."""
+    from vfplan.samples.paper import simulations_page
+
+    with outputs(page) as (place,):
+        write_whole(place, [simulations_page().encode()], overwrite=True)
+    return CommandResult(
+        {"files": [page.name]},
+        f"wrote {page}: one file, which a browser opens without a network",
+        verdict="done: 1 file written",
+        next_step=f"open {page} in a browser and move the mouse over the picture",
     )
 
 

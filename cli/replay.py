@@ -18,7 +18,7 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 from vfplan.display import count
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import write_whole
-from vfplan.replaying.findings import open_words
+from vfplan.report.tables import verdict_sentence
 from vfplan.settings import settings_from_options
 
 # Number of ticks that are kept for the pictures of `--report`.
@@ -155,13 +155,12 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
-    left_open = open_words(metrics) if replayed.passed else ""
     return CommandResult(
         metrics,
         "\n".join(lines),
         warnings=warnings,
         failed=failed_line(metrics),
-        verdict=replayed.verdict + left_open,
+        verdict=f"{replayed.verdict}, {verdict_sentence(metrics)}",
         next_step=next_step(metrics, fixture, arguments["robot"], index_path, bool(written)),
     )
 

@@ -19,6 +19,7 @@ from vfplan.display import (
 )
 from vfplan.replaying.findings import LIMITS, has_touched, untested_reason
 from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
+from vfplan.report.tables import bound_text
 
 FORMS = {number.key: number for number in NUMBERS}
 
@@ -248,8 +249,6 @@ def next_step(
 
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
-    sense = "at_most" if "at_most" in check else "at_least"
     name = check["name"]
     unit = "" if name.endswith(("_ticks", "_tick")) else f" {unit_of(name)}".rstrip()
-    bound = f"{sense.replace('_', ' ')} {check[sense]:g}{unit}"
-    return f"{name} is {check['value']:.6g}{unit}, {bound} is allowed"
+    return f"{name} is {check['value']:.6g}{unit}, {bound_text(check)} is allowed"

@@ -165,6 +165,22 @@ def reproduce(figure: str) -> tuple[Replay, dict[str, Any]]:
     return by_paper, numbers
 
 
+def simulations_page() -> str:
+    """Fig. 2 as one HTML page that needs no network: the mouse is the hand, the engine answers."""
+    from vfplan.engine.browser import bodies_of, module, packed
+    from vfplan.report.page import document, part, scene_data, scripts
+
+    scenes = {}
+    for name in SIMULATIONS.values():
+        fixture, _ = simulation(name)
+        scenes[name] = scene_data(fixture) | {
+            "bodies": {rule: bodies_of(fixture, rule) for rule in ("robust", "paper")}
+        }
+    body = part("simulations.html").replace("{scene}", part("scene.html"))
+    data = {"module": packed(module()), "scenes": scenes}
+    return document("Four simulations", body + scripts(data, part("simulations.js")))
+
+
 def summary(replayed: Replay) -> dict[str, Any]:
     """The numbers of a replay: contacts, depth, force on each side, what went inside."""
     metrics = replayed.metrics

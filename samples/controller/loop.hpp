@@ -144,7 +144,7 @@ class Log {
     /// Ticks that had no pose young enough.
     [[nodiscard]] std::size_t stale() const {
         return std::size_t(std::count_if(rows_.begin(), rows_.end(), [](const Row& r) {
-            return (r.step.status & vfplan::stale_pose) != 0;
+            return (r.step.status & vfplan::Status::stale_pose) != 0;
         }));
     }
 

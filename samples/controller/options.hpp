@@ -58,7 +58,7 @@ struct Options {
         // on whatever else a tick says.
         settings.governor.force_step = settings.governor.force_max = 1e6;
         settings.governor.period = period;
-        settings.stop_at = vfplan::bad_hip | vfplan::jumped;
+        settings.stop_at = vfplan::Status::bad_hip | vfplan::Status::jumped;
     }
 
     std::string fixture, log, telemetry, poses, events;

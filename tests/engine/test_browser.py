@@ -69,7 +69,6 @@ def test_the_kits_vectors_and_more_to_the_bit_and_faster_than_the_loop(where, tm
     found = played(where, cases, tmp_path)
     assert base64.b64decode(found["answers"]) == b"".join(truth.tobytes() for truth in truths)
     assert found["slowest"] > 1000
-    print(f"{where}: {found['slowest']:.0f} ticks a second")
 
 
 def test_what_no_engine_takes_is_refused_with_its_sentence(tmp_path):

@@ -84,7 +84,9 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
 
 def test_verdict_and_numbers_are_the_replays_with_rules_compared_and_units(pressed, written):
     text = written.read_text()
-    assert "FAIL: 1 of 4 limits" in text
+    assert "FAIL: never beyond the drawn line; 1 of 4 limits broken: force_max_n at most 3 N" in (
+        text
+    )
     assert f"{pressed.metrics['force_max_n']:.3f}" in text
     assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
     row = re.search(r"<tr><td[^>]*>force, largest</td>(.*?)</tr>", text)[1]
@@ -152,6 +154,7 @@ def test_in_a_browser(pressed, written, tmp_path):
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
         check_zoom(browser, pressed)
+        check_engine(browser)
         check_hands_and_eyes(browser)
         printed = browser.do("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
         pdf = base64.b64decode(printed["data"])
@@ -187,6 +190,18 @@ def check_scrubber(browser, pressed):
     drawn = browser.run("Array.from(document.images).map(i => [i.complete, i.naturalWidth])")
     assert all(complete and width > 300 for complete, width in drawn)
     assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def check_engine(browser):
+    """The page's engine gives the recorded ticks to the bit; then the mouse pushes."""
+    told = browser.until("document.getElementById('engine').textContent")
+    assert "all 3000 proxies and forces are the recorded ones to the bit" in told
+    browser.run("document.querySelector('[data-act=whole]').click()")
+    browser.run("push.click(), view.scrollIntoView()")
+    browser.move_down("view", 0.6)
+    felt = browser.until("readout.textContent", lambda text: "hand" in text)
+    assert float(re.search(r"F\| = ([\d.]+) N", felt)[1]) > 0.5
+    browser.run("push.click()")
 
 
 def check_zoom(browser, pressed):

@@ -9,7 +9,7 @@ from vfplan.camera.pose import Camera
 SIZE = (1280, 720)
 # A wide angle with the distortion of a webcam.
 MATRIX = np.array([[942.0, 0.0, 655.0], [0.0, 939.0, 351.0], [0.0, 0.0, 1.0]])
-CAMERA = Camera(SIZE, MATRIX, np.array([0.09, -0.19, 0.0012, -0.0008, 0.05]))
+CAMERA = Camera(*SIZE, MATRIX, np.array([0.09, -0.19, 0.0012, -0.0008, 0.05]))
 # Samples along a side of a pixel, and pixels of the undistorted picture beyond its edge.
 FINE, EDGE = 2, 120
 # Dots of a page a metre.
@@ -35,7 +35,9 @@ def _distortion():
     n = np.indices((SIZE[1] * FINE, SIZE[0] * FINE)).reshape(2, -1)[::-1].T
     pixels = ((n + 0.5) / FINE - 0.5)[:, None]
     often = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, 20, 1e-9)
-    ideal = cv2.undistortPoints(pixels, MATRIX, CAMERA.distortion, None, None, MATRIX, often)
+    ideal = cv2.undistortPoints(
+        pixels, MATRIX, CAMERA.distortion_coefficients, None, None, MATRIX, often
+    )
     ideal = _fine(ideal).reshape(SIZE[1] * FINE, SIZE[0] * FINE, 2)
     return cv2.convertMaps(ideal.astype(np.float32), None, cv2.CV_16SC2)
 

@@ -63,7 +63,7 @@ struct Loop {
         const double phase = 1e-4 * double(tick % 40000);
         const Vec3 hip{{5e-3 * std::abs(phase - 2) - 5e-3, 1e-4, -depth}};
         const auto taken = engine.changes_applied();
-        const bool was = last.status & vfplan::changing;
+        const bool was = last.status & vfplan::Status::changing;
         const long had = allocations;
         const vfplan::Step s = engine.step(hip);
         if (allocations != had) fail("allocation", tick, double(allocations - had));
@@ -72,8 +72,8 @@ struct Loop {
         if (tick > 0 && (was || taken != engine.changes_applied()) &&
             !(change <= most * (1 + 1e-9)))
             fail("force step", tick, change / most);
-        inside += (s.status & vfplan::inside) != 0;
-        changing += (s.status & vfplan::changing) != 0;
+        inside += (s.status & vfplan::Status::inside) != 0;
+        changing += (s.status & vfplan::Status::changing) != 0;
         last = s;
         hip_before = hip;
         ++tick;
@@ -94,13 +94,13 @@ void exchange(long n) {
     });
     Loop loop{engine, 2000, 6e-3, 0, 0, 0, {}, {}};
     double depth = -6e-3;
-    for (bool last = false; !last || (loop.last.status & vfplan::changing);) {
+    for (bool last = false; !last || (loop.last.status & vfplan::Status::changing);) {
         last = done;
         depth = std::min(depth + 1e-5, 2e-3);
         loop.step(depth);
         if (!(loop.last.proxy[2] > 1e-3)) fail("the other side", loop.tick, loop.last.proxy[2]);
         const double clear = engine.distance(loop.last.proxy);
-        if (!(loop.last.status & vfplan::inside) && !(clear >= 4e-3 - 6e-5))
+        if (!(loop.last.status & vfplan::Status::inside) && !(clear >= 4e-3 - 6e-5))
             fail("clearance", loop.tick, clear);
         if (loop.tick % 8 == 0) std::this_thread::yield();
     }
@@ -142,7 +142,7 @@ void edit(long n) {
     });
     Loop loop{engine, 1000, 5e-3, 0, 0, 0, {}, {}};
     double depth = -6e-3;
-    for (bool last = false; !last || (loop.last.status & vfplan::changing);) {
+    for (bool last = false; !last || (loop.last.status & vfplan::Status::changing);) {
         last = done;
         depth = std::min(depth + 1e-5, 2e-3);
         loop.step(depth);

@@ -85,14 +85,15 @@ int main(int, char** argv) {
             fail("force", k, norm(out.force));
         if (norm(out.force - last) > settings.governor.force_step * (1 + 1e-9))
             fail("force step", k, norm(out.force - last));
-        if (!(out.status & (vfplan::inside | vfplan::bad_hip | vfplan::jumped))) {
+        if (!(out.status &
+              (vfplan::Status::inside | vfplan::Status::bad_hip | vfplan::Status::jumped))) {
             const Vec3 proxy = controller.frame()->now().in(out.proxy);
             const double room = controller.region()->distance(proxy) - controller.contact_radius();
             // What was handed over this tick is taken up in it.
             if (room < -6e-5) fail("inside", k, room);
         }
         // Away from a wall of at most 7 mm, and not on the way out of one that came over the tip.
-        const bool is_free = !is_lost && tip[1] > 12e-3 && !(out.status & vfplan::inside);
+        const bool is_free = !is_lost && tip[1] > 12e-3 && !(out.status & vfplan::Status::inside);
         clear = is_free ? clear + 1 : 0;
         if (clear > 100 && !(out.force == Vec3{})) fail("held in free space", k, norm(out.force));
         last = out.force;

@@ -4,7 +4,10 @@
 #
 #   tests/native/elsewhere.sh [TICKS=500]
 #
+# Where colcon is, it also builds the package of ROS 2.
+#
 # Debian, Ubuntu: apt install g++-aarch64-linux-gnu qemu-user g++-mingw-w64-x86-64-posix
+#                             ament-cmake colcon python3-colcon-ros
 set -eu
 root=$(cd "$(dirname "$0")/../.." && pwd)
 ticks=${1:-500}
@@ -24,5 +27,12 @@ build g++ -DVFPLAN_NARROW -o "$folder/here"
 qemu-aarch64 "$folder/arm" "$ticks" | diff "$folder/here.txt" -
 if command -v wine >/dev/null; then
     WINEDEBUG=-all wine "$folder/windows.exe" "$ticks" | tr -d '\r' | diff "$folder/here.txt" -
+fi
+if command -v colcon >/dev/null; then
+    mkdir "$folder/ws"
+    cp -r "$root/vfplan/native" "$folder/ws/vfplan"
+    (cd "$folder/ws" && PATH=/usr/bin:/bin colcon build --cmake-args \
+        -DVFPLAN_AMENT=ON -DPython3_EXECUTABLE=/usr/bin/python3 -DCMAKE_CXX_FLAGS=-DVFPLAN_NARROW)
+    test -f "$folder/ws/install/vfplan/share/vfplan/cmake/vfplanConfig.cmake"
 fi
 echo "$(wc -l <"$folder/here.txt") scenes and rules: the same bits on aarch64; compiled for Windows"

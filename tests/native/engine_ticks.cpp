@@ -42,12 +42,12 @@ void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
         const bool bad = t % 997 == 996;
         if (bad) hip[1] = std::nan("");
         const vfplan::Step s = engine.step(hip);
-        if (bad != (s.status == vfplan::bad_hip)) fail(scene.name, "bad HIP", t, s.status);
+        if (bad != (s.status == vfplan::Status::bad_hip)) fail(scene.name, "bad HIP", t, s.status);
         for (int k = 0; k < 3; ++k)
             if (!std::isfinite(s.proxy[k] + s.normal[k] + s.force[k]))
                 fail(scene.name, "not finite", t, s.proxy[k]);
         contacts += s.state == vfplan::State::in_contact;
-        const bool is_inside = s.status & vfplan::inside;
+        const bool is_inside = s.status & vfplan::Status::inside;
         inside += is_inside;
         if (rule != vfplan::Rule::paper && (t % 61 == 0 || is_inside)) {
             const double missing = p.R() - engine.band() - nearest(scene, s.proxy);
@@ -73,7 +73,7 @@ void reset_badly(const scenes::Scene& scene, vfplan::Rule rule, double bad) {
     for (long t = 0; t < 100; ++t) engine.step(path(t));
     engine.reset({{bad, 0, 0}});
     const vfplan::Step nothing = engine.step({{bad, 0, 0}});
-    if (nothing.status != vfplan::bad_hip || norm(nothing.force) + norm(nothing.proxy) != 0)
+    if (nothing.status != vfplan::Status::bad_hip || norm(nothing.force) + norm(nothing.proxy) != 0)
         fail(scene.name, "bad reset", 0, nothing.status);
     for (long t = 100; t < 400; ++t) {
         const vfplan::Vec3 hip = path(t);

@@ -88,7 +88,8 @@ Worst play(bool turns, long ticks, double& ns) {
             worst.torque = std::max(worst.torque, std::abs(now) / limits.torque_max[j]);
             torque[j] = now;
         }
-        const bool sent = (g.status & (vfplan::bad_force | vfplan::bad_jacobian)) == 0;
+        const bool sent = (g.status & (vfplan::GovernorStatus::bad_force |
+                                       vfplan::GovernorStatus::bad_jacobian)) == 0;
         const bool whole = sent && !(g.held_back > 0);
         if (whole && !(g.force == force)) fail("changed, and nothing said", t, g.held_back);
         worst.held += g.held_back > 0;

@@ -76,7 +76,7 @@ void play(const Shape& shape, vfplan::Ends ends, long ticks) {
             if (t % 16 == 0)
                 lines = std::max(lines, beside_lines(points, shape.closed, proxy) - p.radius);
         }
-        if (s.held && s.status == vfplan::ok && norm(s.force) > 0) {
+        if (s.held && s.status == vfplan::Status::ok && norm(s.force) > 0) {
             ++forced;
             const auto& path = guide.path();
             const double length = path.strands()[0].length, h = 1e-7;

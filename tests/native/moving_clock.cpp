@@ -28,11 +28,11 @@ void ticks(const char* name, bool has_poses, double pose_offset, Clock&& clock) 
     Spring spring;
     const Vec3 hip{{1e-3, 2e-3, 3e-3}};
     frame.pose(100, {});
-    int stale = (frame.step(spring, 100, hip).status & vfplan::stale_pose) != 0 ? 1000 : 0;
+    int stale = (frame.step(spring, 100, hip).status & vfplan::Status::stale_pose) != 0 ? 1000 : 0;
     for (int k = 1; k < 100; ++k) {
         if (has_poses && k % 10 == 0) frame.pose(pose_offset + 1e-3 * k, {});
         const vfplan::Step s = frame.step(spring, clock(k), hip);
-        stale += (s.status & vfplan::stale_pose) != 0;
+        stale += (s.status & vfplan::Status::stale_pose) != 0;
         for (std::size_t i = 0; i < 3; ++i)
             if (s.force[i] != -hip[i]) stale += 1000;
     }

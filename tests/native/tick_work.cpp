@@ -16,7 +16,7 @@ int main(int argc, char** argv) {
         vfplan::Engine engine(fixture);
         if (engine.distance({{1e-3, 5e-4, 0}}) == 0) std::cout << "by its triangles";
         const vfplan::Step s = engine.step({{0.4, 0, 0.1}});
-        return s.status & vfplan::bad_hip ? 1 : 0;
+        return s.status & vfplan::Status::bad_hip ? 1 : 0;
     } catch (const std::exception& error) {
         std::cout << error.what();
         return 2;

@@ -5,6 +5,7 @@
 #include <cassert>
 #include <vector>
 
+#include "vfplan/bundle/engine.hpp"
 #include "vfplan/controller.hpp"
 #include "vfplan/engine.hpp"
 #if __has_include(<eigen3/Eigen/Core>)
@@ -41,8 +42,8 @@ int main() {
     vfplan::GovernorLimits l;
     vfplan::Governor g(l);
     vfplan::Step st;
-    st.status = vfplan::bad_hip;
-    assert(g.step(st).engine == vfplan::bad_hip);
+    st.status = vfplan::Status::bad_hip;
+    assert(g.step(st).engine == vfplan::Status::bad_hip);
     double rows[16] = {0, -1, 0, 5, 1, 0, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1}, cols[16];
     for (int i = 0; i < 16; ++i) cols[i] = rows[4 * (i % 4) + i / 4];
     auto p = vfplan::Pose::of_rows(rows), q = vfplan::Pose::of_columns(cols);
@@ -58,7 +59,31 @@ int main() {
     const double point[3] = {0, 0, 0};
     vfplan::Engine given(point, 1, vfplan::Parameters{}), taken = std::move(given);
     given.reset(a);
-    assert(given.step(a).status == vfplan::bad_hip && given.step(a).force == Vec3{});
+    assert(given.step(a).status == vfplan::Status::bad_hip && given.step(a).force == Vec3{});
+    const auto refused = [](const auto& act) {
+        try {
+            act();
+        } catch (const std::exception&) {
+            return true;
+        }
+        return false;
+    };
+    assert(given.was_exchanged() && given.bytes() == 0 && given.distance(a) > 1e9);
+    assert(refused([&] { given.set_stiffness(a); }) &&
+           refused([&] { taken.exchange(std::move(given)); }));
+    vfplan::bundle::Fixture wall;
+    wall.points = {0, 0, 0};
+    wall.frame = "robot_base";
+    wall.rendering = {{1000, 1000, 1000}, 5e-3, 1e-5, 0, {}, {}};
+    vfplan::Controller moved(wall), holds = std::move(moved);
+    moved.reset(a);
+    assert(holds.size() == 1 && moved.size() == 0 && moved.step(a).stop);
+    assert(refused([&] { moved.add(wall); }) && refused([&] { moved.set_stiffness(500); }));
+    // A rule that asks for a path which the format does not have is not answered that it is absent.
+    const vfplan::bundle::Content empty;
+    assert(!empty.has("/sigma") && !empty.has_group("/mesh"));
+    assert(refused([&] { (void)empty.has("/sgima"); }) &&
+           refused([&] { (void)empty.has_group("/mseh"); }));
     assert(taken.set_stiffness(Vec3(500, 500, 500)) &&
            taken.parameters().stiffness == Vec3(500, 500, 500));
 #if __has_include(<eigen3/Eigen/Core>)

@@ -11,14 +11,14 @@ from margins import CLOCKWISE, LINE, registered
 from vfplan import FixtureSettings
 from vfplan.errors import SettingError
 from vfplan.planning.plan import margin_of, plan
-from vfplan.registration.registration import fit_registration
+from vfplan.registration.registration import fit_registration, target_error
 
 
 @pytest.mark.parametrize("curve", [LINE, CLOCKWISE])
 def test_the_margin_is_the_bound_of_the_whole_curve(curve):
-    registration = registered()
-    bound_m = registration.tre95_curve_m(curve.points).max()
-    assert bound_m <= margin_of(curve, registration, "tre95") <= bound_m + 1e-9
+    error = target_error(registered(), curve.points)
+    bound_m = registered().tre95_curve_m(curve.points).max()
+    assert bound_m <= margin_of(error, "tre95") <= bound_m + 1e-9
 
 
 @pytest.mark.parametrize("given", [0, 0.0, 2.5e-3])
@@ -33,7 +33,7 @@ def test_a_given_margin_is_added_to_the_point_radius(given):
 @pytest.mark.parametrize("margin", ["tre99", True, -1, np.inf, np.nan, "1"])
 def test_an_unknown_margin_is_refused(margin):
     with pytest.raises(SettingError) as caught:
-        margin_of(LINE, registered(), margin)
+        margin_of(target_error(registered(), LINE.points), margin)
     assert caught.value.code == "margin-unknown"
 
 
@@ -46,7 +46,7 @@ def test_what_is_protected_stays_protected():
     covered = 0
     for _ in range(100):
         registration = fit_registration(source, flat + rng.normal(0, 3e-4, (9, 3)))
-        margin_m = margin_of(LINE, registration, "tre95")
+        margin_m = margin_of(target_error(registration, LINE.points), "tre95")
         error_m = np.linalg.norm(registration.apply(line) - truth, axis=1)
         covered += bool((error_m <= margin_m).all())
     assert covered >= 93

@@ -168,6 +168,37 @@ def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, opened, tmp_p
     finish(hand, program, truth)
 
 
+def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
+    browser, opened, tmp_path
+):
+    path, truth = fork(tmp_path / "slice.png")
+    _, hand = opened(path)
+    browser.key("f")
+    # Several ways lie at the line's first part: a click takes the longest.
+    longest = max(way["length_px"] for way in hand.state("review.state.candidates"))
+    hand.click(truth[100])
+    browser.until("review.state.curve_px.length === 1")
+    assert len(hand.state("review.state.curve_px[0]")) == pytest.approx(longest, abs=8)
+    assert not hand.state("document.getElementById('others-card').hidden")
+    for places, button, strokes in (
+        (truth[::20], None, 1),
+        (np.add(truth[:200:20], (0, 150)), "add-stroke", 2),
+    ):
+        browser.key("d")
+        browser.press(*hand.at(places[0]), "mouseMoved", "none")
+        browser.press(*hand.at(places[0]))
+        for place in places:
+            browser.press(*hand.at(place), "mouseMoved")
+        browser.press(*hand.at(places[-1]), "mouseReleased")
+        if button:
+            browser.until("document.getElementById('where').open")
+            hand.press(button)
+        browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
+        if strokes == 1:
+            hand.until_steps(2)
+            assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.5
+
+
 @pytest.mark.slow
 def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")
@@ -731,7 +762,7 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     browser.until("review.state.refusal === null && review.state.tre95_m < 1e-3")
 
 
-def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
+def test_push_feels_what_the_robot_will_render(browser, opened):
     """Each tick of a given way to the bit, and a hand that presses is told the force."""
     _, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
     browser.until("review.state.digest")
@@ -740,15 +771,16 @@ def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
     session = Session.open(SLICE, *MARKERS, pixel_spacing_mm=(0.5, 0.5))
     start = session.current.geometry.strokes[0].points[200]
     path = start + np.array([[0.0, -40], [0, 4], [20, 6], [-30, 3]])
-    calls = ", ".join(f"review.push.move({place}, 60)" for place in path.tolist())
+    ways = [f"moveTo(review.push.inRobot({place}), 60)" for place in path.tolist()]
+    calls = ", ".join(f"review.push.engine.{way}" for way in ways)
     answers = browser.run(f"[{calls}].map((answer) => [...answer.proxy, ...answer.force])")
     shown = session.current.shown
+    path = np.array([row[0] * path[:, 0] + row[1] * path[:, 1] + row[2] for row in shown.plane]).T
     engine, before = vfplan.ProxyEngine.of(shown.fixture), path[0]
-    engine.reset([row @ [*before, 1.0] for row in shown.plane])
+    engine.reset(before)
     for to, answer in zip(path, answers, strict=True):
         for k in range(1, 61):
-            u, v = before + ((to - before) * k) / 60
-            step = engine.step([row[0] * u + row[1] * v + row[2] for row in shown.plane])
+            step = engine.step(before + ((to - before) * k) / 60)
         assert [*step.proxy, *step.force] == answer
         before = to
     assert np.linalg.norm(answers[-1][3:]) > 1.0
@@ -757,7 +789,6 @@ def test_push_feels_what_the_robot_will_render(browser, opened, tmp_path):
         time.sleep(0.05)
     felt = browser.until("document.getElementById('felt').textContent")
     assert float(felt.split()[0]) > 1.0
-    browser.picture(tmp_path / "push.png")
     browser.key("Escape")
     browser.until("document.getElementById('push').childElementCount === 0")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 
+import as_people_draw
 import cv2
 import numpy as np
 import pytest
 import review_slices
 import slices
 from captures import capture, ct_series
-from drawing import normal_errors
+from drawing import normal_errors, polyline
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -26,6 +27,7 @@ from review_slices import (
     photographed,
     two_candidates,
 )
+from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.bundle import review_digest
@@ -593,11 +595,69 @@ def test_undo_of_everything_returns_the_whole_first_state(sample):
         {"do": "move_marker", "marker": "x2", "to": [430.0, 66.0]},
         {"do": "answer", "finding": 0, "by": "A. Planner"},
         {"do": "exclude", "box": [0, 0, 20, 20]},
-        {"do": "draw", "points": review_slices.wave().tolist()[::100]},
+        {"do": "draw", "points": review_slices.wave().tolist()[::100], "replace": True},
     )
     session = after(sample, steps)
     assert text(after(sample, session.steps)) == text(session)
     assert {**undone(session).state(), "can_redo": False} == sample.state()
+
+
+SEEDS = [pytest.param(seed, marks=[pytest.mark.slow] * (seed > 7)) for seed in range(25)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", as_people_draw.KINDS)
+def test_no_line_that_a_person_clicks_on_is_lost_in_silence(kind, seed, tmp_path):
+    slice_, path = as_people_draw.draw(kind, seed), tmp_path / "slice.png"
+    cv2.imwrite(str(path), slice_.image[..., ::-1])
+    session = Session.open(path)
+    if not session.current.geometry.strokes:
+        session = session.apply({"do": "choose", "at": slice_.places[0].tolist()})
+    curve, truth = (
+        np.vstack(session.state()["curve_px"]),
+        polyline(slice_.truth, slice_.closed, 0.5),
+    )
+    lost, extra = ((cKDTree(a).query(b)[0] > 4).mean() for a, b in ((curve, truth), (truth, curve)))
+    assert max(lost, extra) <= 0.02 or any(f.is_open for f in session.current.findings)
+
+
+@pytest.mark.slow
+def test_the_bound_of_the_whole_curve_holds_with_parts_drawn_by_hand(tmp_path):
+    """Clicks every 30 px, 1.5 px off; 40 lines with lifts and nine markers 0.1 mm off."""
+    path, table, held = tmp_path / "slice.png", tmp_path / "m.csv", []
+    places = np.array([[u, v] for u in (30, 190, 350) for v in (30, 160, 290)])
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 7])
+        slice_ = as_people_draw.draw("lifted pen", seed)
+        cv2.imwrite(str(path), slice_.image[..., ::-1])
+        robot = np.c_[4e-4 * places, np.zeros(9)] + rng.normal(0, 1e-4, (9, 3))
+        rows = [f"m{k},{u},{v},{x},{y},{z}" for k, (u, v, x, y, z) in
+                enumerate(np.c_[places, robot])]  # fmt: skip
+        table.write_text("\n".join(["label,u_px,v_px,x_m,y_m,z_m", *rows]))
+        clicks = slice_.truth[:: max(1, round(len(slice_.truth) / 12))]
+        clicks = np.clip(clicks + rng.normal(0, 1.5, clicks.shape), 0, [379, 319]).tolist()
+        drawn = {"do": "draw", "points": clicks, "replace": True}
+        session = Session.open(path, table, markers_as_given=True).apply(drawn)
+        reached = session.current.fit.registration.apply(session.current.geometry.strokes[0].points)
+        truth = np.pad(4e-4 * polyline(slice_.truth, False, 0.25), [(0, 0), (0, 1)])
+        held.append(cKDTree(truth).query(reached)[0].max() <= session.state()["tre95_m"])
+    assert np.mean(held) >= 0.93
+
+
+def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_overlaps(tmp_path):
+    session, truth = opened(fork, tmp_path)
+    half = session.apply({"do": "draw", "points": truth[:250:40].tolist()})
+    assert "ink-joins" in [finding.code for finding in half.current.findings]
+    with refuses(SettingError, "replace-or-add"):
+        half.apply({"do": "draw", "points": [[20, 280], [60, 290]]})
+    # From elsewhere, along the whole line and beyond: nothing is folded, and nothing is lost.
+    whole = half.apply({"do": "draw", "points": truth[::60].tolist()})
+    assert miss(curve_of(whole), truth) < 0.5
+    assert "curve-folds" not in [finding.code for finding in whole.current.findings]
+    again = whole.apply({"do": "draw", "points": truth[60:500:40].tolist(), "add": True})
+    assert "curve-folds" in [finding.code for finding in again.current.findings]
+    less = again.apply({"do": "delete_stroke", "stroke": 1})
+    assert less.current.findings == whole.current.findings
 
 
 def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):

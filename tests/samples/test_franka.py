@@ -18,10 +18,12 @@ from types import SimpleNamespace
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, missing, output
+from conftest import ROOT, missing, output, quick_compiler
+from motion import INCLUDE, NATIVE, SHEET, STRICT
 
 import vfplan
 from vfplan import Status
+from vfplan import fixture as fixtures
 from vfplan.arm.model import Arm
 from vfplan.arm.rehearsal import ArmHand, run_loop, safety_stops
 from vfplan.errors import SignatureError
@@ -505,3 +507,35 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
         assert np.abs(motion.rendered).max() > 2
     raw = set() if governed else {"controller_torque_discontinuity"}
     assert errors == {"all three": set(), "a new engine and a reset": raw}
+
+
+@pytest.fixture(scope="module")
+def loop_in_cpp(tmp_path_factory):
+    """samples/franka/loop.cpp against tests/native/franka, a stub of libfranka, and a wall."""
+    folder = tmp_path_factory.mktemp("franka")
+    flags = ("-O1", "-DVFPLAN_NARROW", "-DVFPLAN_COMPILED", INCLUDE / "vfplan" / "engine.cpp")
+    words = [quick_compiler(), "-std=c++20", *STRICT, *flags, f"-I{INCLUDE}", f"-I{NATIVE}"]
+    words += [FOLDER / "loop.cpp", "-o", folder / "loop"]
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rendering = fixtures.Rendering(np.full(3, 1000.0), contact_radius=5e-3, band=5e-5)
+    wall = stored(folder, replace(bundles.small(), points=SHEET, rendering=rendering))
+    return [folder / "loop", wall]
+
+
+@pytest.mark.parametrize(("options", "code", "says"), [
+    ("signal --unsigned", 130, "enforce torque 40 force 40 cutoff 1000 tick 50"),
+    ("signal --unsigned --collision-force 25 --no-real-time", 130, "ignore torque 40 force 25 "),
+    ("nan --unsigned", 1, "stopped by itself: bits 1"), ("press --unsigned", 1, "the arm stopped"),
+    ("start-inside --unsigned", 1, "the tip is inside"), ("signal --bad", 2, "unknown: --bad"),
+    ("signal", 4, "without keys")])  # fmt: skip
+def test_the_loop_in_cpp_asks_for_safety_fades_and_says_why(options, code, says, loop_in_cpp):
+    words = [*map(str, loop_in_cpp), "--tool-tip", "0,0,-0.1", *options.split()]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert says in done.stdout + done.stderr
+    if "cutoff" in done.stdout:
+        step, most, last = map(float, done.stdout.split()[-5::2])
+        assert 1.8 < most < 2.2
+        assert step <= 0.95
+        assert last == 0

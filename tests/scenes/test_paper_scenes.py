@@ -1,10 +1,14 @@
 """The paper's own scenes: what they fix must come out, and their pictures must be drawn."""
 
 import json
+import time
+from itertools import product
 
 import numpy as np
 import pytest
 import vfplan.samples.paper_figures as figures
+from chromium import Page
+from conftest import need_program
 from vfplan.samples import paper
 
 
@@ -77,3 +81,24 @@ def test_one_panel_alone(tmp_path):
     numbers = shown[1]
     assert (tmp_path / "fig2b.png").stat().st_size > 5000
     assert figures.lines_of(numbers)[0] == "N = 81"
+
+
+def test_the_page_of_the_simulations_feels_all_four_without_a_network(vfplan_cli, tmp_path):
+    """Each scene by each rule: from afar the mouse goes onto a point and is pushed back."""
+    path = tmp_path / "page.html"
+    assert vfplan_cli("demo", "--page", path).code == 0
+    assert path.stat().st_size < 1_000_000
+    with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
+        browser.open(path.as_uri())
+        asked = [e for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+        assert [e["params"]["request"]["url"][:5] for e in asked] == ["file:"]
+        for scene, by in product(("point", "segment", "teapot", "omega"), ("paper", "robust")):
+            choice = f"which.value = '{scene}', rule.value = '{by}'"
+            browser.run(f"{choice}, rule.dispatchEvent(new Event('change'))")
+            time.sleep(0.3)
+            browser.move_down("view", 0.5)
+            told = browser.run("readout.textContent")
+            # The paper's rule loses touch with a fast hand, or lets it in.
+            assert by == "paper" or told.startswith("in contact")
+            assert "= 0.000 N" not in told
+        assert browser.wrong() == []

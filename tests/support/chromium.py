@@ -115,6 +115,14 @@ class Page:
         self.do("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=turned,
                 modifiers=modifiers)  # fmt: skip
 
+    def move_down(self, name, share):
+        """Move over an element by its id, down its middle from its top to a share of its height."""
+        where = f"(b => [b.left + b.width / 2, b.top, b.height])({name}.getBoundingClientRect())"
+        x, top, height = self.run(where)
+        for k in range(1, 21):
+            self.press(x, top + share * height * k / 20, "mouseMoved", "none")
+            time.sleep(0.02)
+
     def key(self, key, modifiers=0, code=None):
         """Press and release a key by its name, such as "a", "Enter" or "ArrowLeft"."""
         text = {"text": key} if len(key) == 1 and not modifiers & 2 else {}

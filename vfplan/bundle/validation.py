@@ -18,7 +18,7 @@ from vfplan.bundle.content import Content, Row, findings_of, from_content, table
 from vfplan.bundle.leak import parts_of, sorted_edges
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
-from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, worst_tick_time
+from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
 from vfplan.errors import BundleError, SceneError, VfplanError
 from vfplan.fixture import Fixture, size_doubt
 
@@ -237,7 +237,7 @@ def tick_work(content: Content) -> dict[str, Any]:
     try:
         fixture = from_content(content)
         rule = best_rule(fixture)
-        time_us = 1e6 * worst_tick_time(fixture, rule)
+        time_us = 1e6 * tick_time_bound(fixture, rule)
     except VfplanError:
         rule = time_us = None
     return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MAX_TICK_TIME}

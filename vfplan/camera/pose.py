@@ -1,7 +1,7 @@
 """The camera, where it stands before the tags, and how far off a drawn line may be.
 
 The pose follows from all corners at once by least squares. Its covariance follows from what the
-corners leave over, and is carried to the line along the plan's plane.
+corners leave over, and is carried to the line along the sheet.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.camera.sheet import DICTIONARY, Target, board
+from vfplan.camera.sheet import BOARD, DICTIONARY, Array
 from vfplan.errors import CheckFailed, InputError
 from vfplan.io.files import read_text
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # Bytes of a calibration at most; one has a few hundred.
@@ -29,28 +28,21 @@ MAX_CALIBRATION_BYTES = 1 << 20
 # Fewest tags of a pose: two of another sheet agree by chance once in a million.
 MIN_TAGS = 2
 
-# Share by which a print may be longer one way than the other: a printer keeps to 0.2 %, and a page
-# that was fitted to another paper is off by 3 %.
-MAX_STRETCH = 0.01
-
-# Standard deviations by which it must be certain.
-CERTAIN = 5.0
+# Share by which a print may be longer one way than the other, or slanted. A printer keeps to 0.2 %,
+# and a page that was stretched onto another paper is off by 3 %. It must be certain by so many
+# standard deviations.
+MAX_STRETCH, CERTAIN = 0.01, 5.0
 
 # Side of the window [px] whose mean tells black from white, and the shortest way around a tag as a
 # share of the picture's width, 90 px of 1280: with OpenCV's own, three windows and half of that,
 # the same tags are found in twice the time.
 WINDOW_PX, MIN_PERIMETER = 23, 0.07
 
-# How far beside the picture a line is still carried, in halves of the picture; further out the
-# distortion says nothing.
-BESIDE = 1.3
+# Steps of Newton from OpenCV's pose on; the second changes nothing any more.
+STEPS = 2
 
-# Steps of Newton from the first pose on; the third changes nothing any more.
-ITERATIONS = 4
-
-# Corners that a picture of the board shows at least, and such pictures of a calibration at least
-# and at most.
-MIN_CORNERS, MIN_PICTURES, MAX_PICTURES = 12, 8, 60
+# Corners that a picture of the board shows at least, and such pictures of a calibration at least.
+MIN_CORNERS, MIN_PICTURES = 12, 8
 
 # Standard deviation of the focal length at most, as a share of it: over 5 cm of height above the
 # tags it turns into 0.1 mm.
@@ -59,121 +51,93 @@ MAX_FOCAL_SIGMA = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A calibrated camera.
+    """A calibrated camera, with the names that ROS gives; coefficients in OpenCV's order."""
 
-    Parameters
-    ----------
-    size_px
-        Width and height of its pictures.
-    matrix
-        (3, 3) from the camera's frame to pixels.
-    distortion
-        (4, 5, 8, 12 or 14) coefficients in OpenCV's order.
-    rms_px
-        What the calibration left over; `None` where nobody says.
-    """
+    image_width: int
+    image_height: int
+    camera_matrix: Array
+    distortion_coefficients: Array
 
-    size_px: tuple[int, int]
-    matrix: Array
-    distortion: Array
-    rms_px: float | None = None
-
-    def project(self, places: Array, T_camera_target: Array) -> tuple[Array, Array]:
-        """(N, 2) pixels of places, and (N, 2, 6) how they follow from rotation and translation."""
-        turn = cv2.Rodrigues(T_camera_target[:3, :3])[0]
-        pixels, jacobian = cv2.projectPoints(
-            np.ascontiguousarray(places), turn, T_camera_target[:3, 3], self.matrix, self.distortion
-        )
+    def project(self, places: Array, pose: Array) -> tuple[Array, Array]:
+        """(N, 2) pixels of places, and (N, 2, 6) how they follow from `pose`, (6,)."""
+        lens = self.camera_matrix, self.distortion_coefficients
+        places = np.ascontiguousarray(places)
+        pixels, jacobian = cv2.projectPoints(places, pose[:3], pose[3:], *lens)
         return pixels[:, 0], jacobian[:, :6].reshape(-1, 2, 6)
-
-    def as_json(self) -> dict[str, Any]:
-        """As a calibration file holds it, with the names that ROS gives."""
-        return {
-            "image_width": self.size_px[0], "image_height": self.size_px[1],
-            "camera_matrix": self.matrix.tolist(),
-            "distortion_coefficients": self.distortion.tolist(), "rms_px": self.rms_px,
-        }  # fmt: skip
 
 
 def read_camera(path: Path | None) -> Camera:
-    """The camera of a calibration file.
-
-    Raises
-    ------
-    InputError
-        There is none, or it holds something else.
-    """
+    """The camera of a calibration file; raises `InputError` where there is none."""
     if path is None:
         raise InputError(
-            "A camera without a calibration cannot be trusted to show a wall. Make one: vfplan ar "
-            "--board-out BOARD.pdf, then vfplan ar --calibrate PICTURES -o CALIB.json",
+            "A camera without a calibration shows no wall. Make one: vfplan ar --board-out "
+            "BOARD.pdf, then vfplan ar --calibrate PICTURES -o CALIB.json",
             code="camera-uncalibrated",
         )
-    text, _ = read_text(path, MAX_CALIBRATION_BYTES, InputError)
     try:
-        data = json.loads(text)
-        size = int(data["image_width"]), int(data["image_height"])
+        data = json.loads(read_text(path, MAX_CALIBRATION_BYTES, InputError)[0])
         matrix = np.array(data["camera_matrix"], float).reshape(3, 3)
         distortion = np.array(data["distortion_coefficients"], float).ravel()
-        is_sound = np.isfinite(matrix).all() and np.isfinite(distortion).all() and min(size) > 0
-        if not is_sound or len(distortion) not in (4, 5, 8, 12, 14) or matrix[0, 0] <= 0:
-            raise ValueError("its numbers are no camera's")
-    except (KeyError, TypeError, ValueError) as error:
+        camera = Camera(data["image_width"], data["image_height"], matrix, distortion)
+        if not np.isfinite(camera.project(np.eye(3), np.ones(6))[0]).all():
+            raise ValueError("it has no finite numbers")
+    except (KeyError, TypeError, ValueError, cv2.error) as error:
         raise InputError(
-            f"is no calibration: {error}. It holds image_width, image_height, camera_matrix and "
-            "distortion_coefficients; vfplan ar --calibrate writes one",
+            f"is no calibration: {error}. vfplan ar --calibrate writes one",
             where=str(path), code="calibration-file",
         ) from None  # fmt: skip
-    return Camera(size, matrix, distortion, data.get("rms_px"))
+    return camera
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the camera stands before the tags.
+    """Where the camera stands before the sheet.
 
     Parameters
     ----------
-    T_camera_target
-        (4, 4) into the camera's frame: x to the right, y down, z into the picture [m].
-    reprojection_px
-        Root mean square of what the corners leave over, an axis.
+    vector
+        (6,) rotation vector and translation [m] into the camera's frame: x to the right, y down, z
+        into the picture.
+    residuals
+        (2 N,) what the corners leave over [px].
     covariance
-        (6, 6) of rotation and translation.
-    dof
-        Degrees of freedom of the residuals.
-    tags
-        How many were seen.
+        (6, 6) of the vector.
     """
 
     camera: Camera
-    target: Target
-    T_camera_target: Array
-    reprojection_px: float
+    vector: Array
+    residuals: Array
     covariance: Array
-    dof: int
-    tags: int
+
+    @property
+    def T_camera_sheet(self) -> Array:
+        """(4, 4) from the sheet to the camera [m]."""
+        return transform(self.vector)
 
     def project(self, places: Array) -> Array:
-        """(N, 2) pixels of places among the tags."""
-        return self.camera.project(places, self.T_camera_target)[0]
-
-    def in_view(self, places: Array) -> NDArray[np.bool_]:
-        """(N,) whether places lie before the camera and not far beside its picture."""
-        x, y, z = (places @ self.T_camera_target[:3, :3].T + self.T_camera_target[:3, 3]).T
-        ideal = np.column_stack([x, y, z]) @ self.camera.matrix.T / np.maximum(z, 1e-9)[:, None]
-        middle = np.divide(self.camera.size_px, 2)
-        return (z > 0) & (np.abs(ideal[:, :2] - middle) < BESIDE * middle).all(axis=1)
+        """(N, 2) pixels of places on the sheet (N, 3)."""
+        return self.camera.project(places, self.vector)[0]
 
     def bound_m(self, places: Array) -> Array:
-        """(N,) how far off in the plan's plane each place is at most, with 0.95 [m]."""
-        _, jacobian = self.camera.project(places, self.T_camera_target)
-        # A step in the plane moves the pixel as the same step of the translation does.
-        along = jacobian[:, :, 3:] @ self.T_camera_target[:3, :3] @ self.target.axes
-        rows = np.linalg.solve(along, jacobian @ np.linalg.cholesky(self.covariance))
-        longest = np.linalg.eigvalsh(rows @ rows.transpose(0, 2, 1))[:, -1]
-        # F of 2 and `dof` degrees of freedom has a closed form; the ellipse's longer half axis.
-        quantile = self.dof / 2 * (0.05 ** (-2 / self.dof) - 1)
-        return np.sqrt(2 * quantile * longest)
+        """(N,) how far off each place is on the sheet at most, with 0.95 [m]."""
+        jacobian = self.camera.project(places, self.vector)[1]
+        rows = np.linalg.solve(along_sheet(jacobian, self.vector)[:, :, :2], jacobian)
+        longest = np.linalg.eigvalsh(rows @ self.covariance @ rows.transpose(0, 2, 1))[:, -1]
+        # The longer half axis of the ellipse. F of 2 and `dof` degrees has a closed form.
+        dof = len(self.residuals) - 7
+        return np.sqrt(dof * (0.05 ** (-2 / dof) - 1) * longest)
+
+
+def transform(vector: Array) -> Array:
+    """(4, 4) of a rotation vector and a translation."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = cv2.Rodrigues(vector[:3])[0], vector[3:]
+    return T
+
+
+def along_sheet(jacobian: Array, vector: Array) -> Array:
+    """(N, 2, 3) pixels a metre of the sheet: a place moves a pixel as the translation does."""
+    return jacobian[:, :, 3:] @ transform(vector)[:3, :3]
 
 
 def make_finder() -> Any:
@@ -188,129 +152,84 @@ def make_finder() -> Any:
 def find_tags(finder: Any, grey: Picture) -> dict[int, Array]:
     """Number -> (4, 2) corners [px] of the tags in a grey picture."""
     corners, numbers, _ = finder.detectMarkers(grey)
-    if numbers is None:
-        return {}
-    found = zip(numbers.ravel().tolist(), corners, strict=True)
-    return {number: quad[0].astype(float) for number, quad in found}
+    numbers = [] if numbers is None else numbers.ravel().tolist()
+    return {n: quad[0].astype(float) for n, quad in zip(numbers, corners, strict=True)}
 
 
-def locate(found: dict[int, Array], target: Target, camera: Camera) -> Pose:
+def locate(
+    found: dict[int, Array], tags: dict[int, Array], camera: Camera, *, is_printed: bool = True
+) -> Pose:
     """The pose by the tags that were found.
 
     Raises
     ------
     CheckFailed
-        None or one of the plan's tags is seen, another sheet is, or the print is stretched.
+        Fewer than two of the tags are seen, or another sheet, or the print is stretched.
     """
-    seen = sorted(found.keys() & target.tags.keys())
-    others = sorted(found.keys() - target.tags.keys())
-    if others and target.is_printed:
+    seen, others = found.keys() & tags.keys(), found.keys() - tags.keys()
+    if others and is_printed:
         raise CheckFailed(
-            f"Tag {others[0]} is not of this plan. Take its sheet: vfplan review --print-out",
-            code="other-sheet", numbers={"tags": others},
-        )  # fmt: skip
-    if len(seen) < MIN_TAGS:
-        code = "one-tag" if seen else "no-tag"
-        raise CheckFailed(
-            f"{len(seen)} tags of this plan are seen. Show {MIN_TAGS} or more", code=code
+            f"Tag {min(others)} is not of this plan. Print its sheet: vfplan review --print-out",
+            code="other-sheet",
         )
-    places = np.concatenate([target.tags[number] for number in seen])
-    pixels = np.concatenate([found[number] for number in seen])
-    # Ink, blur and light let the black of all tags grow or shrink alike.
-    middles = np.concatenate([np.repeat([target.tags[n].mean(axis=0)], 4, axis=0) for n in seen])
-    outward = (places - middles) / np.linalg.norm(places - middles, axis=1, keepdims=True)
-    is_found, turns, shifts, errors = cv2.solvePnPGeneric(
-        places, pixels, camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_SQPNP
-    )
-    if not is_found:
-        raise CheckFailed("The tags do not lie as they were printed", code="tags-misplaced")
-    best = int(np.argmin(errors))
-    rotation, shift, growth = turns[best], shifts[best], 0.0
-    for _ in range(ITERATIONS):
-        T = transform(rotation, shift)
-        projected, jacobian = camera.project(places + growth * outward, T)
-        along = jacobian[:, :, 3:] @ T[:3, :3]
-        grown = along @ outward[:, :, None]
-        rows = np.concatenate([jacobian, grown], axis=2).reshape(-1, 7)
-        residuals = (pixels - projected).ravel()
-        step = np.linalg.lstsq(rows, residuals)[0]
-        rotation, shift = rotation + step[:3, None], shift + step[3:6, None]
-        growth += step[6]
-    residuals -= rows @ step
-    refuse_stretched(residuals, rows, along, places)
-    variance = float(residuals @ residuals) / (len(residuals) - 7)
-    covariance = variance * np.linalg.inv(rows.T @ rows)[:6, :6]
-    rms_px = float(np.sqrt(np.mean(residuals**2)))
-    T = transform(rotation, shift)
-    return Pose(camera, target, T, rms_px, covariance, len(residuals) - 7, len(seen))
+    if len(seen) < MIN_TAGS:
+        text = f"{len(seen)} tags of this plan are seen. Show {MIN_TAGS} or more"
+        raise CheckFailed(text, code="one-tag" if seen else "no-tag")
+    corners = np.stack([tags[number] for number in seen])
+    outward = (corners - corners.mean(axis=1, keepdims=True)).reshape(-1, 3)
+    places, pixels = corners.reshape(-1, 3), np.concatenate([found[number] for number in seen])
+    _, *start = cv2.solvePnP(places, pixels, camera.camera_matrix, camera.distortion_coefficients)
+    vector, growth = np.ravel(start), 0.0
+    for _ in range(STEPS):
+        projected, jacobian = camera.project(places + growth * outward, vector)
+        along = along_sheet(jacobian, vector)
+        # Ink, blur and light let the black of all tags grow or shrink alike.
+        rows = np.dstack([jacobian, along @ outward[:, :, None]]).reshape(-1, 7)
+        left = (pixels - projected).ravel()
+        step = np.linalg.lstsq(rows, left)[0]
+        vector, growth = vector + step[:6], growth + step[6]
+    left -= rows @ step
+    covariance = left @ left / (len(left) - 7) * np.linalg.inv(rows.T @ rows)[:6, :6]
 
-
-def transform(rotation: Array, shift: Array) -> Array:
-    """(4, 4) of a rotation vector and a shift, (3, 1) each."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3:] = cv2.Rodrigues(rotation)[0], shift
-    return T
-
-
-def refuse_stretched(residuals: Array, rows: Array, along: Array, places: Array) -> None:
-    """Refuse a print that is longer one way than the other, or slanted.
-
-    residuals: (2 N,) what the pose leaves over [px]
-    rows: (2 N, p) how they follow from the pose
-    along: (N, 2, 3) how they follow from the places (N, 3)
-    """
-    x, y = places[:, 0, None], places[:, 1, None]
-    columns = np.stack([along[:, :, 1] * y, along[:, :, 0] * y + along[:, :, 1] * x], axis=2)
-    rows = np.hstack([rows, columns.reshape(-1, 2)])
-    inverse = np.linalg.pinv(rows)
-    fit = inverse @ residuals
-    left = residuals - rows @ fit
-    sigma = np.sqrt(left @ left / (len(left) - rows.shape[1]) * np.square(inverse).sum(axis=1))
-    is_certain = np.abs(fit) > np.maximum(MAX_STRETCH, CERTAIN * sigma)
-    if is_certain[-2:].any():
+    # Longer along y, and slanted: what no pose can mimic.
+    x, y = places[:, :2].T[:, :, None]
+    shapes = np.dstack([along[:, :, 1] * y, along[:, :, 0] * y + along[:, :, 1] * x])
+    inverse = np.linalg.pinv(np.hstack([rows, shapes.reshape(-1, 2)]))
+    sigma = np.sqrt(left @ left / len(left) * np.square(inverse[7:]).sum(axis=1))
+    stretch = np.abs(inverse[7:] @ left)
+    if (stretch > np.maximum(MAX_STRETCH, CERTAIN * sigma)).any():
         raise CheckFailed(
-            f"The print is {100 * abs(fit[-2]):.1f} % longer one way than the other. Print it at "
+            f"The print is {100 * stretch.max():.1f} % longer one way than the other. Print it at "
             "100 %, not fitted to the page",
-            code="print-stretched", numbers={"stretch": fit[-2], "slant": fit[-1]},
-        )  # fmt: skip
+            code="print-stretched",
+        )
+    return Pose(camera, vector, left, covariance)
 
 
-def calibrate(pictures: Iterable[Picture]) -> tuple[Camera, int]:
-    """A camera by grey pictures of the board from several sides, and how many showed it.
+def calibrate(pictures: Iterable[Picture]) -> tuple[Camera, float, int]:
+    """A camera by grey pictures of the board; what it leaves over [px], and how many showed it.
 
     Raises
     ------
     InputError
-        The pictures differ in size, too few show the board, or they do not determine the camera.
+        The pictures differ in size, or too few show the board from sides that tell.
     """
-    finder = cv2.aruco.CharucoDetector(board())
-    views, size = [], None
+    finder = cv2.aruco.CharucoDetector(BOARD)
+    views, sizes, focal_sigma = [], set(), np.inf
     for picture in pictures:
-        if size not in (None, picture.shape[::-1]):
-            raise InputError(
-                f"The pictures are of {size} and of {picture.shape[::-1]} pixels. Give pictures of "
-                "one camera in one mode",
-                code="calibration-sizes",
-            )
-        size = picture.shape[::-1]
-        corners, numbers, _, _ = finder.detectBoard(picture)
-        if numbers is not None and len(numbers) >= MIN_CORNERS and len(views) < MAX_PICTURES:
-            views.append(board().matchImagePoints(corners, numbers))
-    if len(views) < MIN_PICTURES:
-        raise InputError(
-            f"{len(views)} pictures show the board. Give {MIN_PICTURES} or more, tilted to all "
-            "sides, with the board up to the edges of the picture",
-            code="calibration-pictures", numbers={"pictures": len(views)},
-        )  # fmt: skip
-    places, pixels = zip(*views, strict=True)
-    rms_px, matrix, distortion, _, _, deviations, _, _ = cv2.calibrateCameraExtended(
-        places, pixels, size, None, None
-    )
-    focal_sigma = float(deviations[:2].max() / matrix[0, 0])
+        sizes.add(picture.shape[::-1])
+        corners, numbers, *_ = finder.detectBoard(picture)
+        if numbers is not None and len(numbers) >= MIN_CORNERS:
+            views.append(BOARD.matchImagePoints(corners, numbers))
+    if len(views) >= MIN_PICTURES and len(sizes) == 1:
+        seen = *zip(*views, strict=True), *sizes
+        rms_px, matrix, distortion, *_, sigma, _, _ = cv2.calibrateCameraExtended(*seen, None, None)
+        focal_sigma = sigma[:2].max() / matrix[0, 0]
     if focal_sigma > MAX_FOCAL_SIGMA:
         raise InputError(
-            f"The pictures leave the focal length open by {100 * focal_sigma:.2f} %. Tilt the "
-            "board by 30 degrees to all sides, also near the edges of the picture",
-            code="calibration-weak", numbers={"focal_sigma": focal_sigma},
-        )  # fmt: skip
-    return Camera(size, matrix, distortion.ravel(), float(rms_px)), len(views)
+            f"{len(views)} pictures show the board, in sizes {sorted(sizes)}, and leave the focal "
+            f"length open by {100 * focal_sigma:.2f} %. Give {MIN_PICTURES} or more of one size, "
+            "with the board tilted by 30 degrees to all sides and also near the edges",
+            code="calibration-weak",
+        )
+    return Camera(*seen[2], matrix, distortion.ravel()), rms_px, len(views)

@@ -1,15 +1,14 @@
-"""What the camera looks for: tags at known places, printed with the plan or put on a bone.
+"""The plan at true scale, with tags that a camera finds: printed on a page, or put on a bone.
 
-The sheet has one layout on A4 and on Letter, around the middle of the page. Its frame has the
-origin there, x to the right, y down and z into the paper [m]. The numbers of its tags are drawn by
-the plan's digest, so that no other plan has them.
+The frame of the sheet has its origin in the middle of the plan and of the page, x to the right, y
+down and z into the paper [m]. Tags on a bone are carried into the same frame. The layout is the
+same on every paper. A printed tag's number follows from the plan's digest, so no other plan has it.
 """
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -37,23 +36,20 @@ from vfplan.review.rendered import Shown, outlines_of, plane_of
 
 Array = NDArray[np.float64]
 
-MM_PER_INCH = 25.4
-
-# The colour of where the tool stops, and of where it is held.
-COLOURS = {"wall": CONTACT, "guide": HIP}
-
 # Width and height of the pages [mm].
 PAGES = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 
-# What both pages hold in the middle with 8 mm left for the printer [mm].
+# What every page holds in its middle, with 8 mm left for the printer [mm].
 SHORT_MM, LONG_MM = 194.0, 263.0
 
 # Side of a tag [mm]: 8 squares, of 5 px each in a picture of 1280 x 720 from 65 cm.
 TAG_MM = 28.0
 
-# Height [mm] at the upper edge for tags and the white around them, and at the lower edge for the
-# same and the scale.
-HEAD_MM, FOOT_MM = TAG_MM + 5.0, TAG_MM + 17.0
+# The same in a PDF [px]: 30 a square, because some viewers blur what they enlarge.
+TAG_PX = 240
+
+# Height [mm] of the tags with words or the scale beside them, above and below the plan.
+EDGE_MM = TAG_MM + 12.0
 
 # Length [mm] of the printed scale.
 SCALE_MM = 100.0
@@ -61,289 +57,194 @@ SCALE_MM = 100.0
 # Tags of 6 x 6 squares: of their 1000 numbers any two differ in 9 squares or more.
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_1000)
 
-# The board of a calibration: squares along its sides, and their sides [mm].
-BOARD_SQUARES, SQUARE_MM, BOARD_TAG_MM = (7, 10), 25.0, 18.0
+# Of a calibration: squares along the sides, and the sides of a square and of its tag [m].
+BOARD = cv2.aruco.CharucoBoard((7, 10), 25e-3, 18e-3, DICTIONARY)
 
-# Pixels of the plan's outline a millimetre, as the engine is asked for it.
-OUTLINE_PX = 10.0
+# Pixels a metre in which the engine is asked for its outline, and of how many points of that one is
+# kept: they are then half a millimetre apart.
+PX_PER_M, THIN = 1e4, 4
 
-# Of how many points of an outline one is kept; the engine's grid is finer than a picture.
-THIN = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """Tags at known places, and where the plan lies among them.
-
-    Parameters
-    ----------
-    tags
-        Number -> (4, 3) corners [m], clockwise from the upper left one of the upright tag.
-    T_target_fixture
-        (4, 4) from the frame of the fixture [m].
-    axes
-        (3, 2) unit vectors in the plane of the plan: errors are told along it.
-    is_printed
-        Whether the tags were printed with this plan, so that another number is another plan.
-    """
-
-    tags: dict[int, Array]
-    T_target_fixture: Array
-    axes: Array
-    is_printed: bool = True
-
-    def place(self, points: Array) -> Array:
-        """(N, 3) places of the fixture among the tags [m]."""
-        return points @ self.T_target_fixture[:3, :3].T + self.T_target_fixture[:3, 3]
+# The colour of where the tool stops, and of where it is held.
+COLOURS = {"wall": CONTACT, "guide": HIP}
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
-    """The plan of a fixture on a page.
-
-    Raises
-    ------
-    InputError
-        No robot renders the fixture, it lies in no plane, or it is larger than the page.
-    """
+class Plan:
+    """A fixture in the frame of its sheet; `size_mm` is its width and height with the tool."""
 
     fixture: Fixture
+    T_sheet_fixture: Array
+    size_mm: Array
 
-    def __post_init__(self) -> None:
-        """Refuse what no page shows."""
-        if self.fixture.rendering is None:
-            raise InputError(
-                "is a curve that no robot renders yet. Plan it with its markers: vfplan plan",
-                code="nothing-rendered",
-            )
-        width, height = self.size_mm
-        if width > self.area_mm[0] or height > self.area_mm[1]:
-            raise InputError(
-                f"The plan is {width:.0f} x {height:.0f} mm with the tool beside its line. A page "
-                f"holds {SHORT_MM:.0f} x {LONG_MM - HEAD_MM - FOOT_MM:.0f} mm, or {LONG_MM:.0f} x "
-                f"{SHORT_MM - HEAD_MM - FOOT_MM:.0f} mm. Put tags on the object instead: vfplan ar "
-                "--tags",
-                code="sheet-too-small", numbers={"width_mm": width, "height_mm": height},
-            )  # fmt: skip
+    def place(self, points: Array) -> Array:
+        """(N, 3) points of the fixture on the sheet [m]."""
+        return points @ self.T_sheet_fixture[:3, :3].T + self.T_sheet_fixture[:3, 3]
 
-    @cached_property
-    def axes(self) -> Array:
-        """(3, 2) the page's directions to the right and down, in the frame of the fixture."""
-        return plan_axes(self.fixture)
+    def lines(self) -> list[Array]:
+        """The strokes on the sheet, (M, 3) each [m]."""
+        strokes = self.fixture.strokes
+        return [self.place(ring_of(stroke.points, stroke.closed)) for stroke in strokes]
 
-    @cached_property
-    def box(self) -> Array:
-        """(2, 2) the least and the largest place of the line along `axes`, with the tool [m]."""
-        beside = self.fixture.contact_radius + self.fixture.point_radius
-        if self.fixture.guidance is not None:
-            beside = max(beside, self.fixture.guidance.radius)
-        places = self.fixture.points @ self.axes
-        return np.array([places.min(axis=0) - beside, places.max(axis=0) + beside])
+    def outlines(self) -> Iterator[tuple[str, Array]]:
+        """Where the engine stops the tool, or holds it: kind, and (M, 3) on the sheet [m]."""
+        # As far again beside the tool, which an inner corner needs.
+        size = np.ceil(1.2 * PX_PER_M / MM * self.size_mm).astype(int)
+        onto = np.array([[1, 0, -size[0] / 2], [0, 1, -size[1] / 2], [0, 0, 0], [0, 0, PX_PER_M]])
+        onto /= PX_PER_M
+        plane = (np.linalg.inv(self.T_sheet_fixture) @ onto)[:3]
+        for outline in outlines_of(self.fixture, plane, tuple(size.tolist())):
+            for line in outline.lines:
+                line = np.vstack([line[:-1:THIN], line[-1:]])
+                yield outline.kind, np.column_stack([line, np.ones(len(line))]) @ onto[:3].T
 
     @property
-    def size_mm(self) -> tuple[float, float]:
-        """Width and height of the plan."""
-        width, height = MM * np.diff(self.box, axis=0)[0]
-        return float(width), float(height)
-
-    @cached_property
-    def is_upright(self) -> bool:
-        """Whether the page stands on its short edge."""
-        width, height = self.size_mm
-        fits = width <= SHORT_MM and height <= LONG_MM - HEAD_MM - FOOT_MM
-        return fits or width > LONG_MM or height > SHORT_MM - HEAD_MM - FOOT_MM
-
-    @property
-    def whole_mm(self) -> tuple[float, float]:
-        """Width and height of all that is printed."""
-        return (SHORT_MM, LONG_MM) if self.is_upright else (LONG_MM, SHORT_MM)
-
-    @property
-    def area_mm(self) -> tuple[float, float]:
-        """Width and height of the place for the plan."""
-        return self.whole_mm[0], self.whole_mm[1] - HEAD_MM - FOOT_MM
-
-    @cached_property
     def digest(self) -> str:
-        """Of all that is rendered and of the registration, answered and approved or not."""
+        """Of all that is rendered and of the registration, approved or not."""
         return review_digest(replace(self.fixture, findings=(), reviewed=None, case=None))
 
-    @cached_property
-    def target(self) -> Target:
-        """The tags, and the plan in the middle of its place."""
-        numbers = np.random.Generator(
-            np.random.Philox(int(hashlib.sha256(self.digest.encode()).hexdigest()[:32], 16))
-        ).permutation(1000)
-        width, height = self.whole_mm
-        side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * TAG_MM
-        columns = (-width / 2, -TAG_MM / 2, width / 2 - TAG_MM)
-        corners = [(x, y) for y in (-height / 2, height / 2 - TAG_MM) for x in columns]
-        tags = {
-            int(number): np.column_stack([corner + side, np.zeros(4)]) / MM
-            for number, corner in zip(numbers, corners, strict=False)
-        }
-        turn = np.vstack([self.axes.T, np.cross(*self.axes.T)])
-        transform = np.eye(4)
-        transform[:3, :3] = turn
-        transform[:2, 3] = [0.0, (HEAD_MM - FOOT_MM) / 2 / MM] - self.box.mean(axis=0)
-        transform[2, 3] = -turn[2] @ self.fixture.points.mean(axis=0)
-        return Target(tags, transform, np.eye(3)[:, :2])
 
-
-def plan_axes(fixture: Fixture) -> Array:
-    """(3, 2) unit vectors to the right and down as the plan is looked at, in its plane.
+def plan_of(fixture: Fixture) -> Plan:
+    """The plan of a fixture, as its slice was looked at; without a slice from above.
 
     Raises
     ------
     InputError
-        It lies in no plane that its registration or its infinite axis tells.
+        No robot renders it, or it lies in no plane.
     """
-    plane = plane_of(fixture, None)
+    plane, axis = plane_of(fixture, None), fixture.ignore_axis if fixture.rendering else None
     if plane is not None:
-        right = plane[:, 0] / np.linalg.norm(plane[:, 0])
-        down = plane[:, 1] - right * (plane[:, 1] @ right)
-        return np.column_stack([right, down / np.linalg.norm(down)])
-    if fixture.ignore_axis is None:
+        right, down = np.linalg.qr(plane[:, :2])[0].T
+        right, down = right * np.sign(right @ plane[:, 0]), down * np.sign(down @ plane[:, 1])
+    elif axis is not None:
+        right, down = across(axis * np.sign(axis[np.abs(axis).argmax()])) * [[1], [-1]]
+    if fixture.rendering is None or (plane is None and axis is None):
         raise InputError(
-            "The plan lies in space, and a page shows what lies in a plane. Put tags on the object "
-            "instead: vfplan ar --tags",
+            "No robot renders this in a plane, and a sheet shows what lies in one. Plan a line "
+            "with its markers: vfplan plan",
             code="no-plane",
         )
-    # Seen from above, or from the side to which the axis has its largest part.
-    axis = fixture.ignore_axis
-    first, second = across(axis * np.sign(axis[np.abs(axis).argmax()]))
-    return np.column_stack([first, -second])
+    turn = np.stack([right, down, np.cross(right, down)])
+    places = fixture.points @ turn.T
+    low, high = places.min(axis=0), places.max(axis=0)
+    beside = fixture.contact_radius + fixture.point_radius
+    if fixture.guidance is not None:
+        beside = max(beside, fixture.guidance.radius)
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = turn, -(low + high) / 2
+    return Plan(fixture, transform, MM * (high - low + 2 * beside)[:2])
 
 
-def target_of_tags(path: Path, fixture: Fixture) -> Target:
-    """Tags on an object, whose corners were touched: a marker file with labels as "17.0".
+def whole_of(plan: Plan) -> tuple[float, float]:
+    """Width and height of all that is printed [mm], on an upright page if that holds the plan."""
+    for whole in ((SHORT_MM, LONG_MM), (LONG_MM, SHORT_MM)):
+        if (plan.size_mm <= [whole[0], whole[1] - 2 * EDGE_MM]).all():
+            return whole
+    width, height = plan.size_mm.tolist()
+    raise InputError(
+        f"The plan is {width:.0f} x {height:.0f} mm with the tool beside its line. A page holds "
+        f"{SHORT_MM:g} x {LONG_MM - 2 * EDGE_MM:g} mm, or {LONG_MM:g} x "
+        f"{SHORT_MM - 2 * EDGE_MM:g} mm. Put tags on the object instead: vfplan ar --tags",
+        code="sheet-too-small", numbers={"width_mm": width, "height_mm": height},
+    )  # fmt: skip
 
-    The label is the number of a tag of 6 x 6 squares and that of a corner, 0 to 3, clockwise from
-    the upper left one of the upright tag. All is in the frame of the fixture.
+
+def printed_tags(plan: Plan) -> dict[int, Array]:
+    """Number -> (4, 3) corners [m] of the sheet's tags, clockwise from the upper left."""
+    width, height = whole_of(plan)
+    side = TAG_MM / MM * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    x = np.array([-width, -TAG_MM, width - 2 * TAG_MM]) / 2 / MM
+    y = np.array([-height, height - 2 * TAG_MM]) / 2 / MM
+    corners = np.stack(np.meshgrid(x, y, 0), axis=-1).reshape(-1, 1, 3)
+    tags, numbers, digest = {}, list(range(1000)), int(plan.digest, 16)
+    for corner in corners:
+        digest, row = divmod(digest, len(numbers))
+        tags[numbers.pop(row)] = corner + side
+    return tags
+
+
+def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
+    """The same of tags on an object, by the places of their corners in the fixture's frame.
+
+    A marker file has a row for each corner, labelled as "17.0" to "17.3": the number of a tag of
+    6 x 6 squares, and that of the corner, clockwise from the upper left one of the upright tag.
     """
     touched = read_sides(path)[-1]
-    if touched.frame != fixture.frame:
+    rows = dict(zip(touched.labels, plan.place(touched.positions), strict=True))
+    numbers = {label.partition(".")[0] for label in rows}
+    try:
+        if touched.frame != plan.fixture.frame:
+            raise ValueError(touched.frame)
+        return {int(n): np.stack([rows.pop(f"{n}.{k}") for k in range(4)]) for n in numbers}
+    except (KeyError, ValueError):
         raise MarkerError(
-            f"holds places in the frame {touched.frame}. Give them in {fixture.frame}, as the "
-            "fixture is",
-            where=str(path), code="tag-frame",
-        )  # fmt: skip
-    places = dict(zip(touched.labels, touched.positions, strict=True))
-    numbers = {label.partition(".")[0] for label in places}
-    wanted = {f"{number}.{corner}" for number in numbers for corner in range(4)}
-    if wanted != set(places) or not all(map(str.isdecimal, numbers)):
-        raise MarkerError(
-            f"holds {', '.join(touched.labels[:4])} ... Name four corners of each tag, such as "
-            "17.0, 17.1, 17.2 and 17.3",
+            f"has a tag without four corners in {plan.fixture.frame}. Label them as 17.0, 17.1, "
+            "17.2 and 17.3",
             where=str(path), code="tag-corners",
-        )  # fmt: skip
-    tags = {int(n): np.array([places[f"{n}.{corner}"] for corner in range(4)]) for n in numbers}
-    return Target(tags, np.eye(4), plan_axes(fixture), is_printed=False)
-
-
-def outlines_in(target: Target, fixture: Fixture) -> list[tuple[str, Array]]:
-    """Where the engine stops the tool or holds it: kind, and (M, 3) places among the tags [m]."""
-    axes = plan_axes(fixture)
-    reach = 2 * (fixture.contact_radius + fixture.point_radius)
-    if fixture.guidance is not None:
-        reach = max(reach, 2 * fixture.guidance.radius)
-    flat = fixture.points @ axes
-    low, high = flat.min(axis=0) - reach, flat.max(axis=0) + reach
-    normal = np.cross(*axes.T)
-    origin = axes @ low + normal * (fixture.points.mean(axis=0) @ normal)
-    size = np.ceil((high - low) * MM * OUTLINE_PX).astype(int)
-    plane = np.column_stack([axes / (MM * OUTLINE_PX), origin])
-    lines = []
-    for outline in outlines_of(fixture, plane, (int(size[0]), int(size[1]))):
-        for line in outline.lines:
-            kept = np.vstack([line[:-1:THIN], line[-1:]])
-            places = np.column_stack([kept, np.ones(len(kept))]) @ plane.T
-            lines.append((outline.kind, target.place(places)))
-    return lines
+        ) from None  # fmt: skip
 
 
 def draw_print(shown: Shown, paper: str) -> Figure:
     """A page with the plan, its slice where that is given, the tags and the scale."""
-    sheet = Sheet(shown.fixture)
-    target, (width, height) = sheet.target, sheet.whole_mm
-    figure, axes = new_page(paper, sheet.is_upright)
-    top, bottom = -height / 2 + HEAD_MM, height / 2 - FOOT_MM
-    area = Rectangle((-width / 2, top), width, bottom - top, transform=axes.transData)
+    plan = plan_of(shown.fixture)
+    width, height = whole_of(plan)
+    figure, axes = new_page(paper, height > width)
     if shown.image is not None and shown.plane is not None:
-        # From the middle of a pixel, (u, v), to the page.
         onto = np.eye(3)
-        onto[:2] = MM * (target.T_target_fixture[:3] @ np.vstack([shown.plane, [0, 0, 1]]))[:2]
+        onto[:2] = MM * (plan.T_sheet_fixture[:3] @ np.vstack([shown.plane, [0, 0, 1]]))[:2]
         picture = axes.imshow(as_uint8(shown.image.rgb), interpolation="none", zorder=0)
         picture.set_transform(Affine2D(onto) + axes.transData)
-        picture.set_clip_path(area)
-    for number, corners in target.tags.items():
-        draw_squares(
-            axes, cv2.aruco.generateImageMarker(DICTIONARY, number, 8), MM * corners[0, :2]
-        )
-    for kind, line in outlines_in(target, shown.fixture):
-        axes.plot(*MM * line.T[:2], color=COLOURS[kind], lw=0.8, zorder=3)
-    for stroke in shown.fixture.strokes:
-        line = MM * target.place(ring_of(stroke.points, stroke.closed))
-        axes.plot(*line.T[:2], color=CLOUD, lw=0.8, zorder=3)
-    if not shown.fixture.strokes:
-        axes.plot(*MM * target.place(shown.fixture.points).T[:2], ".", color=CLOUD, ms=1, zorder=3)
-    record = shown.fixture.registration
-    if record is not None:
-        for label, place in zip(record.labels, MM * target.place(record.target), strict=True):
-            if abs(place[0]) < width / 2 and top < place[1] < bottom:
-                axes.plot(*place[:2], "k+", ms=8, mew=0.6, zorder=4)
-                axes.annotate(label, place[:2], (3, 3), textcoords="offset points", zorder=4)
-    draw_scale(axes, -width / 2 + 2, bottom + 5)
-    words = f"{shown.name}\n{sheet.digest[:32]}\n{sheet.digest[32:]}"
-    axes.text(-width / 2 + SCALE_MM + 12, bottom + 1, words, va="top", family="monospace")
+        area = (-width / 2, EDGE_MM - height / 2), width, height - 2 * EDGE_MM
+        picture.set_clip_path(Rectangle(*area, transform=axes.transData))
+    for number, corners in printed_tags(plan).items():
+        tag = cv2.aruco.generateImageMarker(DICTIONARY, number, TAG_PX)
+        draw_squares(axes, tag, *MM * corners[0, :2], TAG_MM)
+    lines = [(COLOURS[kind], line) for kind, line in plan.outlines()]
+    lines += [(CLOUD, line) for line in plan.lines()]
+    for colour, line in lines:
+        axes.plot(*MM * line.T[:2], color=colour, lw=0.8, zorder=3)
+    words = f"{shown.name}  {plan.digest}"
+    axes.text(-width / 2, EDGE_MM - 4 - height / 2, words, family="monospace", fontsize=7)
+    draw_scale(axes, -width / 2 + 2, height / 2 - EDGE_MM + 4)
+    return figure
+
+
+def draw_board(paper: str) -> Figure:
+    """A page with the board of a calibration and the scale."""
+    figure, axes = new_page(paper, is_upright=True)
+    # 12 pixels a millimetre show the squares of the tags, of 2.25 mm, without a remainder.
+    width, height = np.multiply(BOARD.getChessboardSize(), BOARD.getSquareLength() * MM)
+    picture = BOARD.generateImage((int(12 * width), int(12 * height)))
+    draw_squares(axes, picture, -width / 2, -3 - height / 2, width)
+    draw_scale(axes, -width / 2, height / 2 + 2)
     return figure
 
 
 def new_page(paper: str, is_upright: bool) -> tuple[Figure, Axes]:
     """A page at true scale, and axes in its millimetres from the middle, x to the right, y down."""
-    size = PAGES[paper] if is_upright else PAGES[paper][::-1]
+    size = np.array(PAGES[paper] if is_upright else PAGES[paper][::-1])
     with style():
-        figure = Figure(figsize=np.divide(size, MM_PER_INCH))
+        figure = Figure(figsize=size / 25.4)
         axes = figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
-        axes.set(xlim=(-size[0] / 2, size[0] / 2), ylim=(size[1] / 2, -size[1] / 2))
+        axes.set(xlim=np.array([-0.5, 0.5]) * size[0], ylim=np.array([0.5, -0.5]) * size[1])
         axes.set_autoscale_on(False)
     return figure, axes
 
 
-def draw_squares(
-    axes: Axes, cells: NDArray[np.uint8], corner: Array, cell_mm: float = TAG_MM / 8
-) -> None:
-    """Draw a picture of black and white squares from its upper left corner on."""
-    height, width = np.multiply(cells.shape, cell_mm)
-    left, top = corner
-    extent = (left, left + width, top + height, top)
-    axes.imshow(cells, "gray", extent=extent, interpolation="none", vmin=0, vmax=255, zorder=2)
+def draw_squares(axes: Axes, picture: Any, left: float, top: float, width: float) -> None:
+    """Draw a picture of black and white squares from its upper left corner on [mm]."""
+    bottom = top + width * picture.shape[0] / picture.shape[1]
+    axes.imshow(
+        picture, "gray", extent=(left, left + width, bottom, top), interpolation="none", zorder=2
+    )
 
 
 def draw_scale(axes: Axes, x: float, y: float) -> None:
     """Draw 100 mm with a tick every 10, to be checked with a ruler."""
-    axes.plot([x, x + SCALE_MM], [y, y], "k", lw=0.8, solid_capstyle="butt")
-    for tick in np.arange(0, SCALE_MM + 1, 10):
-        axes.plot([x + tick] * 2, [y - 1.5, y + 1.5], "k", lw=0.5)
-    axes.text(x, y + 2, f"{SCALE_MM:g} mm by a ruler, else the print is wrong", va="top")
-
-
-def board() -> Any:
-    """The board of a calibration."""
-    squares = SQUARE_MM / MM, BOARD_TAG_MM / MM
-    return cv2.aruco.CharucoBoard(BOARD_SQUARES, *squares, DICTIONARY)
-
-
-def draw_board(paper: str) -> Figure:
-    """A page with the board and the scale."""
-    figure, axes = new_page(paper, is_upright=True)
-    # A tag of 8 squares of 2.25 mm in a square of 25 mm: 4 pixels a millimetre show both.
-    width, height = (int(4 * SQUARE_MM * count) for count in BOARD_SQUARES)
-    picture = board().generateImage((width, height))
-    draw_squares(axes, picture, np.array([-width / 8, -height / 8 - 3]), 0.25)
-    draw_scale(axes, -SCALE_MM / 2, height / 8 + 2)
-    return figure
+    ticks = x + np.linspace(0, SCALE_MM, 11)
+    axes.plot([x, ticks[-1]], [y, y], "k", lw=0.8, solid_capstyle="butt")
+    axes.vlines(ticks, y - 1.5, y + 1.5, "k", lw=0.5)
+    axes.text(ticks[-1] + 5, y, f"{SCALE_MM:g} mm by a ruler, else do not use it", va="center")
 
 
 def write_pdf(figure: Figure, path: Path) -> None:

@@ -411,15 +411,15 @@ def bridge_findings(stroke: Stroke) -> list[Finding]:
     findings = []
     for run in runs(stroke.bridged, stroke.closed):
         rest = min(run[0], len(stroke.points) - 1 - run[-1])
-        text = f"the curve is carried across a gap of {len(run)} px."
-        code, severity, question = "bridge", note, ""
+        place, gap = stroke.points[_middle(run)], f"across a gap of {len(run)} px"
         if not stroke.closed and rest < NEAR_END_SHARE * len(stroke.points):
-            code, severity = "bridge-near-end", doubt
-            question = f" Do the {rest} px beyond it belong to the curve?"
+            text = f"the curve is carried {gap}. Do the {rest} px beyond it belong to the curve?"
+            findings.append(finding_at(place, "bridge-near-end", text))
         elif len(run) > tuned.LONG_STRETCH_PX:
-            code, severity, question = "bridge-long", doubt, " Does it run as drawn here?"
-        place = stroke.points[_middle(run)]
-        findings.append(finding_at(place, code, text + question, severity))
+            text = f"the curve is carried {gap}. Does it run as drawn here?"
+            findings.append(finding_at(place, "bridge-long", text))
+        else:
+            findings.append(finding_at(place, "bridge", f"the curve is carried {gap}.", note))
     return findings
 
 

@@ -138,7 +138,7 @@ def check_hip(hip: ArrayLike, name: str = "hip", *, finite: bool = False) -> Vec
 
 
 # Longest tick that a loop of 1 kHz can wait for [s].
-MAX_TICK_TIME = _core.most_tick_work
+MAX_TICK_TIME = _core.max_tick_time
 
 # Largest band of a cloud that is no finding, as a share of R.
 #
@@ -269,33 +269,31 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
     return findings
 
 
-def worst_tick_time(fixture: Fixture, rule: Rule | None = None) -> float:
+def tick_time_bound(fixture: Fixture, rule: Rule | None = None) -> float:
     """The longest time that a tick may take [s], with the best rule unless one is given.
 
-    It is 3 us and 2.2 times the worst that a search over the fixture finds, but no more than what
-    follows from counts (`tick_time_bound` in the C++ header tick_time.hpp, docs/engine.md). The
-    search counts what a tick does and does not time it, so the result is the same everywhere.
+    It follows from counts: a rule stops a tick at its budget, and ends the iteration under way
+    (the C++ header tick_time.hpp, docs/engine.md).
 
     Raises `SceneError` for a rendering that no engine takes.
     """
     parameters = check_renderable(fixture)
     rule = rule or best_rule(fixture)
     if rule != "exact":
-        return _core.tick_work(check_points(sampled(fixture).points), parameters)
+        return _core.tick_time_bound(check_points(sampled(fixture).points), parameters)
     if exact_shape(fixture) == "mesh":
-        return _core.tick_work(*check_triangles(fixture.points, fixture.mesh), parameters)
-    return _core.tick_work(*check_pieces(fixture.region.pieces), parameters)
+        return _core.tick_time_bound(*check_triangles(fixture.points, fixture.mesh), parameters)
+    return _core.tick_time_bound(*check_pieces(fixture.region.pieces), parameters)
 
 
 def slow_tick_text(fixture: Fixture, rule: Rule | None = None) -> str | None:
     """Why a loop of 1 kHz cannot wait for a fixture's ticks; `None` where it can."""
-    seconds = worst_tick_time(fixture, rule)
+    seconds = tick_time_bound(fixture, rule)
     if seconds <= MAX_TICK_TIME:
         return None
     return (
         f"a tick may take {1e6 * seconds:.0f} us, and at most {1e6 * MAX_TICK_TIME:.0f} us are "
-        "given at 1 kHz: too many points or pieces around one place, or max_iterations too high. "
-        "Give fewer points there, or a smaller max_iterations."
+        "given at 1 kHz: too many points or pieces around one place. Give fewer points there."
     )
 
 
@@ -592,7 +590,7 @@ class ProxyEngine:
             return
         points, width = self._source
         parameters = ProxyParameters(self.parameters, search="editable")
-        if self._real_time and _core.tick_work(points, parameters) > MAX_TICK_TIME:
+        if self._real_time and _core.tick_time_bound(points, parameters) > MAX_TICK_TIME:
             raise SceneError(
                 "edit: so dense a cloud is thinned for 1 kHz, and a thinned one cannot be edited. "
                 "Make the engine with offline=True, or of fewer points."

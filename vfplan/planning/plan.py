@@ -26,7 +26,7 @@ from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
-from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, size_doubt
+from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from vfplan.engine.guide import Guide
     from vfplan.images.read import PlannedImage
     from vfplan.markers.correspondences import Correspondences
-    from vfplan.registration.registration import Registration
+    from vfplan.registration.registration import Registration, TargetError
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
 MAX_IGNORED_TILT_DEG = 45.0
@@ -213,7 +213,7 @@ def register(
         Or a guide leads into what is forbidden.
     """
     from vfplan.registration.checks import describe_checks, error_findings, refuse_large_error
-    from vfplan.registration.registration import registration_report, target_error
+    from vfplan.registration.registration import own_bound, registration_report, target_error
 
     # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
     now_utc()
@@ -239,7 +239,9 @@ def register(
         registration = refine(curve, registration, touched, tip_radius, record)
 
     # How far the curve may lie from where it belongs.
-    error = target_error(registration, curve.points)
+    strokes = curve.strokes or (Stroke(curve.points, False, curve.sigma),)
+    px = 1.0 if matched.slice_axes is None else float(np.linalg.norm(matched.slice_axes[:, 0]))
+    error = target_error(registration, curve.points, own_bound(strokes, px))
     if touched is None:
         record.findings += error_findings(error)
     if settings.max_tre_length_m is not None:
@@ -252,7 +254,7 @@ def register(
     # and arcs must follow the curve more closely than the margin is wide.
     margin_m = 0.0
     if settings.margin is not None:
-        margin_m = margin_of(curve, registration, settings.margin)
+        margin_m = margin_of(error, settings.margin)
         settings = replace(settings, point_radius=settings.point_radius + margin_m)
         record.report["margin"] = {
             "kind": "tre95" if settings.margin == "tre95" else "given", "side": "both",
@@ -300,16 +302,16 @@ def planning_of(bundle: Fixture, given: dict[str, Any]) -> FixtureSettings:
     return replace(recipe or FixtureSettings(), **given)
 
 
-def margin_of(curve: Fixture, registration: Registration, margin: str | float) -> float:
+def margin_of(error: TargetError, margin: str | float) -> float:
     """The margin that a fixture is thicker by, all along the curve [m].
 
-    "tre95" is the largest value, along the curve, of the bound that the registration's error stays
-    within over the whole curve with probability 0.95. A number is a margin [m].
+    "tre95" is the largest value, along the curve, of the bound that its error stays within over the
+    whole curve with probability 0.95. A number is a margin [m].
 
     Raises SettingError: an unknown margin
     """
     if margin == "tre95":
-        bound_m = float(registration.tre95_curve_m(curve.points).max())
+        bound_m = float(error.curve95_m.max())
     elif isinstance(margin, Real) and not isinstance(margin, bool) and 0 <= margin < np.inf:
         bound_m = float(margin)
     else:

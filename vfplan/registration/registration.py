@@ -47,7 +47,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
-from vfplan.fixture import Frame, RegistrationRecord
+from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
@@ -81,9 +81,13 @@ DIRECTIONS = 8192
 CURVE_POINTS = 64
 
 
+# Length of a curve [px] whose errors hang together, by the smoothing of a line.
+PLACE_PX = 10.0
+
+
 @dataclass(frozen=True, eq=False)
 class TargetError:
-    """The predicted target registration error along a curve of M points."""
+    """The predicted error of a registered curve of M points; its own error is in `curve95_m`."""
 
     # (M,) predicted RMS error at each point [m].
     rms_m: Array
@@ -97,13 +101,38 @@ class TargetError:
     is_extrapolated: Flags
 
 
-def target_error(registration: Registration, points: ArrayLike) -> TargetError:
-    """The predicted error along a curve (M, 2|3) given in the source frame."""
-    rms_m, curve95_m = registration.tre_m(points), registration.tre95_curve_m(points)
+def target_error(
+    registration: Registration, points: ArrayLike, own: ArrayLike = 0.0
+) -> TargetError:
+    """The predicted error along a curve (M, 2|3) given in the source frame.
+
+    own: the bound of the curve's own error there, (M,) of `own_bound`
+    """
+    rms_m, curve95_m = registration.tre_m(points), registration.curve95_m(points, own)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
     bound95_m = registration.tre95_m(points)
     return TargetError(rms_m, bound95_m, curve95_m, int(curve95_m.argmax()), is_beyond)
+
+
+def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
+    """(M,) distance that drawn strokes' own errors stay within at all points at once, with 0.95.
+
+    What ink shows and what it does not, because it was bridged or placed by hand, have their own
+    deviations, and share the probability of an error. `px` is a pixel in the strokes' unit.
+    """
+    sigma = np.concatenate(
+        [np.zeros(len(s.points)) if s.sigma is None else s.sigma for s in strokes]
+    )
+    unseen = np.concatenate([stroke.bridged | stroke.edited for stroke in strokes])
+    parts = [part for part in (unseen, ~unseen) if part.any()]
+    steps = [np.full(len(s.points), s.length / len(s.points)) for s in strokes]
+    places = np.concatenate(steps) / (PLACE_PX * px)
+    bound = np.zeros(len(sigma))
+    for part in parts:
+        within = (1 - (1 - PROBABILITY) / len(parts)) ** (1 / max(1.0, places[part].sum()))
+        bound[part] = NormalDist().inv_cdf((1 + within) / 2) * sigma[part]
+    return bound
 
 
 def error_rows(s: Array, root: Array) -> Array:
@@ -465,6 +494,15 @@ class Registration:
         """
         pointwise_m = self.tre95_m(points)
         return whole_curve_factor(self._error_rows(points), pointwise_m, self.dof) * pointwise_m
+
+    def curve95_m(self, points: ArrayLike, own: ArrayLike) -> Array:
+        """(M,) radius [m] that a curve stays within at all these points at once, with 0.95.
+
+        own: the bound of the curve's own error, (M,) of `own_bound` in the source frame's unit
+        """
+        linear = self.T_target_source[:3, :-1]
+        scale = np.sqrt((linear**2).sum() / linear.shape[1])
+        return np.hypot(self.tre95_curve_m(points), scale * np.asarray(own))
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""

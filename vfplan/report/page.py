@@ -6,6 +6,7 @@ Its scrubber and plots get frames, envelopes and the cloud in mm, rounded.
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import tempfile
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM
+from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import (
     MARK_HZ,
     axis_names,
@@ -34,9 +36,19 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import now_utc
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import open_words, untested_reason
+from vfplan.replaying.guiding import make_engine
 from vfplan.replaying.replay import Replay, thinned
-from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
+from vfplan.report.tables import (
+    checks,
+    code,
+    episodes,
+    findings,
+    identity,
+    settings,
+    summary,
+    table,
+    verdict_sentence,
+)
 from vfplan.session.result import TickBlock
 
 Array = NDArray[np.float64]
@@ -66,6 +78,9 @@ def scene_data(fixture: Fixture) -> dict[str, Any]:
     return {
         "dims": basis.shape[1],
         "axes": axis_names(basis),
+        "basis": basis.tolist(),
+        "centre": centre.tolist(),
+        "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
         "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
     }
@@ -91,6 +106,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     zooms.append(envelope(replayed.ticks, whole, COLUMNS))
     return {
         **scene_data(replayed.fixture),
+        "played": played_data(replayed),
         "time": np.round(ticks.time, 6).tolist(),
         "hip": _flat(MM * (ticks.hip - centre) @ basis, 3),
         "proxy": _flat(MM * (ticks.proxy - centre) @ basis, 3),
@@ -101,16 +117,44 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "episodes": [[episode["start_s"], episode["end_s"]] for episode in episodes],
         "first_episode": first_episode,
         "zooms": zooms,
+        "deep": "beyond the line" if replayed.ticks.overlap.any() else "|proxy − HIP|",
+    }
+
+
+def played_data(replayed: Replay) -> dict[str, Any] | None:
+    """What the page's own engine needs to make the session's ticks again, and their SHA-256.
+
+    `None` where ticks were left out, or where more than the engine made them: a link, a governor, a
+    fixture that moved.
+    """
+    ticks, rule = replayed.ticks, "robust" if replayed.rule == "both" else replayed.rule
+    if replayed.stride > 1 or replayed.engine != "native" or not np.isfinite(ticks.hip[0]).all():
+        return None
+    engine = make_engine(replayed.fixture, rule)
+    engine.reset(ticks.hip[0])
+    again = engine.run(ticks.hip)
+    answers = np.hstack([ticks.proxy, ticks.force]).tobytes()
+    if np.hstack([again.proxy, again.force]).tobytes() != answers:
+        return None
+    return {
+        "module": packed(module()),
+        "bodies": bodies_of(replayed.fixture, rule),
+        "rows": packed(np.column_stack([ticks.time, ticks.hip]).tobytes()),
+        "sha256": hashlib.sha256(answers).hexdigest(),
     }
 
 
 def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
-    """Smallest and largest force [N] and depth [mm] of stretches of equal length."""
+    """Smallest and largest force [N] and depth [mm] of stretches of equal length.
+
+    The depth is that beyond the line, where the tool went there.
+    """
+    depth = ticks.overlap if ticks.overlap.any() else ticks.penetration
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
     data: dict[str, Any] = {"span": list(span), "time": np.round(ticks.time[starts], 6).tolist()}
-    for name, values in (("force", row_norms(ticks.force)), ("depth", MM * ticks.penetration)):
+    for name, values in (("force", row_norms(ticks.force)), ("depth", MM * depth)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
             parts = extreme.reduceat(values[:last], starts)
             data[f"{name}_{end}"] = (np.round(parts, 4) + 0.0).tolist()
@@ -145,6 +189,8 @@ def _flat(rows: Array, decimals: int) -> list[float]:
 
 # The page may show what it carries and fetch nothing.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+# Its own engine is WebAssembly.
+POLICY += " 'wasm-unsafe-eval'"
 # What a live page may do in addition: listen to the server that it came from.
 LIVE_POLICY = "; connect-src 'self'"
 
@@ -169,6 +215,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
     body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>"]
+    body.append(identity(replayed.fixture))
 
     # What a reader wants first: where it happened, and with what force.
     if image is not None and _has_depth(replayed):
@@ -240,7 +287,9 @@ def scripts(data: dict[str, Any], script: str) -> str:
     """The page's data, and what draws it: the common scripts, then the text of its own."""
     # "</" inside the data would end the script element.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
-    drawing = part("canvas.js") + part("scene.js") + part("plot.js") + script
+    engine = part("page/engine.js", "vfplan.review").replace("export ", "")
+    parts = ("canvas.js", "scene.js", "plot.js", "hand.js")
+    drawing = engine + "".join(map(part, parts)) + script
     return f'<script type="application/json" id="data">{text}</script><script>{drawing}</script>'
 
 
@@ -273,17 +322,13 @@ def palette_css(light: dict[str, str], dark: dict[str, str]) -> str:
 
 
 def verdict_line(metrics: dict[str, Any]) -> str:
-    """The first line of the page: green, red, or grey if nothing was tested."""
-    limits = metrics.get("checks", [])
-    if metrics["verdict"] == "fail":
-        failed = sum(not check["pass"] for check in limits)
-        return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
-    if metrics["verdict"] == "pass":
-        words = f"all {len(limits)} limits hold" if len(limits) > 1 else "the limit holds"
-        words += open_words(metrics)
-        return f'<p class="verdict pass">PASS: {words}</p>'
-    reason = untested_reason(metrics) or "no limits were given"
-    return f'<p class="verdict none">NOT TESTED: {reason}</p>'
+    """The first line of the page: green, red, grey if nothing was tested, amber beyond the line."""
+    verdict = metrics["verdict"]
+    kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
+    if verdict == "pass" and metrics.get("overlap_max_m"):
+        kind = "beyond"
+    words = escape(verdict_sentence(metrics))
+    return f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
 
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:

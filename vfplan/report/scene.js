@@ -8,6 +8,7 @@ function makeScene(data) {
   const size = (v) => Math.hypot(...v);
   let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
   let camera = { x: 0, y: 0, zoom: 1 }, chosen = false; // by hand, or all that there is
+  let isPushed = false; // whether the pointer is the tool
   let pen, width = 1, height = 1, fittedTo = "", tick = null, path = data.cloud;
 
   // Picture coordinates [mm], y up: the plane itself, or seen from azimuth and elevation.
@@ -19,6 +20,14 @@ function makeScene(data) {
   function toScreen(v) {
     const p = flat(v);
     return [width / 2 + (p[0] - camera.x) * camera.zoom, height / 2 - (p[1] - camera.y) * camera.zoom];
+  }
+  // The place under a pointer: in the plane, or as far from the eye as another place.
+  function placeOf(event, other) {
+    const p = [camera.x + (event.offsetX - width / 2) / camera.zoom, camera.y - (event.offsetY - height / 2) / camera.zoom];
+    if (dims === 2) return p;
+    const [a, e] = turn, ca = Math.cos(a), sa = Math.sin(a), ce = Math.cos(e), se = Math.sin(e);
+    const right = [ca, sa, 0], up = [-se * sa, se * ca, ce], [x, y] = flat(other);
+    return other.map((v, i) => v + (p[0] - x) * right[i] + (p[1] - y) * up[i]);
   }
   function whole() {
     chosen = false; fittedTo = width + " " + height;
@@ -114,7 +123,7 @@ function makeScene(data) {
     event.preventDefault(); zoom(Math.exp(-event.deltaY / 500)); draw();
   }, { passive: false });
   view.addEventListener("pointermove", (event) => {
-    if (!event.buttons) return;
+    if (!event.buttons || (isPushed && dims === 2)) return;
     if (dims === 3 && !event.shiftKey) turned(event.movementX / 150, event.movementY / 150);
     else moved(event.movementX, event.movementY);
     draw();
@@ -125,6 +134,7 @@ function makeScene(data) {
     // A tick {hip, proxy, normal, force, trail, peak}; `all`: the path that the whole scene holds.
     show(now, all) { tick = now; path = all || path; draw(); },
     whole() { whole(); draw(); },
-    row, size,
+    push(on) { isPushed = on; view.style.cursor = on ? "crosshair" : ""; },
+    row, size, placeOf,
   };
 }

@@ -2,17 +2,22 @@
 // Moves the scene through time, and zooms the plots.
 (function () {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const frames = data.time.length, scene = makeScene(data);
+  const scene = makeScene(data), push = document.getElementById("push"), engineNote = document.getElementById("engine");
   const slider = document.getElementById("time"), readout = document.getElementById("readout");
   const play = document.getElementById("play"), zoomed = document.getElementById("zoomed");
-  const plots = [["force", "|F| [N]", "force"], ["depth", "|proxy − HIP| [mm]", "proxy"]].map(
+  const plots = [["force", "|F| [N]", "force"], ["depth", data.deep + " [mm]", "proxy"]].map(
     ([id, label, name]) => ({ id, canvas: document.getElementById(id), plot: makePlot(document.getElementById(id), label, name) }));
   const STATES = { "-1": "no neighbour", 0: "free", 1: "in contact", 2: "entrenched" };
+  let frames = data.time.length;
   const whole = [data.time[0], Math.max(data.time[frames - 1], data.time[0] + 1e-3)];
   let frame = 0, playing = false, last = 0, clock = 0, span = whole;
 
-  const strength = data.time.map((_, k) => scene.size(scene.row(data.force, k)));
-  const peak = Math.max(1e-9, ...strength);
+  let strength = [], peak = 1e-9;
+  function measure() {
+    frames = data.time.length; slider.max = frames - 1;
+    strength = data.time.map((_, k) => scene.size(scene.row(data.force, k)));
+    peak = strength.reduce((most, force) => Math.max(most, force), 1e-9);
+  }
 
   // The finest envelope that holds all that is to be seen.
   function envelope() {
@@ -66,7 +71,6 @@
     clock = data.time[frame]; last = performance.now();
     requestAnimationFrame(tick);
   }
-  slider.max = frames - 1;
   slider.addEventListener("input", () => { setPlaying(false); show(Number(slider.value)); });
   play.addEventListener("click", () => setPlaying(!playing));
   data.episodes.forEach((_, k) => zoomed.add(new Option("episode " + (data.first_episode + k), k)));
@@ -94,8 +98,45 @@
       zoomed.value = button.dataset.episode; lookAt(zoomed.value);
       document.getElementById("scrubber").scrollIntoView({ block: "center" });
     });
+  // The session again by the robot's own engine: all its ticks, in place of the recorded ones if
+  // they are these to the bit.
+  async function playAgain() {
+    const module = await loadModule(await unpacked(data.played.module));
+    const engine = await Engine.of(module, data.played.bodies);
+    const rows = new Float64Array(await unpacked(data.played.rows)), n = rows.length / 4;
+    const answers = new Float64Array(6 * n), ticks = { time: [], hip: [], proxy: [], normal: [], force: [], depth: [], state: [] };
+    const along = (v) => data.basis[0].map((_, j) => v.reduce((sum, x, i) => sum + x * data.basis[i][j], 0));
+    const shown = (x) => along(x.map((v, i) => 1e3 * (v - data.centre[i])));
+    engine.reset([...rows.slice(1, 4)]);
+    for (let k = 0; k < n; k++) {
+      const [time, ...hip] = rows.slice(4 * k, 4 * k + 4), { proxy, normal, force, state } = engine.step(hip);
+      answers.set(proxy, 6 * k); answers.set(force, 6 * k + 3);
+      ticks.time.push(time); ticks.hip.push(...shown(hip)); ticks.proxy.push(...shown(proxy));
+      ticks.normal.push(...along(normal)); ticks.force.push(...along(force)); ticks.state.push(state);
+      ticks.depth.push(1e3 * scene.size(proxy.map((x, i) => x - hip[i])));
+    }
+    const digest = [...new Uint8Array(await crypto.subtle.digest("SHA-256", answers))];
+    const isSame = digest.map((byte) => byte.toString(16).padStart(2, "0")).join("") === data.played.sha256;
+    if (!isSame) throw new Error("it gives other ticks than the recorded ones");
+    const at = data.time[frame];
+    Object.assign(data, ticks); measure(); show(frameAt(at));
+    engineNote.textContent = "These are the ticks of the robot's own engine, made in this page: all " + n + " proxies and forces are the recorded ones to the bit.";
+    const hand = makeHand(scene, data, (now) => {
+      scene.show(now);
+      readout.textContent = "by hand: |F| = " + scene.size(now.force).toFixed(3) + " N, |proxy − HIP| = " +
+        scene.size(now.proxy.map((x, i) => x - now.hip[i])).toFixed(3) + " mm";
+    });
+    push.disabled = false;
+    push.addEventListener("change", () => {
+      setPlaying(false); hand.use(push.checked ? engine : null);
+      if (!push.checked) show(frame);
+    });
+  }
+  measure();
   let deepest = 0;
   data.depth.forEach((depth, k) => { if (depth > data.depth[deepest]) deepest = k; });
   show(deepest);
   scene.whole();
+  if (!data.played) push.parentElement.hidden = true;
+  else playAgain().catch((error) => { engineNote.textContent = "The robot's engine does not run in this page: " + error.message + ". These are recorded ticks."; });
 })();

@@ -7,8 +7,9 @@ from html import escape
 from itertools import zip_longest
 from typing import Any
 
-from vfplan.display import MAX_LISTED
+from vfplan.display import MAX_LISTED, count, millimetres
 from vfplan.fixture import Fixture
+from vfplan.replaying.findings import open_words, untested_reason
 from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 
 
@@ -23,6 +24,52 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     ]
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return f'<table class="{kind}">{text}<tbody>{body}</tbody></table>'
+
+
+def verdict_sentence(metrics: dict[str, Any]) -> str:
+    """How far the tool went beyond the line, then the limits that were asked, and what is open."""
+    limits = metrics.get("checks", [])
+    asked = ", ".join(f"{limit['name']} {bound_text(limit)}" for limit in limits)
+    if metrics["verdict"] == "fail":
+        failed = sum(not limit["pass"] for limit in limits)
+        words = f"{failed} of {count(len(limits), 'limit')} broken: {asked}"
+    elif metrics["verdict"] == "pass":
+        words = f"{count(len(limits), 'limit')} asked and held: {asked}{open_words(metrics)}"
+    else:
+        words = untested_reason(metrics) or "no limits were given"
+    return f"{beyond_words(metrics)}; {words}"
+
+
+def beyond_words(metrics: dict[str, Any]) -> str:
+    """How far the tool went beyond what was drawn, or from a guide's line."""
+    scene = metrics["scene"]
+    if "guide" in metrics and "region_force_max_n" not in metrics["guide"]:
+        return f"up to {millimetres(metrics['lateral_max_m'], 2)} from the guide's line"
+    drawn = "the drawn line" if scene["planar"] else "the points"
+    if "triangles" in scene:
+        drawn = "the surface"
+    beyond_m = metrics.get("overlap_max_m", 0.0)
+    return (
+        f"up to {millimetres(beyond_m, 2)} beyond {drawn}" if beyond_m else f"never beyond {drawn}"
+    )
+
+
+def bound_text(check: dict[str, Any]) -> str:
+    """The bound of a limit, such as "at most 20 N"."""
+    sense = "at_most" if "at_most" in check else "at_least"
+    unit = unit_of(check["name"])
+    unit = "" if unit.startswith("tick") else f" {unit}".rstrip()
+    return f"{sense.replace('_', ' ')} {check[sense]:g}{unit}"
+
+
+def identity(fixture: Fixture) -> str:
+    """The case, who approved the plan, and which findings nobody answered; as HTML."""
+    words = [f"Case {fixture.case}" if fixture.case else "Of no named case"]
+    reviewed = fixture.reviewed
+    words.append(f"approved by {reviewed.by}, {reviewed.utc}" if reviewed else "approved by nobody")
+    unanswered = ", ".join(finding.code for finding in fixture.open_findings)
+    words.append(f"nobody answered: {unanswered}" if unanswered else "no finding is unanswered")
+    return f"<p>{escape('; '.join(words))}.</p>"
 
 
 def code(value: Any) -> str:
@@ -54,7 +101,8 @@ def summary(metrics: dict[str, Any]) -> str:
     difference = [f"paper − {next(iter(rules))}"] if len(rules) == 2 else []
     head = ["number", *(f"rule {name}" for name in rules), *difference, "unit"]
     rows = []
-    for number in NUMBERS:
+    # How far beyond the line comes first.
+    for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
         values = [column.get(number.key) for column in columns]
         if not number.label or values == [None] * len(values):
             continue
@@ -76,12 +124,11 @@ def checks(metrics: dict[str, Any]) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
     for check in metrics.get("checks", []):
-        sense = "at_most" if "at_most" in check else "at_least"
         word = "pass" if check["pass"] else "fail"
         verdict = f'<b class="{word}">{word.upper()}</b>'
-        allowed = f"{sense.replace('_', ' ')} {check[sense]:g}"
-        name = check["name"]
-        rows.append([verdict, escape(name), f"{check['value']:.6g}", allowed, unit_of(name)])
+        name, unit = check["name"], unit_of(check["name"])
+        allowed = bound_text(check).removesuffix(f" {unit}")
+        rows.append([verdict, escape(name), f"{check['value']:.6g}", allowed, unit])
     if not rows:
         return ""
     return table(["verdict", "limit on", "found", "allowed", "unit"], rows)

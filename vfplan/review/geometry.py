@@ -37,6 +37,7 @@ from vfplan.geometry.lines import runs
 from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
+from vfplan.registration.registration import own_bound
 from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
 from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
 from vfplan.settings import recalled
@@ -281,7 +282,7 @@ class Geometry:
         """The ink that is not the curve and its bridged stretches, the largest first."""
         if self.ink is None:
             return ()
-        return list_account(self.leftover, self.lines, int(self.ink.mask.sum()))
+        return list_account(self.leftover, self.lines, max(int(self.ink.mask.sum()), 1))
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
@@ -296,9 +297,12 @@ class Geometry:
             made += account.bridge_findings(stroke)
             if stroke.edited.any():
                 first = stroke.points[np.flatnonzero(stroke.edited)[0]]
+                within_px = own_bound(self.strokes)[
+                    np.concatenate([s.edited for s in self.strokes])
+                ]
                 text = (
                     f"{int(stroke.edited.sum())} px of the curve were placed by hand where no ink "
-                    "shows them. Their deviation is taken as 1 px."
+                    f"shows them. They are taken to lie within {within_px.max():.1f} px (95 %)."
                 )
                 place_px = tuple(first.tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
@@ -410,9 +414,12 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
         extracted = extract(image, settings)
     except CurveError as error:
         candidates = _candidates(error, ink, settings)
-        return Geometry(ink=ink, refusal=_refusal_of(error), candidates=candidates)
+        return Geometry(
+            ink=ink, refusal=_refusal_of(error), candidates=candidates,
+            max_gap_px=settings.max_gap_px,
+        )  # fmt: skip
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
-    return Geometry(strokes, ink, extracted.findings)
+    return Geometry(strokes, ink, extracted.findings, max_gap_px=settings.max_gap_px)
 
 
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:

@@ -127,7 +127,7 @@ BORDER_POINTS = 3
 INK_SIGMA_PX = 0.05
 
 # Deviation [px] of the line where other ink joins it and it is carried past.
-BRANCH_SIGMA_PX = 0.3
+BRANCH_SIGMA_PX = 0.5
 
 
 class SliceInk:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError, VfplanError
+from vfplan.fixture import Stroke
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
 from vfplan.markers.find_marks import find_mark
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.checks import perspective_test
-from vfplan.registration.registration import Registration, fit_registration
+from vfplan.registration.registration import Registration, fit_registration, own_bound
 
 # Markers that determine a transform from a plane into space.
 MIN_MARKERS = 3
@@ -174,12 +176,17 @@ class Fit:
             return None
         return float(np.sqrt(self.pixel_spacing_mm[0] * self.pixel_spacing_mm[1]))
 
-    def tre95_m(self, points: NDArray) -> float | None:
-        """The 95 % bound of the registration error over a whole curve (M, 2) [px]."""
-        if self.registration is None or len(points) == 0:
+    def tre95_m(self, strokes: Sequence[Stroke]) -> float | None:
+        """The 95 % bound of the error over a whole curve, by the markers and of its own [px]."""
+        if self.registration is None or len(strokes) == 0:
             return None
-        sample = self.to_source(points[:: max(1, len(points) // BOUND_PLACES)])
-        bound = float(np.max(self.registration.tre95_curve_m(sample)))
+        points, own = np.vstack([stroke.points for stroke in strokes]), own_bound(strokes)
+        # The registration's bound bends slowly; the curve's own is the largest near each place.
+        step = max(1, len(points) // BOUND_PLACES)
+        largest = np.maximum.reduceat(own, np.arange(0, len(own), step))
+        if self.T_patient_image is not None:
+            largest = largest * np.sqrt((self.T_patient_image[:, :2] ** 2).sum() / 2)
+        bound = float(np.max(self.registration.curve95_m(self.to_source(points[::step]), largest)))
         return bound if np.isfinite(bound) else None
 
     @property

@@ -246,9 +246,6 @@ FREE_RADIUS = 20
 # lies there, and it has to be visible.
 AHEAD_RADIUS = 5 * FREE_RADIUS
 
-# Length [px of the page] of the longest arrow of a residual, about.
-ARROW_LENGTH = INSET_PX // 4
-
 
 @dataclass(frozen=True, eq=False)
 class Panel:
@@ -296,7 +293,7 @@ def draw_picture(
     for outline in shown.outlines:
         draw_rendered(canvas, outline, panel.place, ends, is_cased=False)
     has_bound = _draw_bound(canvas, shown, panel)
-    enlargement = _residual_enlargement(shown, panel)
+    enlargement = _residual_enlargement(shown)
     _draw_markers(canvas, shown, panel, enlargement)
     labeller = paper.Labeller(_kept_visible(shown, panel, region, enlargement))
     _draw_captions(sheet, canvas, box, shown, panel, labeller)
@@ -413,17 +410,18 @@ def _draw_bound(canvas: paper.Pixels, shown: Shown, panel: Panel) -> bool:
     return is_drawn
 
 
-def _residual_enlargement(shown: Shown, panel: Panel) -> float | None:
-    """How much longer than true the residuals are drawn; `None` if there are none."""
+def _residual_enlargement(shown: Shown) -> float | None:
+    """How much longer than true the residuals are drawn, as on the page; `None` for none."""
     lengths = [
-        float(np.hypot(*marker.residual_px)) * panel.zoom
+        float(np.hypot(*marker.residual_px))
         for marker in shown.markers
         if marker.residual_px is not None
     ]
     if not lengths:
         return None
     longest = max(lengths)
-    return nice_length(ARROW_LENGTH / longest) if 0 < longest < ARROW_LENGTH else 1.0
+    arrow_px = max(shown.image.width_px, 300) / 10
+    return min(nice_length(arrow_px / longest), 500.0) if 0 < longest < arrow_px else 1.0
 
 
 def _draw_markers(
@@ -491,7 +489,7 @@ def _draw_captions(
     for marker in shown.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
         tag(marker.place, f"{marker.label} {residual}")
-    for entry in shown.account[:MAX_NUMBERED]:
+    for entry in shown.other_ink[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
 
 
@@ -533,7 +531,7 @@ def _draw_legend(
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
-    if shown.account:
+    if shown.other_ink:
         y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
     return y + 10
 

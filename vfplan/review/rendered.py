@@ -30,7 +30,12 @@ from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
 from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings
-from vfplan.registration.registration import Registration, describe_side, fit_registration
+from vfplan.registration.registration import (
+    Registration,
+    describe_side,
+    fit_registration,
+    own_bound,
+)
 from vfplan.review.acceptance import digest_of
 from vfplan.review.markers import Marker
 
@@ -204,14 +209,27 @@ class Shown:
 
     @cached_property
     def tre95_m(self) -> Array | None:
-        """(M,) the 95 % bound of the registration's error along all strokes' points [m]."""
+        """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
         if self.registration is None or not self.strokes:
             return None
         points = np.concatenate([stroke.points for stroke in self.strokes])
+        own = own_bound(self.strokes)
         if self.registration.source.shape[1] == 3:
             place = _place_in_patient(self.image)
-            points = points @ place[:, :2].T + place[:, 2]
-        return self.registration.tre95_curve_m(points)
+            points, own = points @ place[:, :2].T + place[:, 2], own * _size_of(place)
+        return self.registration.curve95_m(points, own)
+
+    @cached_property
+    def other_ink(self) -> tuple[AccountEntry, ...]:
+        """The account without the gaps that a bridge of the line crosses."""
+        bridged = [s.points[s.bridged] for s in self.strokes if s.bridged is not None]
+        places = np.vstack([np.full((1, 2), np.inf), *bridged])
+
+        def is_bridged(entry: AccountEntry) -> bool:
+            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
+            return entry.what != "ink" and away <= max(1.0, entry.pixels / 2)
+
+        return tuple(entry for entry in self.account if not is_bridged(entry))
 
     @cached_property
     def margin_m(self) -> float | None:

@@ -276,8 +276,7 @@ class Session:
 def marker_state(plan: Plan) -> dict[str, Any]:
     """The markers, their residuals and the bound; also of markers that are being dragged."""
     fit, strokes = plan.fit, plan.geometry.strokes
-    points = np.vstack([stroke.points for stroke in strokes]) if strokes else np.zeros((0, 2))
-    bound_m = fit.tre95_m(points)
+    bound_m = fit.tre95_m(strokes)
     margin = fit.settings.margin
     return {
         "markers": fit.describe(),

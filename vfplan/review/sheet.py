@@ -5,9 +5,9 @@ each line and every bridge enlarged; the findings; the other ink. A grey box tha
 a line leaves no trace in the ink, so no program can tell. An eye can, if it sees the end enlarged
 and nothing is drawn over it. That is what this sheet is for.
 
-So nothing is drawn on an inset of an end or of a bridge. A pixel of the slice is a square of 8 x 8
-equal pixels, in the slice's own greys; what the square shows is what the file holds. The middle of
-an inset is marked by four small triangles outside of its frame.
+So nothing is drawn on an inset of an end, and on one of a bridge only a hairline. A pixel of the
+slice is a square of 8 x 8 equal pixels, in the slice's own greys; what the square shows is what the
+file holds. The middle of an inset is marked by four small triangles outside of its frame.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def _error_in_words(shown: Shown) -> str:
     if shown.tre95_m is not None:
         bound = float(shown.tre95_m.max())
         pixels = f" ({bound / shown.metres_per_px:.1f} px)" if shown.metres_per_px else ""
-        return f"moves the line by at most {millimetres(bound, 2)}{pixels} (95 %)"
+        return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
     if fixture.registration.tre_m is None:
         return "not known"
     largest = float(fixture.registration.tre_m.max())
@@ -282,7 +282,7 @@ def list_lines(shown: Shown, width: float) -> list[TextLine]:
         lines += text_lines(words, width, BODY, indent=30)
     if shown.image is None:
         return lines
-    account = shown.account
+    account = shown.other_ink
     heading = f"Other ink in the pen's colour{'' if account else ': none'}"
     lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
     for entry in account[:MAX_NUMBERED]:
@@ -316,7 +316,7 @@ class Inset:
     """A place that is enlarged: its caption, its middle (u, v), and how it is drawn.
 
     `is_raised` spreads the greys, `has_line` draws the line, `has_band` the line and its bands.
-    `note` stands in the caption in place of the size.
+    `note` stands in the caption in place of the size, and `bridge` (M, 2) is drawn as a hairline.
     """
 
     caption: str
@@ -326,6 +326,7 @@ class Inset:
     has_line: bool = False
     has_band: bool = False
     note: str = ""
+    bridge: paper.Array | None = None
 
     @property
     def window(self) -> tuple[int, int, int, int]:
@@ -386,8 +387,8 @@ def insets_of(shown: Shown) -> list[Inset]:
                 caption = f"Bridge {count}{of_line}, {along[-1]:.0f} px"
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
-                insets.append(Inset(caption, place))
-    for entry in shown.account:
+                insets.append(Inset(caption, place, bridge=points, note="orange: the bridge"))
+    for entry in shown.other_ink:
         place = np.array([entry.u, entry.v])
         if entry.what != "ink" and not _is_enlarged(place, insets):
             insets.append(Inset(f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", place))
@@ -486,6 +487,8 @@ def draw_inset(
             paper.draw_cased(
                 enlarged, _within(inset, stroke.points), paper.LINE_COLOUR, 2, stroke.closed
             )
+    if inset.bridge is not None:
+        paper.draw_line(enlarged, _within(inset, inset.bridge), paper.BRIDGE_COLOUR, 2)
     if inset.has_band:
         _draw_band(enlarged, inset, shown)
     size = enlarged.shape[0]

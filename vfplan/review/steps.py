@@ -25,7 +25,7 @@ from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chos
 from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table, snapped
 from vfplan.review.plan import Plan, key_of, made_flat_plan
-from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point, path_through
+from vfplan.review.strokes import MendedStroke, path_through
 
 Step = dict[str, Any]
 # Points of a drawn line at most; a hand clicks some tens.
@@ -184,23 +184,27 @@ def delete_knot(plan: Plan, step: Step) -> Plan:
 
 
 def draw(plan: Plan, step: Step) -> Plan:
-    """Draw a stretch, or a whole curve, by clicks.
+    """Draw a stretch, or a whole curve, by clicks or in one go.
 
-    A line that begins or ends on the curve becomes a stretch of it. Any other becomes the curve,
-    in place of what was there; with `"add": true` it becomes a further stroke.
+    A line that begins or ends on the curve, or runs along it, takes the place of that stretch. Of
+    any other the step says whether it takes the place of all, `"replace": true`, or becomes a
+    further stroke, `"add": true`.
     """
-    closed, adds = step.get("closed", False), step.get("add", False)
-    if not isinstance(closed, bool) or not isinstance(adds, bool):
+    closed, adds, replaces = (step.get(name, False) for name in ("closed", "add", "replace"))
+    if not all(isinstance(flag, bool) for flag in (closed, adds, replaces)):
         raise _malformed(step, "closed", "true or false")
     clicks = _clicks(plan, step, closed)
     geometry = plan.geometry
     path = np.clip(path_through(np.array(clicks), closed), -0.5, _limit(plan))
-    if not closed and not adds:
+    number = None
+    if geometry.strokes and not adds and not replaces:
         number = _stroke_at(geometry, step, path)
-        if number is not None:
+        if not closed:
             stroke = geometry.strokes[number].redraw(path, geometry.ink)
             return _with_stroke(plan, number, stroke)
     stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
+    if number is not None:
+        return _with_stroke(plan, number, stroke)
     return _with_strokes(plan, (*geometry.strokes, stroke) if adds else (stroke,))
 
 
@@ -227,20 +231,19 @@ def _clicks(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     return clicks
 
 
-def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
-    """The stroke on which a drawn line begins or ends; `None` for none."""
+def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int:
+    """The stroke that a drawn line meets; raises `SettingError` where it meets none."""
     if "stroke" in step:
         number = _whole(step, "stroke")
         geometry.stroke(number)
         return number
-    distances = [
-        (nearest_point(stroke.points, end)[1], number)
-        for number, stroke in enumerate(geometry.strokes)
-        for end in (path[0], path[-1])
-    ]
-    if not distances or min(distances)[0] > JOIN_PX:
-        return None
-    return min(distances)[1]
+    for number, stroke in enumerate(geometry.strokes):
+        if stroke.meets(path):
+            return number
+    text = (
+        "The line lies apart from the curve. Say what becomes of it: replace all, or add a stroke."
+    )
+    raise SettingError(text, code="replace-or-add")
 
 
 def cut(plan: Plan, step: Step) -> Plan:

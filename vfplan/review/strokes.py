@@ -54,6 +54,9 @@ MIN_KNOT_SPACING_PX = 10.0
 # belongs to the stretch that was mended.
 JOIN_PX = 12.0
 
+# Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
+ALONG_PX = 3 * JOIN_PX
+
 # A place on the page has four decimals. A knot that is moved by less stays where it is.
 SAME_PLACE_PX = 1e-4
 
@@ -180,14 +183,28 @@ class MendedStroke(Stroke):
         last = len(self.points) - 1
         return self._selected(np.arange(last, -1, -1), last - self.knots[::-1])
 
-    def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
-        """Put a drawn stretch in place of the part between its ends, or carry an end on.
+    def meets(self, drawn: NDArray) -> bool:
+        """Whether a drawn path begins or ends on the stroke, or runs along it."""
+        near, index = self._near(drawn)
+        along = index[near]
+        return bool(near[0] or near[-1] or (near.any() and np.ptp(along) > ALONG_PX))
 
-        `drawn` is a (M, 2) path of which at least one end lies within `JOIN_PX` of the stroke.
+    def _near(self, drawn: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        """Which points of a path lie on the stroke, and which of its points is nearest to each."""
+        from scipy.spatial import cKDTree
+
+        distance, index = cKDTree(self.points).query(drawn)
+        return distance <= JOIN_PX, index
+
+    def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
+        """Put a drawn path in place of the stretch that it overlaps, or carry an end on.
+
+        `drawn` is a (M, 2) path that meets the stroke.
         """
-        first, first_distance = nearest_point(self.points, drawn[0])
-        last, last_distance = nearest_point(self.points, drawn[-1])
-        if first_distance <= JOIN_PX and last_distance <= JOIN_PX:
+        near, index = self._near(drawn)
+        count = len(self.points)
+        if near[0] and near[-1]:
+            first, last = int(index[0]), int(index[-1])
             is_turned = first > last
             if self.closed:
                 # The ends cut a ring into two parts. The one nearer to the drawing is replaced.
@@ -209,13 +226,17 @@ class MendedStroke(Stroke):
             raise SettingError(
                 "The drawn stretch leaves a closed curve at one end. Let both ends lie on it.",
                 code="stretch-off-curve",
-                numbers={"distance_px": max(first_distance, last_distance)},
+                numbers={"points": len(drawn)},
             )
-        if last_distance <= JOIN_PX:
-            first, drawn = last, drawn[::-1]
-        # The stretch carries on the nearer end of the stroke.
-        count = len(self.points)
-        if first >= count / 2:
+        if not near[0] and not near[-1]:
+            # It comes from elsewhere, runs along the stroke and goes on: it is the stroke now.
+            return self._with_stretch(0, count - 1, drawn, ink, free_start=True, free_end=True)
+        if not near[0]:
+            near, index, drawn = near[::-1], index[::-1], drawn[::-1]
+        # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
+        first, last = int(index[0]), int(index[near][-1])
+        goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
+        if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
             return self._with_stretch(first, count - 1, stretch, ink, free_end=True)
         stretch = np.vstack([drawn[:0:-1], self.points[first]])

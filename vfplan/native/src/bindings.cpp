@@ -47,19 +47,11 @@ template <class Shape, class... Args, class... Names>
 void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const Args&...),
                 const Names&... names) {
     m.def(
-        "tick_work",
+        "tick_time_bound",
         [shape](const Args&... args, const Parameters& p) {
             const Shape made = shape(args...);
             nb::gil_scoped_release release;
             return vfplan::tick_time_bound(made, p);
-        },
-        names..., "parameters"_a);
-    m.def(
-        "proven_tick_work",
-        [shape](const Args&... args, const Parameters& p) {
-            const Shape made = shape(args...);
-            nb::gil_scoped_release release;
-            return vfplan::proven_tick_time(made, p);
         },
         names..., "parameters"_a);
     engine.def(
@@ -255,19 +247,12 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "parameters"_a, "what rule robust looks at, and what it lends of the band [m]");
     m.def(
-        "tick_work",
+        "tick_time_bound",
         [](const Rows& points, const Parameters& p) {
             nb::gil_scoped_release release;
             return vfplan::tick_time_bound(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
-    m.def(
-        "proven_tick_work",
-        [](const Rows& points, const Parameters& p) {
-            nb::gil_scoped_release release;
-            return vfplan::proven_tick_time(points.data(), points.shape(0), p);
-        },
-        "points"_a, "parameters"_a, "time that a tick is proven to take at most [s]");
     m.def(
         "by_triangles",
         [](const Rows& points, const Triples& triangles, const Parameters& p) {
@@ -307,7 +292,7 @@ NB_MODULE(_core, m) {
     m.attr("largest_radius") = vfplan::largest_radius;
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
-    m.attr("most_tick_work") = vfplan::max_tick_time;
+    m.attr("max_tick_time") = vfplan::max_tick_time;
 
     m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
           "closed"_a, "axis"_a, "points"_a, "distances from lines and arcs [m]");

@@ -6,12 +6,12 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <vector>
 
 #include "numpy.hpp"
 #include "vfplan/base/bounds_tree.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace {
 
@@ -80,28 +80,9 @@ nb::ndarray<nb::numpy, std::uint8_t> thinned(const Mask& mask) {
 }
 
 struct PicturePlace {
-    double x, y;
+    vfplan::Vec2 at;
     std::int64_t row;
 };
-
-struct Rectangle {
-    double left, right, top, bottom;
-
-    double square_distance(double x, double y) const noexcept {
-        const double dx = std::max({left - x, x - right, 0.0});
-        const double dy = std::max({top - y, y - bottom, 0.0});
-        return dx * dx + dy * dy;
-    }
-};
-
-Rectangle around(const PicturePlace* first, const PicturePlace* last) {
-    Rectangle box{first->x, first->x, first->y, first->y};
-    for (const PicturePlace* p = first; p != last; ++p) {
-        box = {std::min(box.left, p->x), std::max(box.right, p->x), std::min(box.top, p->y),
-               std::max(box.bottom, p->y)};
-    }
-    return box;
-}
 
 // Each place's distance to the nearest point, and that point's row: the first of several.
 nb::tuple nearest(const Places& points, const Places& places) {
@@ -116,36 +97,38 @@ nb::tuple nearest(const Places& points, const Places& places) {
         const nb::gil_scoped_release release;
         std::vector<PicturePlace> all(n);
         for (std::size_t i = 0; i < n; ++i)
-            all[i] = {from[2 * i], from[2 * i + 1], static_cast<std::int64_t>(i)};
-        vfplan::BoundsTree<Rectangle> tree;
+            all[i] = {{from[2 * i], from[2 * i + 1]}, static_cast<std::int64_t>(i)};
+        vfplan::BoundsTree<vfplan::Box<2>> tree;
         const auto bounds_of = [&](std::size_t first, std::size_t last) {
-            return around(all.data() + first, all.data() + last);
+            vfplan::Box<2> box{all[first].at, all[first].at};
+            for (std::size_t i = first + 1; i < last; ++i) box.include(all[i].at);
+            return box;
         };
         const auto halve = [&](std::size_t first, std::size_t last) {
-            const Rectangle box = bounds_of(first, last);
-            const bool is_wide = box.right - box.left > box.bottom - box.top;
+            const vfplan::Box<2> box = bounds_of(first, last);
+            const int axis = box.high[0] - box.low[0] > box.high[1] - box.low[1] ? 0 : 1;
             PicturePlace* const begin = all.data() + first;
             std::nth_element(begin, begin + (last - first) / 2, all.data() + last,
-                             [&](const PicturePlace& a, const PicturePlace& b) {
-                                 return is_wide ? a.x < b.x : a.y < b.y;
+                             [axis](const PicturePlace& a, const PicturePlace& b) {
+                                 return a.at[axis] < b.at[axis];
                              });
         };
         tree.build(0, n, bounds_of, halve);
         std::int64_t found = 0;
         for (std::size_t k = 0; k < m; ++k) {
-            const double x = to[2 * k], y = to[2 * k + 1];
+            const vfplan::Vec2 place{{to[2 * k], to[2 * k + 1]}};
             // The one before lies close to this one, so its nearest point is a good beginning.
-            double square = std::numeric_limits<double>::infinity();
-            const auto take_if_nearer = [&](double px, double py, std::int64_t i) {
-                const double here = (px - x) * (px - x) + (py - y) * (py - y);
+            double square = vfplan::infinity;
+            const auto take_if_nearer = [&](const vfplan::Vec2& point, std::int64_t i) {
+                const double here = dot(point - place, point - place);
                 if (here < square || (here == square && i < found)) {
                     square = here;
                     found = i;
                 }
             };
-            take_if_nearer(from[2 * found], from[2 * found + 1], found);
-            tree.visit([&](const Rectangle& box) { return box.square_distance(x, y) <= square; },
-                       [&](std::size_t i) { take_if_nearer(all[i].x, all[i].y, all[i].row); });
+            take_if_nearer({{from[2 * found], from[2 * found + 1]}}, found);
+            tree.visit([&](const auto& box) { return box.distance2(place) <= square; },
+                       [&](std::size_t i) { take_if_nearer(all[i].at, all[i].row); });
             distance[k] = std::sqrt(square);
             row[k] = found;
         }

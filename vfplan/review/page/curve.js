@@ -147,7 +147,9 @@ export class Curve {
   candidates(state) {
     const nodes = [];
     if (state.curve_px.length === 0) {
-      for (const way of state.candidates) nodes.push(...this.candidate(way));
+      // The longest is painted last, so that a click takes it where several lie at one place.
+      const ways = [...state.candidates].sort((a, b) => a.length_px - b.length_px);
+      for (const way of ways) nodes.push(...this.candidate(way));
       const placed = [];
       for (const way of state.candidates) nodes.push(this.number(way, state.candidates, placed));
       const refusal = state.refusal;
@@ -156,6 +158,11 @@ export class Curve {
       }
     }
     byId("ways").replaceChildren(...nodes);
+    // Once a line was chosen, the others stay at hand.
+    const isJustChosen = state.curve_px.length > 0 && Boolean(state.steps.at(-1)?.startsWith("choose"));
+    const others = isJustChosen ? state.candidates : [];
+    byId("others-card").hidden = others.length < 2;
+    refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
 
   // A candidate's line, and a broad invisible one over it that is easy to hit.

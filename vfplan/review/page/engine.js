@@ -1,6 +1,8 @@
 // The robot's own engine: the C++ headers as WebAssembly (vfplan/native/src/browser.cpp).
 // Its reports and demonstrations carry this file as well, with what they hand it packed.
 
+const MAX_PAUSE_MS = 100; // a page that was asleep goes on from where it was
+
 // Bytes that were packed by gzip and base64.
 export async function unpacked(text) {
   const bytes = Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
@@ -48,6 +50,7 @@ export class Engine {
   constructor(module) {
     this.module = module;
     this.bodies = [];
+    this.hip = null; // of the last tick [m]
   }
 
   add(shape, arrays) {
@@ -65,12 +68,14 @@ export class Engine {
   }
 
   reset(hip) {
+    this.hip = hip;
     for (const body of this.bodies) this.module.reset(body, ...hip);
   }
 
   // One tick for the HIP [m]: proxy [m], normal, force on the hand [N], state and status. The proxy
   // is that of the first body, and the force is that of both.
   step(hip) {
+    this.hip = hip;
     let answer = null;
     for (const body of this.bodies) {
       const at = this.module.step(body, ...hip);
@@ -78,6 +83,19 @@ export class Engine {
       const force = n.slice(6, 9);
       if (answer) answer.force = answer.force.map((part, i) => part + force[i]);
       else answer = { proxy: n.slice(0, 3), normal: n.slice(3, 6), force, state: n[9], status: n[10] };
+    }
+    return answer;
+  }
+
+  // The last tick of a hand that goes straight to a place [m] in some milliseconds, by the robot's
+  // loop of 1 kHz. The first place is where it begins.
+  moveTo(place, milliseconds) {
+    if (!this.hip) this.reset(place);
+    const from = this.hip;
+    const ticks = Math.max(1, Math.round(Math.min(milliseconds, MAX_PAUSE_MS)));
+    let answer = null;
+    for (let k = 1; k <= ticks; k += 1) {
+      answer = this.step(from.map((x, axis) => x + ((place[axis] - x) * k) / ticks));
     }
     return answer;
   }

@@ -17,7 +17,7 @@ const LIST = [
   ["Del", "delete the knot or marker"],
   ["I", "insert a knot behind the selected one"],
   ["[ and ]", "cut the line before or behind the knot"],
-  ["Click or Space", "while drawing: add a point; arrows move the cross"],
+  ["Click, drag, Space", "while drawing: add a point, or draw in one go; arrows move the cross"],
   ["Enter, C, Backspace, Esc", "while drawing: end, close, take back, cancel"],
   ["L", "look along the line, where it was not in view"],
   ["Ctrl-Z, Ctrl-Shift-Z", "undo and redo"],

@@ -122,6 +122,8 @@ function showMessage(message) {
     app.version = message.version;
     if (message.state) show(message.state, true);
     else show(withPlanOf(app.state, message.quick), false);
+  } else if (message.error?.code === "replace-or-add") {
+    tools.ask();
   } else if (message.error) {
     app.toast(message.error.message);
     markers.forgetDrag();

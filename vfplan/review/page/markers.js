@@ -322,6 +322,6 @@ function arrowScale(state) {
     if (marker.residual_px) longest = Math.max(longest, Math.hypot(...marker.residual_px));
   }
   if (longest === 0) return 1;
-  const wanted = Math.max(state.image.width_px, 300) / 20 / longest;
+  const wanted = Math.max(state.image.width_px, 300) / 10 / longest;
   return ARROW_SCALES.findLast((scale) => scale <= wanted) || 1;
 }

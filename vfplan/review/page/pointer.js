@@ -42,7 +42,7 @@ export class Pointer {
     if (this.isSpaceDown || event.button === 1) return { kind: "pan" };
     if (event.button === 2) return { kind: "greys" };
     if (this.tools.tool === "box") return { kind: "box" };
-    if (this.tools.tool !== "select") return { kind: "click" };
+    if (this.tools.tool !== "select") return { kind: "click", isDrawing: this.tools.tool === "draw" };
     if (under(".marker")) return this.grasp({ kind: "marker", key: Number(under(".marker").dataset.marker) });
     if (under(".knot")) return this.grasp({ kind: "knot", key: under(".knot").dataset.key });
     if (under(".pin")) {
@@ -91,6 +91,10 @@ export class Pointer {
       this.pinch();
     } else if (this.drag.kind === "box") {
       this.tools.showBox(this.start.place, place);
+    } else if (this.drag.kind === "trail" || (this.drag.isDrawing && moved > PAN_SLACK_PX)) {
+      if (this.drag.kind === "click") this.tools.trail(this.start.place, true);
+      this.drag = { kind: "trail" };
+      this.tools.trail(this.view.clamp(place), false);
     } else if (this.drag.thing && (this.drag.to || moved >= GRASP_SLACK_PX)) {
       this.drag.to = this.view.clamp([place[0] + this.drag.shift[0], place[1] + this.drag.shift[1]]);
       if (this.drag.kind === "knot") this.curve.dragKnot(this.drag.thing.key, this.drag.to);
@@ -118,6 +122,7 @@ export class Pointer {
     const place = this.view.clamp(this.view.place(event));
     if (drag.thing && drag.to) this.selection.moveTo(drag.thing, drag.to);
     else if (drag.kind === "box") this.tools.endBox(this.start.place, place);
+    else if (drag.kind === "trail") this.tools.endTrail(place);
     else if (drag.kind === "click") this.tools.click(place);
     else if (drag.kind === "candidate") drag.node.dispatchEvent(new Event("click"));
     else if (drag.kind === "pan" && !drag.hasMoved && !this.isSpaceDown) this.clickOnSlice(drag.ink);

@@ -2,8 +2,6 @@
 import { byId, make, makeAt, translation } from "./dom.js";
 import { Engine, loadModule } from "./engine.js";
 
-const TICKS_PER_MS = 1; // the robot's loop runs at 1 kHz
-const MAX_FRAME_MS = 100; // a page that was asleep goes on from where it was
 const NEWTON_PX = 25; // length of the force's arrow on the screen
 
 export class Push {
@@ -12,7 +10,7 @@ export class Push {
     this.engine = null;
     this.digest = null; // of the plan that the engine was made of
     this.pointer = null; // [u, v] on the slice
-    this.hip = null; // [u, v] of the last tick
+    this.loops = 0; // of frames; the last one goes on
     byId("stage").addEventListener("pointermove", (event) => {
       this.pointer = view.place(event);
     });
@@ -31,11 +29,18 @@ export class Push {
   begin() {
     byId("push").replaceChildren();
     byId("felt").textContent = "";
-    this.hip = null;
+    if (this.engine) this.engine.hip = null; // it begins anew where the pointer comes in
     if (!this.isChosen()) return;
     this.load();
     this.before = performance.now();
-    requestAnimationFrame((now) => this.frame(now));
+    this.loops += 1;
+    this.nextFrame(this.loops);
+  }
+
+  nextFrame(loop) {
+    requestAnimationFrame((now) => {
+      if (this.isChosen() && loop === this.loops) this.frame(now, loop);
+    });
   }
 
   // The engine of the plan as it stands, which the server describes.
@@ -44,7 +49,6 @@ export class Push {
     if (!digest || this.digest === digest) return;
     this.digest = digest;
     this.engine = null;
-    this.hip = null;
     try {
       const [compiled, described] = await Promise.all([fetch("engine.wasm"), fetch(`bodies.json?token=${encodeURIComponent(this.app.token)}`)]);
       const plan = await described.json();
@@ -61,30 +65,15 @@ export class Push {
     }
   }
 
-  frame(now) {
-    if (!this.isChosen()) return;
+  frame(now, loop) {
     const place = this.tools.cross || this.pointer;
-    if (this.engine && place && !this.app.state.digest) this.engine = null;
-    if (this.engine && place) this.show(this.move(place, Math.min(now - this.before, MAX_FRAME_MS)));
+    const isCurrent = this.engine !== null && this.app.state.digest === this.digest;
+    if (!isCurrent) byId("push").replaceChildren();
+    else if (place) {
+      this.show(place, this.engine.moveTo(this.inRobot(place), now - this.before));
+    }
     this.before = now;
-    requestAnimationFrame((next) => this.frame(next));
-  }
-
-  // The ticks of a frame, in which the tool goes straight from its place to another one.
-  move(to, milliseconds) {
-    if (!this.hip) {
-      this.hip = to;
-      this.engine.reset(this.inRobot(to));
-    }
-    const from = this.hip;
-    const ticks = Math.max(1, Math.round(milliseconds * TICKS_PER_MS));
-    let answer = null;
-    for (let k = 1; k <= ticks; k += 1) {
-      this.hip = [0, 1].map((axis) => from[axis] + ((to[axis] - from[axis]) * k) / ticks);
-      answer = this.engine.step(this.inRobot(this.hip));
-    }
-    this.hip = to;
-    return answer;
+    this.nextFrame(loop);
   }
 
   // From the slice [px] to the plan's frame [m], and a way there [m] back to the slice [px].
@@ -96,33 +85,30 @@ export class Push {
     return this.plan.back.map((row) => row[0] * way[0] + row[1] * way[1] + row[2] * way[2]);
   }
 
-  show({ proxy, force }) {
-    const hip = this.inRobot(this.hip);
-    const [du, dv] = this.onSlice(proxy.map((x, axis) => x - hip[axis]));
-    const place = [this.hip[0] + du, this.hip[1] + dv];
+  show(pointer, { proxy, force }) {
+    const away = proxy.map((x, axis) => x - this.engine.hip[axis]);
+    const [du, dv] = this.onSlice(away);
+    const place = [pointer[0] + du, pointer[1] + dv];
     const newtons = Math.hypot(...force);
     const nodes = [];
     if (this.plan.radius_px) {
       const ring = make("circle", { class: "tool-ring", r: this.plan.radius_px });
       nodes.push(make("g", { transform: translation(place) }, ring));
     }
-    if (newtons > 0) nodes.push(this.arrow(this.onSlice(force), newtons));
+    if (newtons > 0) nodes.push(arrow(pointer, this.onSlice(force), NEWTON_PX * newtons));
     nodes.push(makeAt(place, {}, make("circle", { class: "tool-proxy", r: 4 })));
-    nodes.push(makeAt(this.hip, {}, make("circle", { class: "tool-hip", r: 4 })));
+    nodes.push(makeAt(pointer, {}, make("circle", { class: "tool-hip", r: 4 })));
     byId("push").replaceChildren(...nodes);
-    const mm = 1e3 * Math.hypot(...proxy.map((x, axis) => x - hip[axis]));
+    const mm = 1e3 * Math.hypot(...away);
     byId("felt").textContent = `${newtons.toFixed(2)} N, the hand ${mm.toFixed(2)} mm from the tool's place`;
-    this.answer = { hip, proxy, force }; // for the tests
   }
+}
 
-  // The force on the hand.
-  arrow([fu, fv], newtons) {
-    const length = NEWTON_PX * newtons;
-    const size = Math.hypot(fu, fv) || 1;
-    const turn = (Math.atan2(fv / size, fu / size) * 180) / Math.PI;
-    const shape = make("path", { class: "tool-force", d: `M0 0H${length}m-7 -5l7 5l-7 5` });
-    const arrow = makeAt(this.hip, {}, shape);
-    arrow.setAttribute("transform", `${translation(this.hip)} rotate(${turn})`);
-    return arrow;
-  }
+// The force on the hand.
+function arrow(place, [fu, fv], length) {
+  const turn = (Math.atan2(fv, fu) * 180) / Math.PI;
+  const shape = make("path", { class: "tool-force", d: `M0 0H${length}m-7 -5l7 5l-7 5` });
+  const node = makeAt(place, {}, shape);
+  node.setAttribute("transform", `${translation(place)} rotate(${turn})`);
+  return node;
 }

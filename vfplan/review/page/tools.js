@@ -3,11 +3,13 @@ import { byId, make, makeAt, translation } from "./dom.js";
 
 const HINTS = {
   select: "",
-  draw: "Click along the line. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
+  draw: "Click along the line, or press and draw it. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
   marker: "Click each mark. Esc ends.",
   push: "The pointer is the robot's tool. The robot's own engine answers it.",
 };
+const STEP_PX = 8; // of the screen, between two places of a line that is drawn in one go
+const MAX_PLACES = 400; // of such a line
 const PIECES = 8; // straight pieces that a smooth line has from one click to the next
 
 export class Tools {
@@ -18,6 +20,14 @@ export class Tools {
     this.clicks = []; // of the line that is being drawn
     this.corner = null; // the first corner of a box that is drawn by the keyboard
     this.cross = null; // the keyboard's place
+    this.drawn = null; // the step of the line that was drawn last
+    const again = { "replace-all": { replace: true }, "add-stroke": { add: true }, "not-drawn": null };
+    for (const [id, meaning] of Object.entries(again)) {
+      byId(id).addEventListener("click", () => {
+        byId("where").close();
+        if (meaning) this.app.step({ ...this.drawn, ...meaning });
+      });
+    }
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
@@ -106,8 +116,31 @@ export class Tools {
     const points = this.clicks;
     this.clearDrawing();
     if (points.length < 2) return;
-    this.app.step({ do: "draw", points, closed });
+    this.drawn = { do: "draw", points, closed };
+    this.app.step(this.drawn);
     this.choose("select");
+  }
+
+  // The line that was drawn last lies apart from the curve: ask what becomes of it.
+  ask() {
+    byId("where").showModal();
+  }
+
+  // A line that is being drawn in one go; it begins anew, or goes on from the clicks.
+  trail(place, isFirst) {
+    if (isFirst) this.clicksBefore = this.clicks.length;
+    const last = this.clicks.at(-1);
+    const step = STEP_PX / this.view.zoom;
+    if (!last || Math.hypot(place[0] - last[0], place[1] - last[1]) >= step) this.clicks.push(place);
+    this.showDrawing(place);
+  }
+
+  endTrail(place) {
+    this.clicks.push(place);
+    const every = Math.ceil(this.clicks.length / MAX_PLACES);
+    this.clicks = this.clicks.filter((_, k) => k % every === 0 || k === this.clicks.length - 1);
+    if (this.clicksBefore === 0) this.endDrawing(false);
+    else this.showDrawing();
   }
 
   showBox(a, b) {

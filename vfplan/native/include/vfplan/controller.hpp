@@ -66,7 +66,8 @@ struct ControllerSettings {
     double max_hip_step = 0.02;  ///< a tip further from the last one counts as no position [m]
     double hold_time = 0.02;     ///< for which the force is held without a good position [s]
     /// At which bits of a tick's status the loop stops: `bad_hip` and `jumped` after `hold_time`.
-    std::uint8_t stop_at = bad_hip | stale_pose | other_side | jumped;
+    std::uint8_t stop_at =
+        Status::bad_hip | Status::stale_pose | Status::other_side | Status::jumped;
     bool any_tick_time = false;  ///< for a replay or a study, which can wait
 };
 
@@ -77,8 +78,8 @@ struct Command {
     Vec3 proxy;     ///< [m]
     Vec3 normal;    ///< unit, 0 when there is none
     State state = State::no_neighbour;
-    std::uint8_t status = ok;    ///< bits of Status
-    std::uint8_t governor = 0;   ///< bits of GovernorStatus
+    std::uint8_t status = Status::ok;  ///< bits of Status
+    std::uint8_t governor = 0;         ///< bits of GovernorStatus
     std::uint16_t stopping = 0;  ///< why the force fades: bits of Status, of GovernorStatus times
                                  ///< 256, or Controller::asked; 0 while the loop goes on
     bool stop = false;           ///< the force has faded to 0: the loop ends
@@ -134,18 +135,20 @@ class Controller {
     /// K of all springs together, at most [N/m].
     double stiffness() const noexcept;
     /// r_c of a fixture [m].
-    double contact_radius(std::size_t which = 0) const noexcept;
+    double contact_radius(std::size_t which = 0) const;
     /// By which a fixture's proxy moves.
-    Rule rule(std::size_t which = 0) const noexcept;
+    Rule rule(std::size_t which = 0) const;
     /// Number of different fixtures.
     std::size_t size() const noexcept;
     /// The engine of a fixture, to edit it; null where it only guides.
-    Engine* region(std::size_t which = 0) noexcept;
+    Engine* region(std::size_t which = 0);
     /// The frame of a fixture that moves, or null.
     MovingFrame* frame() noexcept;
-    const Governor& governor() const noexcept;
+    const Governor& governor() const;
 
   private:
+    detail::ControllerImpl& impl() const;
+
     std::unique_ptr<detail::ControllerImpl> impl_;
 };
 

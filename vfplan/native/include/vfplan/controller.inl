@@ -160,8 +160,8 @@ struct AllRendered {
             all.status = status;
         }
         if (jumps)
-            all.status = jumped;
-        else if (!(all.status & bad_hip))
+            all.status = Status::jumped;
+        else if (!(all.status & Status::bad_hip))
             gate.reset(tip);
         return all;
     }
@@ -175,7 +175,7 @@ struct ControllerImpl {
           all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
-        check_from("max_hip_step", settings.max_hip_step, 0, unbounded, " m");
+        check_from("max_hip_step", settings.max_hip_step, 0, infinity, " m");
         if (settings.moving) frame = std::make_unique<MovingFrame>(*settings.moving);
     }
 
@@ -229,14 +229,15 @@ struct ControllerImpl {
         const Step s = frame ? frame->step(all, time, tip) : all.step(tip);
         note_stops(s.status);
         const Governed governed = govern(stopping ? Vec3{} : s.force);
-        stopping |= std::uint16_t((governed.status & (bad_force | bad_jacobian)) << 8);
+        stopping |= std::uint16_t(
+            (governed.status & (GovernorStatus::bad_force | GovernorStatus::bad_jacobian)) << 8);
         Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
                     s.status,       governed.status, stopping, false};
         out.stop = stopping && governed.force == Vec3{} && !(has_torque && has_torque_left());
         return out;
     }
     void note_stops(std::uint8_t status) noexcept {
-        constexpr std::uint8_t no_position = bad_hip | jumped;
+        constexpr std::uint8_t no_position = Status::bad_hip | Status::jumped;
         const std::uint8_t bits = status & settings.stop_at;
         bad_ticks = status & no_position ? bad_ticks + 1 : 0;
         stopping |= bits & ~no_position;
@@ -260,6 +261,15 @@ struct ControllerImpl {
     bool has_torque = false;
 };
 
+/// Of a controller that was moved from.
+inline Command command_of_nothing() noexcept {
+    Command out;
+    out.status = Status::bad_hip;
+    out.stopping = Status::bad_hip;
+    out.stop = true;
+    return out;
+}
+
 }  // namespace detail
 
 VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand) {
@@ -281,38 +291,48 @@ VFPLAN_COMPILED_ONCE Controller::~Controller() = default;
 VFPLAN_COMPILED_ONCE Controller::Controller(Controller&&) noexcept = default;
 VFPLAN_COMPILED_ONCE Controller& Controller::operator=(Controller&&) noexcept = default;
 
-VFPLAN_COMPILED_ONCE void Controller::add(const std::filesystem::path& fixture) {
-    add(load(fixture, impl_->demand));
+VFPLAN_COMPILED_ONCE detail::ControllerImpl& Controller::impl() const {
+    if (!impl_) reject("this controller was moved from, and holds nothing. Make another one.");
+    return *impl_;
 }
-VFPLAN_COMPILED_ONCE void Controller::add(const bundle::Fixture& fixture) { impl_->add(fixture); }
 
-VFPLAN_COMPILED_ONCE void Controller::reset(const Vec3& tip) noexcept { impl_->reset(tip); }
+VFPLAN_COMPILED_ONCE void Controller::add(const std::filesystem::path& fixture) {
+    add(load(fixture, impl().demand));
+}
+VFPLAN_COMPILED_ONCE void Controller::add(const bundle::Fixture& fixture) { impl().add(fixture); }
+
+VFPLAN_COMPILED_ONCE void Controller::reset(const Vec3& tip) noexcept {
+    if (impl_) impl_->reset(tip);
+}
 VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip,
                                               std::optional<double> time_s) noexcept {
+    if (!impl_) return detail::command_of_nothing();
     return impl_->step(tip, time_s, [&](const Vec3& f) { return impl_->governor.step(f); });
 }
 VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
                                               const double* jacobian, int joints) noexcept {
+    if (!impl_) return detail::command_of_nothing();
     impl_->has_torque = true;
     return impl_->step(tip, time_s,
                        [&](const Vec3& f) { return impl_->governor.step(f, jacobian, joints); });
 }
 VFPLAN_COMPILED_ONCE const double* Controller::torque() const noexcept {
-    return impl_->governor.torque();
+    static constexpr double none[Governor::max_joints] = {};
+    return impl_ ? impl_->governor.torque() : none;
 }
 VFPLAN_COMPILED_ONCE void Controller::request_stop() noexcept {
-    impl_->is_asked.store(true, std::memory_order_relaxed);
+    if (impl_) impl_->is_asked.store(true, std::memory_order_relaxed);
 }
 
 VFPLAN_COMPILED_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
-    return impl_->frame && impl_->frame->pose(stamp, pose);
+    return impl_ && impl_->frame && impl_->frame->pose(stamp, pose);
 }
 VFPLAN_COMPILED_ONCE bool Controller::exchange(const std::filesystem::path& fixture,
                                                std::size_t which) {
-    return exchange(load(fixture, impl_->demand), which);
+    return exchange(load(fixture, impl().demand), which);
 }
 VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, std::size_t which) {
-    detail::Rendered& part = impl_->all.parts.at(which);
+    detail::Rendered& part = impl().all.parts.at(which);
     if (fixture.guidance || part.guide)
         reject("a fixture that guides cannot be exchanged. Make a controller of each.");
     detail::Rendered made = impl_->make(fixture);
@@ -322,7 +342,7 @@ VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, s
 }
 VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
-    detail::Rendered& part = impl_->all.parts.at(which);
+    detail::Rendered& part = impl().all.parts.at(which);
     if (!part.region) reject("set_stiffness: the fixture guides, and has no region.");
     check_stiffness(k);
     impl_->governor_of(impl_->stiffness() - part.parameters.stiffest() + stiffness);
@@ -330,23 +350,25 @@ VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_
     part.parameters.stiffness = k;
     return true;
 }
-VFPLAN_COMPILED_ONCE double Controller::stiffness() const noexcept { return impl_->stiffness(); }
-VFPLAN_COMPILED_ONCE double Controller::contact_radius(std::size_t which) const noexcept {
-    return impl_->all.parts[which].parameters.contact_radius;
+VFPLAN_COMPILED_ONCE double Controller::stiffness() const noexcept {
+    return impl_ ? impl_->stiffness() : 0;
 }
-VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const noexcept {
-    return impl_->all.parts[which].parameters.rule;
+VFPLAN_COMPILED_ONCE double Controller::contact_radius(std::size_t which) const {
+    return impl().all.parts.at(which).parameters.contact_radius;
+}
+VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const {
+    return impl().all.parts.at(which).parameters.rule;
 }
 VFPLAN_COMPILED_ONCE std::size_t Controller::size() const noexcept {
-    return impl_->all.parts.size();
+    return impl_ ? impl_->all.parts.size() : 0;
 }
-VFPLAN_COMPILED_ONCE Engine* Controller::region(std::size_t which) noexcept {
-    auto& region = impl_->all.parts[which].region;
+VFPLAN_COMPILED_ONCE Engine* Controller::region(std::size_t which) {
+    auto& region = impl().all.parts.at(which).region;
     return region ? &*region : nullptr;
 }
-VFPLAN_COMPILED_ONCE MovingFrame* Controller::frame() noexcept { return impl_->frame.get(); }
-VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const noexcept {
-    return impl_->governor;
+VFPLAN_COMPILED_ONCE MovingFrame* Controller::frame() noexcept {
+    return impl_ ? impl_->frame.get() : nullptr;
 }
+VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const { return impl().governor; }
 
 }  // namespace vfplan::inline v1

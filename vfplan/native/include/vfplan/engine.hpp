@@ -45,9 +45,6 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
 /// The engine of a mesh.
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
 
-/// The engine of n points for the search of tick_time.hpp, unless only the time is wanted.
-VFPLAN_COMPILED_ONCE SearchableEngine make_searchable(const double* xyz, std::size_t n,
-                                                      const Parameters& p, bool with_engine = true);
 /// Whether a tick among these points may take longer than a loop of 1 kHz can wait.
 VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p);
 
@@ -86,9 +83,10 @@ class Engine {
                     Use use = Use::real_time);
 
     Engine(Engine&& other) noexcept { *this = std::move(other); }
-    /// Neither is in a loop.
+    /// Of two engines that no loop steps.
     Engine& operator=(Engine&& other) noexcept {
         if (this == &other) return *this;
+        was_given_ = std::exchange(other.was_given_, true);
         delete changes_.exchange(other.changes_.exchange(nullptr));
         impl_ = std::move(other.impl_);
         previous_ = std::move(other.previous_);
@@ -119,7 +117,7 @@ class Engine {
     Step step(const Vec3& hip) noexcept {
         if (!impl_) {
             Step none;
-            none.status = bad_hip;
+            none.status = Status::bad_hip;
             return none;
         }
         auto* changes = changes_.load(std::memory_order_acquire);
@@ -129,10 +127,10 @@ class Engine {
         }
         const bool jumps = gate_.refuses(hip, impl_->max_hip_step);
         Step s = impl_->step(jumps ? HipGate::nowhere : hip);
-        if (jumps) s.status = jumped;
+        if (jumps) s.status = Status::jumped;
         if (changes) limit_force(*changes, s, hip);
-        if (s.status & (bad_hip | jumped)) return s;
-        if (previous_ && !(s.status & inside)) changes->retire(previous_.release());
+        if (s.status & (Status::bad_hip | Status::jumped)) return s;
+        if (previous_ && !(s.status & Status::inside)) changes->retire(previous_.release());
         last_ = {s.proxy, s.force, true};
         gate_.reset(hip);
         return s;
@@ -141,6 +139,7 @@ class Engine {
     /// Hands `other`, made by the same thread and then given away, to the loop; false, and nothing
     /// done, where 4096 changes wait. The proxy goes on from where it is.
     bool exchange(Engine&& other) {
+        other.check_given();
         auto& c = changes();
         if (c.queue.free_slots() == 0) return false;
         if (auto* theirs = other.changes_.load())
@@ -148,6 +147,7 @@ class Engine {
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
         width_ = other.width_;
+        other.was_given_ = true;
         return c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
     }
 
@@ -202,18 +202,18 @@ class Engine {
     }
 
     /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
-    double band() const noexcept { return impl_->band; }
+    double band() const noexcept { return impl_ ? impl_->band : 0; }
     /// Memory in use [bytes].
-    std::size_t bytes() const noexcept { return impl_->bytes(); }
+    std::size_t bytes() const noexcept { return impl_ ? impl_->bytes() : 0; }
     /// Cells of the grid; 0 without one.
-    std::size_t cells() const noexcept { return impl_->cells(); }
-    bool planar() const noexcept { return impl_->planar(); }
+    std::size_t cells() const noexcept { return impl_ ? impl_->cells() : 0; }
+    bool planar() const noexcept { return impl_ && impl_->planar(); }
     /// What it was made with: of the thread that edits, as handed over last.
     const Parameters& parameters() const noexcept { return parameters_; }
-    /// Distance from x to the nearest geometry [m].
-    double distance(const Vec3& x) const noexcept { return impl_->distance(x); }
-    /// Whether it was given to `exchange`.
-    bool was_exchanged() const noexcept { return !impl_; }
+    /// Distance from x to the nearest geometry [m]; infinity of an engine that was given away.
+    double distance(const Vec3& x) const noexcept { return impl_ ? impl_->distance(x) : infinity; }
+    /// Whether it was given to `exchange`, or moved from.
+    bool was_exchanged() const noexcept { return was_given_; }
 
   private:
     struct LastTick {
@@ -233,8 +233,13 @@ class Engine {
         return detail::make_impl(xyz, n, p, width_);
     }
 
+    void check_given() const {
+        if (was_given_)
+            reject("this engine was given away, and renders nothing. Make another one.");
+    }
     /// The editor's: what it has for the loop, without what the loop gave back.
     detail::PendingChanges& changes() {
+        check_given();
         auto* changes = changes_.load(std::memory_order_relaxed);
         if (!changes) {
             changes = new detail::PendingChanges;
@@ -276,7 +281,7 @@ class Engine {
     }
 
     void limit_force(detail::PendingChanges& changes, Step& s, const Vec3& hip) noexcept {
-        if (s.status & (bad_hip | jumped)) {
+        if (s.status & (Status::bad_hip | Status::jumped)) {
             s.proxy = last_.proxy;
             s.force = last_.force;
         } else if (last_.is_placed) {
@@ -292,6 +297,7 @@ class Engine {
     std::unique_ptr<detail::PointNumbers> numbers_;  // the editor's, as what follows
     Parameters parameters_;
     Width width_ = Width::automatic;
+    bool was_given_ = false;
 };
 
 }  // namespace vfplan::inline v1

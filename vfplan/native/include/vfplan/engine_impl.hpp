@@ -1,7 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The rules in their spaces, behind the type that an engine holds, and the time of a tick that is
-// proven of each rule. engine.hpp, which a controller includes, and tick_time.hpp declare what is
+// The rules in their spaces, behind the type that an engine holds, and the most time that a tick of
+// each rule takes. engine.hpp, which a controller includes, and tick_time.hpp declare what is
 // defined here.
 #pragma once
 
@@ -21,6 +21,7 @@
 #include "vfplan/rules/paper.hpp"
 #include "vfplan/rules/robust.hpp"
 #include "vfplan/rules/rule.hpp"
+#include "vfplan/tick_time.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -59,7 +60,7 @@ class RuleInSpace : public EngineImpl {
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
             Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
-            s.status = bad_hip;
+            s.status = Status::bad_hip;
             return s;
         }
         if (!is_placed_) reset(hip);
@@ -78,7 +79,6 @@ class RuleInSpace : public EngineImpl {
         stiffness = std::max({k[0], k[1], k[2]});
     }
     bool planar() noexcept final { return D == 2; }
-    double work_time() noexcept final { return rule_.work_time(); }
 
   protected:
     Space space_;
@@ -152,19 +152,6 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
     }
 };
 
-template <class Space, int D>
-ImplPtr make_robust(Space space, const Thinned<D>& cloud, const Parameters& p,
-                    const Kernels<D>& loops, std::unique_ptr<PointIndex<D>> all) {
-    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, cloud, loops,
-                                                               std::move(all));
-}
-
-template <class Space, int D>
-ImplPtr make_paper(Space space, const Cloud<D>& cloud, const Parameters& p,
-                   const Kernels<D>& loops) {
-    return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, loops, nullptr);
-}
-
 template <class Space>
 ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Parameters& p,
                       Width width) {
@@ -172,12 +159,14 @@ ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Param
     Cloud<D> cloud = make_cloud(space, xyz, n);
     check_resolved(p, xyz, n);
     const Kernels<D> loops = kernels<D>(width);
-    if (p.rule == Rule::paper) return make_paper(space, cloud, p, loops);
+    if (p.rule == Rule::paper)
+        return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, loops, nullptr);
     const Thinned<D> thinned_cloud = thinned(cloud, p);
     std::unique_ptr<PointIndex<D>> all;
     if (thinned_cloud.lent > 0)
         all = std::make_unique<PointIndex<D>>(cloud, 2 * tuned::list_margin * p.R(), Search::grid);
-    return make_robust(space, thinned_cloud, p, loops, std::move(all));
+    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, thinned_cloud, loops,
+                                                               std::move(all));
 }
 
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p,
@@ -212,84 +201,69 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
                                                                    std::move(body), p);
 }
 
-/// The robust rule's: in each iteration it looks at the points in its list, and at those that touch
-/// one by one.
+/// A tick may do so many iterations, or what its budget allows, and `rest` of them beside: the one
+/// under way when the budget is spent, the check of where it ends, and the contact there.
+inline double time_of(double iterations, double budget, double rest, double an_iteration) {
+    return std::min(iterations * an_iteration, budget) + rest * an_iteration;
+}
+
+/// An iteration of the robust rule looks several times at the points in its list, and at those that
+/// touch one by one.
 template <int D>
-double proven_robust_time(const Cloud<D>& cloud, const Parameters& p) {
-    constexpr double an_iteration = 4.5e-6;  // [s]
-    constexpr double a_point = 1.25e-9;      // in the list [s]
-    constexpr double a_contact = 10e-9;      // [s]
-    constexpr double beside = 16;            // iterations: what a tick does beside them
+double robust_tick_time(const Cloud<D>& cloud, const Parameters& p) {
+    constexpr double an_iteration = 4.5e-6;                                // [s]
+    constexpr double a_point = 1.25e-9;                                    // in the list [s]
+    constexpr double a_contact = 10e-9;                                    // [s]
+    constexpr double budget = 1.3e-9 * static_cast<double>(work::motion);  // among many planes
     const ContactSurfaces<D> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
     const double list = std::max((1 + tuned::list_margin) * p.R(), surfaces.reach());
     const double near = most_within(cloud, list + 0.75 * tuned::list_margin * p.R());
     // From R - band to the shell, on one surface: as far around the foot.
     const double inner = p.R() - p.band, outer = surfaces.touch_radius();
     const double touching = most_within(cloud, std::sqrt(outer * outer - inner * inner));
-    return (p.max_iterations + beside) * (an_iteration + a_point * near + a_contact * touching);
+    return time_of(p.max_iterations, budget, 4,
+                   an_iteration + a_point * near + a_contact * touching);
 }
 
-/// The paper's rule: it gathers its list, and goes through it five times at most.
-template <int D>
-double proven_paper_time(const Cloud<D>& cloud, const Parameters& p) {
-    constexpr double a_tick = 15e-6;   // [s]
-    constexpr double a_point = 10e-9;  // [s]
-    const double reach = p.outer_radius + p.point_radius;
-    return a_tick + a_point * most_within(cloud, 1.05 * reach);
-}
-
-/// The proven time of a tick among n points, and the engine that it is proven of, unless only the
-/// time is wanted.
 template <class Space>
-SearchableEngine make_searchable_in(Space space, const double* xyz, std::size_t n,
-                                    const Parameters& p, bool with_engine) {
+double tick_time_in(Space space, const double* xyz, std::size_t n, const Parameters& p) {
     constexpr int D = Space::dimension;
     Cloud<D> cloud = make_cloud(space, xyz, n);
-    const Kernels<D> loops = kernels<D>(Width::automatic);
-    SearchableEngine made;
-    if (p.rule == Rule::paper) {
-        made.proven_time = proven_paper_time(cloud, p);
-        if (with_engine) made.engine = make_paper(space, cloud, p, loops);
-    } else {
-        const Thinned<D> all = thinned(std::move(cloud), p);
-        made.proven_time = proven_robust_time(all.cloud, p);
-        if (with_engine) made.engine = make_robust<Space, D>(space, all, p, loops, nullptr);
-    }
-    return made;
-}
-
-VFPLAN_COMPILED_ONCE SearchableEngine make_searchable(const double* xyz, std::size_t n,
-                                                      const Parameters& p, bool with_engine) {
-    check(p);
-    if (p.ignore_axis) return make_searchable_in(Slice(*p.ignore_axis), xyz, n, p, with_engine);
-    return make_searchable_in(Space{}, xyz, n, p, with_engine);
+    if (p.rule != Rule::paper) return robust_tick_time(thinned(std::move(cloud), p).cloud, p);
+    // The paper's rule gathers its list, and goes through it five times at most.
+    constexpr double a_tick = 15e-6;   // [s]
+    constexpr double a_point = 10e-9;  // [s]
+    return a_tick + a_point * most_within(cloud, 1.05 * (p.outer_radius + p.point_radius));
 }
 
 VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p) {
-    return !(make_searchable(xyz, n, p, false).proven_time <= max_tick_time);
+    return !(tick_time_bound(xyz, n, p) <= max_tick_time);
 }
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE double proven_tick_time(const double* xyz, std::size_t n,
-                                             const Parameters& p) {
-    return detail::make_searchable(xyz, n, p, false).proven_time;
+VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
+    check(p);
+    if (p.ignore_axis) return detail::tick_time_in(Slice(*p.ignore_axis), xyz, n, p);
+    return detail::tick_time_in(Space{}, xyz, n, p);
 }
 
-VFPLAN_COMPILED_ONCE double proven_tick_time(const std::vector<Stroke>& strokes,
-                                             const Parameters& p) {
+VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
+                                            const Parameters& p) {
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
+    using curve::CurveRule;
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
     std::vector<Box<2>> boxes;
     for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[static_cast<int>(i)].box);
-    const double near = most_within(boxes, curve::CurveRule::list_reach * p.R());
-    return curve::CurveRule::max_iterations * (an_iteration + a_feature * near);
+    const double near = most_within(boxes, CurveRule::list_reach * p.R());
+    return detail::time_of(CurveRule::max_iterations, CurveRule::a_step * CurveRule::max_steps, 4,
+                           an_iteration + a_feature * near);
 }
 
-VFPLAN_COMPILED_ONCE double proven_tick_time(const mesh::Surface& surface, const Parameters& p) {
+VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
     constexpr double a_triangle = 4;  // steps
     mesh::check(surface);
     std::vector<Box<3>> boxes;

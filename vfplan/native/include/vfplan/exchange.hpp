@@ -47,8 +47,6 @@ struct EngineImpl {
     virtual std::size_t bytes() noexcept = 0;
     virtual std::size_t cells() noexcept = 0;
     virtual bool planar() noexcept = 0;
-    /// Time that the work of all ticks so far takes, by what was counted in them [s].
-    virtual double work_time() noexcept = 0;
     /// Distance from x to the geometry [m].
     virtual double distance(const Vec3& x) noexcept = 0;
     /// The same, or `reach` where that is less [m].
@@ -64,12 +62,6 @@ struct EngineImpl {
 };
 
 using ImplPtr = std::unique_ptr<EngineImpl>;
-
-/// An engine, and the time of its ticks that follows from counts.
-struct SearchableEngine {
-    ImplPtr engine;
-    double proven_time = 0;  ///< [s]
-};
 
 /// What the editor hands to the loop.
 struct PendingChange {
@@ -113,9 +105,9 @@ class ForceRamp {
             ticks_there_ = 0;
         }
         // An engine whose proxy still moves under a still HIP may change the force once more.
-        const bool still_moves = s.status & (inside | limit);
+        const bool still_moves = s.status & (Status::inside | Status::limit);
         is_on_ = ticks_there_ < 2 || (ticks_there_ < tuned::ticks_to_stall && still_moves);
-        if (is_on_) s.status |= changing;
+        if (is_on_) s.status |= Status::changing;
     }
 
   private:

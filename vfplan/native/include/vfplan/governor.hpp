@@ -33,19 +33,19 @@ namespace vfplan::inline v1 {
 
 struct GovernorLimits {
     static constexpr int max_joints = 16;
-    static constexpr double none = std::numeric_limits<double>::infinity();
 
-    double force_step = 1.0;         ///< largest |change of force| from one tick to the next [N]
-    double force_max = 20.0;         ///< largest |force| [N]
-    double stiffness = 1000.0;       ///< K of the fixture's spring, its largest [N/m]
-    double mass = 1.0;               ///< least moving mass at the tip, the arm's alone [kg]
-    double period = 1e-3;            ///< of one tick [s]
-    double torque_step[max_joints];  ///< largest |change of torque| of each joint [N m], or `none`
-    double torque_max[max_joints];   ///< largest |torque| of each joint [N m], or `none`
+    double force_step = 1.0;    ///< largest |change of force| from one tick to the next [N]
+    double force_max = 20.0;    ///< largest |force| [N]
+    double stiffness = 1000.0;  ///< K of the fixture's spring, its largest [N/m]
+    double mass = 1.0;          ///< least moving mass at the tip, the arm's alone [kg]
+    double period = 1e-3;       ///< of one tick [s]
+    double
+        torque_step[max_joints];    ///< largest |change of torque| of each joint [N m], or infinity
+    double torque_max[max_joints];  ///< largest |torque| of each joint [N m], or infinity
 
     GovernorLimits() {
-        std::fill_n(torque_step, max_joints, none);
-        std::fill_n(torque_max, max_joints, none);
+        std::fill_n(torque_step, max_joints, infinity);
+        std::fill_n(torque_max, max_joints, infinity);
     }
     /// Least force_step with which a release of force_max gives no more than its spring had [N].
     double least_passive_step() const noexcept {
@@ -56,12 +56,16 @@ struct GovernorLimits {
 };
 
 /// What a tick of the governor has to say; bits, 0 when all is well.
-enum GovernorStatus : std::uint8_t {
-    bad_force = 1,     ///< the force is not finite or beyond 1e6 N, counts as none and fades out
-    bad_jacobian = 2,  ///< the Jacobian is not finite or beyond 1e6 m; force and torques fade out
-    no_jacobian = 4,   ///< torques have limits, but without a Jacobian only forces were limited
-    torque_lags = 8,   ///< the arm turns faster than its torques may follow; torque() is not J^T F
-    overdrawn = 16,    ///< the force held back gave more than the spring had stored
+struct GovernorStatus {
+    enum Bit : std::uint8_t {
+        bad_force = 1,  ///< the force is not finite or beyond 1e6 N, counts as none and fades out
+        bad_jacobian =
+            2,  ///< the Jacobian is not finite or beyond 1e6 m; force and torques fade out
+        no_jacobian = 4,  ///< torques have limits, but without a Jacobian only forces were limited
+        torque_lags =
+            8,  ///< the arm turns faster than its torques may follow; torque() is not J^T F
+        overdrawn = 16,  ///< the force held back gave more than the spring had stored
+    };
 };
 
 struct Governed {
@@ -76,19 +80,19 @@ inline void check(const GovernorLimits& limits) {
     // A change that is a millionth of the force is still a million roundings of it.
     constexpr double smallest_share = 1e-6;
     check_above("force_max", limits.force_max, 0, 1e6, " N");
-    check_above("stiffness", limits.stiffness, 0, unbounded, " N/m");
-    check_above("mass", limits.mass, 0, unbounded, " kg");
-    check_above("period", limits.period, 0, unbounded, " s");
+    check_above("stiffness", limits.stiffness, 0, infinity, " N/m");
+    check_above("mass", limits.mass, 0, infinity, " kg");
+    check_above("period", limits.period, 0, infinity, " s");
     const double least_step =
         std::max(limits.least_passive_step(), smallest_share * limits.force_max);
-    check_above("force_step", limits.force_step, 0, unbounded, " N a tick");
-    check_from("force_step", limits.force_step, least_step, unbounded, " N a tick",
+    check_above("force_step", limits.force_step, 0, infinity, " N a tick");
+    check_from("force_step", limits.force_step, least_step, infinity, " N a tick",
                "force_max * period * sqrt(stiffness / mass) / 2: slower, a released force gives "
                "more energy than the spring had stored");
     for (int j = 0; j < GovernorLimits::max_joints; ++j) {
         const double most = limits.torque_max[j];
         if (!(most > 0)) reject_setting("torque_max", most, " N m", "a value above 0 N m");
-        const double least = most == GovernorLimits::none ? 0 : smallest_share * most;
+        const double least = most == infinity ? 0 : smallest_share * most;
         const double step = limits.torque_step[j];
         if (!(step > 0 && step >= least))
             reject_setting("torque_step", step, " N m",
@@ -103,8 +107,8 @@ class Governor {
     explicit Governor(const GovernorLimits& limits) : limits_(limits) {
         check(limits);
         for (int j = 0; j < max_joints; ++j)
-            by_torque_ = by_torque_ || limits.torque_step[j] < GovernorLimits::none ||
-                         limits.torque_max[j] < GovernorLimits::none;
+            by_torque_ =
+                by_torque_ || limits.torque_step[j] < infinity || limits.torque_max[j] < infinity;
     }
 
     /// Nothing is commanded and nothing was given, as when the controller of an arm starts.
@@ -113,7 +117,7 @@ class Governor {
     /// The next tick of an arm that takes forces.
     Governed step(const Vec3& force) noexcept {
         const bool good = is_sound(force.c, 3);
-        return govern(force, good, good ? 0 : bad_force, {});
+        return govern(force, good, good ? 0 : GovernorStatus::bad_force, {});
     }
 
     /// The next tick of an arm that takes torques.
@@ -123,12 +127,12 @@ class Governor {
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
         const int n = std::clamp(joints, 0, max_joints);
         if (n == 0 || !is_sound(jacobian, 3 * n)) {
-            const Governed g = govern({}, false, bad_jacobian, {});
+            const Governed g = govern({}, false, GovernorStatus::bad_jacobian, {});
             fade_torques();
             return g;
         }
         const bool good = is_sound(force.c, 3);
-        return govern(force, good, good ? 0 : bad_force, {jacobian, n});
+        return govern(force, good, good ? 0 : GovernorStatus::bad_force, {jacobian, n});
     }
 
     /// The next tick for what an engine answered, whose status is kept; with a Jacobian, of an arm
@@ -146,7 +150,7 @@ class Governor {
     /// What forces held back since the reset have given, had each pushed the mass freely [J].
     double energy_given() const noexcept { return closed_given_ + given(); }
     /// What the springs held that they were released from [J]. It is at least energy_given unless
-    /// overdrawn.
+    /// GovernorStatus::overdrawn.
     double energy_stored() const noexcept { return closed_stored_ + stored(); }
 
   private:
@@ -154,8 +158,8 @@ class Governor {
     static constexpr double below = 1 - 1e-9;
     /// The same from less below, for the limit of a force that was already aimed at `below` of it.
     static constexpr double nearly = 1 - 5e-10;
-    /// By how much the energy given may exceed the energy stored before it counts as overdrawn: the
-    /// sums are those of whole ticks.
+    /// By how much the energy given may exceed the energy stored before it counts as
+    /// GovernorStatus::overdrawn: the sums are those of whole ticks.
     static constexpr double energy_tolerance = 1.01;
     /// Largest force [N], and entry of a Jacobian [m], that counts as a number.
     static constexpr double largest = 1e6;
@@ -180,7 +184,7 @@ class Governor {
         bool is_empty() const noexcept { return !(smallest <= largest); }
         /// Keeps the shares s with |value + s change| <= limit.
         void keep(double value, double change, double limit) noexcept {
-            if (limit == GovernorLimits::none) return;
+            if (limit == infinity) return;
             if (change == 0) {
                 if (std::abs(value) > limit) largest = -1;
                 return;
@@ -207,13 +211,14 @@ class Governor {
                     const Jacobian& jacobian) noexcept {
         Governed g;
         g.status = static_cast<std::uint8_t>(status);
-        if (by_torque_ && jacobian.values == nullptr && !(status & bad_jacobian))
-            g.status |= no_jacobian;
+        if (by_torque_ && jacobian.values == nullptr && !(status & GovernorStatus::bad_jacobian))
+            g.status |= GovernorStatus::no_jacobian;
         const Vec3 wanted = is_force_sound ? force : Vec3{};
         const Vec3 target = clipped(wanted, jacobian);
-        if (!accept(target, jacobian) && !ramp_towards(target, jacobian)) g.status |= torque_lags;
+        if (!accept(target, jacobian) && !ramp_towards(target, jacobian))
+            g.status |= GovernorStatus::torque_lags;
         account_energy(target);
-        if (given() > energy_tolerance * stored()) g.status |= overdrawn;
+        if (given() > energy_tolerance * stored()) g.status |= GovernorStatus::overdrawn;
         g.force = force_;
         g.held_back = norm(wanted - force_);
         return g;

@@ -53,18 +53,18 @@ struct GuideStep {
     double lateral = 0;    ///< HIP to place [m]
     double remaining = 0;  ///< from the place to the strand's end [m]
     std::uint32_t strand = 0;
-    bool held = false;         ///< whether the guide has hold of the tip
-    std::uint8_t status = ok;  ///< `bad_hip`, or `limit` where the place goes on next tick
+    bool held = false;                 ///< whether the guide has hold of the tip
+    std::uint8_t status = Status::ok;  ///< `bad_hip`, or `limit` where the place goes on next tick
 };
 
 /// Throws OutOfRange on a value outside its range.
 inline void check(const GuideParameters& p) {
     check_from("radius", p.radius, smallest_radius, largest_radius, " m");
-    check_above("stiffness", p.stiffness, 0, unbounded, " N/m");
+    check_above("stiffness", p.stiffness, 0, infinity, " N/m");
     if (!std::isfinite(p.lead_force))
         reject_setting("lead_force", p.lead_force, " N", "a finite force");
-    check_above("lead_speed", p.lead_speed, 0, unbounded, " m/s");
-    check_above("period", p.period, 0, unbounded, " s");
+    check_above("lead_speed", p.lead_speed, 0, infinity, " m/s");
+    check_above("period", p.period, 0, infinity, " s");
     if (p.ignore_axis) check_axis(*p.ignore_axis);
 }
 
@@ -114,14 +114,14 @@ class Guide {
     GuideStep step(const Vec3& hip) noexcept {
         if (!is_within_range(hip)) {
             GuideStep s = last_;
-            s.status = bad_hip;
+            s.status = Status::bad_hip;
             return s;
         }
         if (!is_placed_) reset(hip);
         const Vec3 before = x_;
         x_ = across(hip);
         const double moved = norm(x_ - before);
-        last_.status = ok;
+        last_.status = Status::ok;
         if (is_held_ && is_beyond_end()) {
             is_held_ = false;
             distance_to_tube_ = 0;
@@ -238,7 +238,7 @@ class Guide {
         }
         at_ = piece.between(at_, goal, allowed_share);
         stretch_ = stretch_at(at_);
-        last_.status = limit;
+        last_.status = Status::limit;
     }
 
     /// While the tip is not held, what is left of the stretch dies down, and the proxy comes nearer

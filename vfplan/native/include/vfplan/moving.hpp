@@ -174,7 +174,7 @@ class MovingFrame {
         taken_ = seen_ = 0;
         older_ = 0;
         has_given_ = is_placed_ = is_clock_ahead_ = is_clock_bad_ = false;
-        t_ = stepped_at_ = -std::numeric_limits<double>::infinity();
+        t_ = stepped_at_ = -infinity;
         now_ = goal_ = {};
         stamp_ = arrives_at_ = 0;
     }
@@ -185,13 +185,13 @@ class MovingFrame {
     }
     /// Age of the youngest pose taken up, at the last t [s].
     double age() const noexcept {
-        if (!is_placed_) return std::numeric_limits<double>::infinity();
+        if (!is_placed_) return infinity;
         return t_ - stamp_;
     }
     /// How far the fixture still has to go at `place` (in the base), to where its youngest pose
     /// puts it [m]. Infinite before the first pose, and where `place` is not finite.
     double lag(const Vec3& place) const noexcept {
-        if (!is_placed_ || !is_within_range(place)) return std::numeric_limits<double>::infinity();
+        if (!is_placed_ || !is_within_range(place)) return infinity;
         return norm(goal_.out(now_.in(place)) - place);
     }
     /// How many of the poses that were not refused the last tick knew of.
@@ -209,18 +209,18 @@ class MovingFrame {
         stepped_at_ = t_;
         decltype(engine.step(hip)) s;
         if (!is_placed_) {
-            s.status = stale_pose;
+            s.status = Status::stale_pose;
             if (is_within_range(hip))
                 s.proxy = hip;
             else
-                s.status |= bad_hip;
+                s.status |= Status::bad_hip;
             return s;
         }
         s = engine.step(now_.in(hip));
         s.proxy = now_.out(s.proxy);
         if constexpr (requires { s.normal; }) s.normal = now_.turn(s.normal);
         s.force = now_.turn(s.force);
-        if (stale()) s.status |= stale_pose;
+        if (stale()) s.status |= Status::stale_pose;
         return s;
     }
 
@@ -293,10 +293,10 @@ class MovingFrame {
     double last_older_ = 0;  // stamp of the last of them [s]
     // What the loop keeps.
     Pose now_, goal_;
-    double t_ = -std::numeric_limits<double>::infinity();           // latest [s]
-    double stepped_at_ = -std::numeric_limits<double>::infinity();  // t_ at the last step [s]
-    double stamp_ = 0;                                              // of goal_ [s]
-    double arrives_at_ = 0;  // goal_, where the next pose is due [s]
+    double t_ = -infinity;           // latest [s]
+    double stepped_at_ = -infinity;  // t_ at the last step [s]
+    double stamp_ = 0;               // of goal_ [s]
+    double arrives_at_ = 0;          // goal_, where the next pose is due [s]
     bool is_placed_ = false;
     bool is_clock_ahead_ = false;         // the tracker's
     bool is_clock_bad_ = false;           // the loop's

@@ -65,7 +65,7 @@ struct Parameters {
 
 /// Tells a HIP that no hand can have reached since the last one.
 struct HipGate {
-    static constexpr Vec3 nowhere{{unbounded, 0, 0}};  ///< what an engine takes for no HIP
+    static constexpr Vec3 nowhere{{infinity, 0, 0}};  ///< what an engine takes for no HIP
 
     Vec3 last;
     bool has_last = false;
@@ -81,7 +81,7 @@ struct HipGate {
 
 /// Throws OutOfRange unless each of K is above 0 and finite.
 inline void check_stiffness(const Vec3& k) {
-    for (int i = 0; i < 3; ++i) check_above("stiffness", k[i], 0, unbounded, " N/m");
+    for (int i = 0; i < 3; ++i) check_above("stiffness", k[i], 0, infinity, " N/m");
 }
 
 /// Throws std::invalid_argument unless this is a unit vector.
@@ -108,7 +108,7 @@ inline void check(const Parameters& p) {
     check_above("gain", p.gain, 0, 1, "");
     check_stiffness(p.stiffness);
     if (p.ignore_axis) check_axis(*p.ignore_axis);
-    check_from("max_hip_step", p.max_hip_step, 0, unbounded, " m");
+    check_from("max_hip_step", p.max_hip_step, 0, infinity, " m");
     check_from("period", p.period, 1e-6, 1, " s");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
@@ -119,7 +119,7 @@ inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n
     for (std::size_t i = 0; i < 3 * n; ++i) largest = std::max(largest, std::abs(xyz[i]));
     const double least = roundings_a_band * std::numeric_limits<double>::epsilon() * largest;
     const std::string why = "1e4 roundings of the largest coordinate, " + shown(largest) + " m";
-    check_from("band", p.band, least, unbounded, " m", why.c_str());
+    check_from("band", p.band, least, infinity, " m", why.c_str());
 }
 
 /// The paper's state of the proxy.
@@ -131,28 +131,32 @@ enum class State : std::int8_t {
 };
 
 /// What a tick has to say beside its result; bits, 0 when all is well.
-enum Status : std::uint8_t {
-    ok = 0,
-    bad_hip = 1,      ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
-                      ///< before the first good HIP both are 0
-    inside = 2,       ///< started inside: the proxy is led out and handed to the rule
-    limit = 4,        ///< the tick used up its iterations; the proxy is safe and goes on next tick
-    stale_pose = 8,   ///< the moving fixture's pose is too old: its last frame stands; before the
-                      ///< first pose nothing is rendered
-    changing = 16,    ///< the fixture was exchanged or edited: the force is on its way to K (proxy
-                      ///< - HIP)
-    other_side = 32,  ///< with `inside`: no way out was found on the side where the proxy was
-                      ///< before the exchange
-    jumped = 64,      ///< the HIP is further than max_hip_step from the last good one: as bad_hip,
-                      ///< until it is back or the engine is reset
+struct Status {
+    enum Bit : std::uint8_t {
+        ok = 0,
+        bad_hip = 1,      ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its
+                          ///< last; before the first good HIP both are 0
+        inside = 2,       ///< started inside: the proxy is led out and handed to the rule
+        limit = 4,        ///< the tick used up its iterations or its work; the proxy is safe and
+                          ///< goes on next tick
+        stale_pose = 8,   ///< the moving fixture's pose is too old: its last frame stands; before
+                          ///< the first pose nothing is rendered
+        changing = 16,    ///< the fixture was exchanged or edited: the force is on its way to K
+                          ///< (proxy - HIP)
+        other_side = 32,  ///< with `inside`: no way out was found on the side where the proxy was
+                          ///< before the exchange
+        jumped = 64       ///< the HIP is further than max_hip_step from the last good one: as
+                          ///< bad_hip, until it is back or the engine is reset
+    };
 };
+inline constexpr auto jumped = Status::jumped;
 
 /// What a rule says of a tick, in the space it works in.
 template <int D>
 struct RuleAnswer {
     Vec<D> normal;
     State state = State::no_neighbour;
-    std::uint8_t status = ok;
+    std::uint8_t status = Status::ok;
 };
 
 struct Step {
@@ -160,7 +164,7 @@ struct Step {
     Vec3 normal;  ///< unit, 0 when there is none
     Vec3 force;   ///< on the hand [N]
     State state = State::no_neighbour;
-    std::uint8_t status = ok;
+    std::uint8_t status = Status::ok;
 };
 
 }  // namespace vfplan::inline v1

@@ -75,8 +75,8 @@ inline void check_above(const char* name, double value, double bound, double mos
     if (std::isfinite(most)) allowed += " and at most " + shown(most);
     reject_setting(name, value, unit, allowed + unit, why);
 }
-inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 
+inline constexpr double infinity = std::numeric_limits<double>::infinity();
 inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
 
 template <int D>
@@ -224,6 +224,15 @@ struct Box {
             low.c[k] = std::min(low.c[k], p.c[k]);
             high.c[k] = std::max(high.c[k], p.c[k]);
         }
+    }
+    /// Square of the distance from x.
+    double distance2(const Vec<D>& x) const noexcept {
+        double square = 0;
+        for (int k = 0; k < D; ++k) {
+            const double gap = std::max({low.c[k] - x.c[k], x.c[k] - high.c[k], 0.0});
+            square += gap * gap;
+        }
+        return square;
     }
     /// Part [a, b] of the way from x along the unit vector `way`, up to `most`, that lies within
     /// `margin` of the box; false when none does.

@@ -334,42 +334,25 @@ inline void check_corners(const Content& content, Findings& findings) {
 }
 
 /// The largest eigenvalue of P K P, where P takes away the part along the ignored axis: the most
-/// that the force grows with the depth, in any direction [N/m]. By Jacobi's rotations.
+/// that the force grows with the depth, in any direction [N/m].
 inline double largest_stiffness(const Content& content) {
     const std::vector<double>& K = content.at("/rendering/stiffness").f8;
-    std::array<double, 3> axis{};
-    if (const Value* given = content.find("/rendering/ignore_axis")) {
-        std::copy_n(given->f8.begin(), 3, axis.begin());
-    }
-    std::array<std::array<double, 3>, 3> m{};
+    const Value* axis = content.find("/rendering/ignore_axis");
+    if (axis == nullptr) return std::max({K[0], K[1], K[2]});
+    // One eigenvalue is 0. The trace is the sum of the two others, and the elements' squares add up
+    // to the sum of theirs.
+    const std::vector<double>& a = axis->f8;
+    double trace = 0, squares = 0;
     for (std::size_t i = 0; i < 3; ++i) {
         for (std::size_t j = 0; j < 3; ++j) {
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double left = (i == k ? 1.0 : 0.0) - axis[i] * axis[k];
-                const double right = (k == j ? 1.0 : 0.0) - axis[k] * axis[j];
-                m[i][j] += left * K[k] * right;
-            }
+            double element = 0;
+            for (std::size_t k = 0; k < 3; ++k)
+                element += ((i == k) - a[i] * a[k]) * K[k] * ((k == j) - a[k] * a[j]);
+            if (i == j) trace += element;
+            squares += element * element;
         }
     }
-    constexpr int sweeps = 30;  // three or four reach the last bit
-    for (int sweep = 0; sweep < sweeps; ++sweep) {
-        for (const auto& [p, q] : {std::pair<std::size_t, std::size_t>{0, 1}, {0, 2}, {1, 2}}) {
-            if (m[p][q] == 0) continue;
-            const double angle = 0.5 * std::atan2(2 * m[p][q], m[q][q] - m[p][p]);
-            const double c = std::cos(angle), s = std::sin(angle);
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double kp = m[k][p], kq = m[k][q];
-                m[k][p] = c * kp - s * kq;
-                m[k][q] = s * kp + c * kq;
-            }
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double pk = m[p][k], qk = m[q][k];
-                m[p][k] = c * pk - s * qk;
-                m[q][k] = s * pk + c * qk;
-            }
-        }
-    }
-    return std::max({m[0][0], m[1][1], m[2][2]});
+    return (trace + std::sqrt(std::max(0.0, 2 * squares - trace * trace))) / 2;
 }
 
 /// The verdict of the stability gate is about the K of this file, and says that it is stable.
@@ -458,19 +441,17 @@ inline void check_registered(const Content& content, Findings& findings) {
 
 namespace vfplan::bundle {
 
-// Rules that tie several values together, in the order of docs/format.md. A rule whose values are
-// missing says nothing: that they are missing has been reported.
+// Rules that tie several values together, in the order of docs/format.md.
 
 namespace detail {
 
 inline void check_understood(const Content& content, Findings& findings) {
+    if (!content.has("/@must_understand")) return;
     const std::string& text = content.at("/@must_understand").string();
     for (std::size_t start = 0; start <= text.size();) {
         const std::size_t end = std::min(text.find(' ', start), text.size());
         const std::string path = text.substr(start, end - start);
-        const bool known =
-            std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
-        findings.require(path.empty() || known, "version.must_understand", path,
+        findings.require(path.empty() || is_known(path), "version.must_understand", path,
                          {"must be understood, and this program does not"},
                          "Get a program that does: pip install --upgrade vfplan");
         start = end + 1;
@@ -757,6 +738,7 @@ inline void check_reviewed(const Content& content, const Digest& geometry, Findi
 }
 
 inline void check_case(const Content& content, Findings& findings) {
+    if (!content.has("/@case")) return;
     const std::string& text = content.at("/@case").string();
     findings.require(is_plain(text), "corrupt.value", "/@case",
                      {"is ", Quoted{text}, "; text wanted that can be read off a page"},
@@ -811,6 +793,20 @@ inline std::size_t count_unanswered(const Content& content) {
     return count;
 }
 
+namespace detail {
+
+/// A rule needs a value that is not there. It has nothing to say where that was reported already,
+/// or of a group that is not there; else the bundle is refused.
+inline void check_absent(const Content& content, std::string_view path, Findings& findings) {
+    const std::string_view group = path.substr(0, path.find_first_of("/@", 1));
+    const bool is_of_no_group = is_known(group) && group != path && !content.has_group(group);
+    if (is_known(path) && (is_of_no_group || !findings.sound())) return;
+    findings.error("corrupt.missing", path, {"is asked for by a rule, and is not there"},
+                   "Get a program of another version: pip install --upgrade vfplan");
+}
+
+}  // namespace detail
+
 /// A rule: reports to findings what does not hold; throws Absent if a value it needs is missing.
 using CheckOf = void (*)(const Content&, Findings&);
 
@@ -819,7 +815,8 @@ inline void check(const Content& content, Findings& findings) {
     const auto apply = [&](const auto& rule) {
         try {
             rule(content, findings);
-        } catch (const Absent&) {
+        } catch (const Absent& absent) {
+            detail::check_absent(content, absent.what(), findings);
         }
     };
     for (const CheckOf rule :

@@ -53,13 +53,19 @@ struct Value {
     [[nodiscard]] double number() const { return f8.front(); }
 };
 
-/// Thrown where a value is asked for that is not there.
+/// Thrown where a value is asked for that is not there; its text is the path.
 class Absent : public std::out_of_range {
   public:
     using std::out_of_range::out_of_range;
 };
 
-/// Everything a bundle holds, by its path in the format.
+/// Whether the format has a value or a group of this path.
+inline bool is_known(std::string_view path) {
+    return std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
+}
+
+/// Everything a bundle holds, by its path in the format. Whoever asks for a path that the format
+/// does not have gets Absent, and not the answer that nothing is there.
 class Content {
   public:
     bool operator==(const Content&) const = default;
@@ -72,7 +78,9 @@ class Content {
     }
     [[nodiscard]] const Value* find(std::string_view path) const {
         const auto found = values_.find(path);
-        return found == values_.end() ? nullptr : &found->second;
+        if (found != values_.end()) return &found->second;
+        if (!is_known(path)) throw Absent(std::string(path));
+        return nullptr;
     }
     /// A number. Without `otherwise` it must be there, or Absent is thrown.
     [[nodiscard]] double number(std::string_view path) const { return at(path).number(); }
@@ -84,6 +92,7 @@ class Content {
     }
     /// Whether any value of a group is there.
     [[nodiscard]] bool has_group(std::string_view group) const {
+        if (!is_known(group)) throw Absent(std::string(group));
         return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
             const std::string& path = value.first;
             return path.size() > group.size() && path.starts_with(group) &&

@@ -57,27 +57,23 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
     return p;
 }
 
-/// Throws std::invalid_argument where a tick of `work` [s] is longer than a loop of 1 kHz can wait.
-inline void check_tick_time(double work) {
-    if (work > max_tick_time)
-        reject(
-            "a tick may take " + six_digits(1e6 * work) + " us, at most " +
-            six_digits(1e6 * max_tick_time) +
-            " us are given at 1 kHz: too many points or pieces around one place, or max_iterations "
-            "too high. Give fewer points there or a smaller max_iterations, or Use::replay.");
-}
-
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
 inline void check_work(const Fixture& fixture, const Parameters& p) {
+    double time;
     if (p.rule != Rule::exact) {
         // Of a fixture that guides all points, so that there is one where every stroke guides.
         const std::vector<double> points = fixture.guidance ? fixture.points : fixture.forbidden();
-        check_tick_time(tick_time_bound(points.data(), points.size() / 3, p));
+        time = tick_time_bound(points.data(), points.size() / 3, p);
     } else if (!fixture.mesh.empty()) {
-        check_tick_time(tick_time_bound(surface(fixture), p));
+        time = tick_time_bound(surface(fixture), p);
     } else {
-        check_tick_time(tick_time_bound(fixture.pieces_of(false), p));
+        time = tick_time_bound(fixture.pieces_of(false), p);
     }
+    if (time <= max_tick_time) return;
+    reject("a tick may take " + six_digits(1e6 * time) + " us, at most " +
+           six_digits(1e6 * max_tick_time) +
+           " us are given at 1 kHz: too many points or pieces around one place. Give fewer points "
+           "there, or Use::replay.");
 }
 
 /// By its lines and arcs, its triangles, or its points, of a mesh samples. One that guides is no
@@ -87,14 +83,11 @@ inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) 
         reject(
             "the fixture guides. Make its guide with make_guide, and an engine of what forbidden() "
             "gives.");
+    if (use == Use::real_time) check_work(fixture, p);
     if (p.rule != Rule::exact) {
         const std::vector<double> points = fixture.forbidden();
-        if (use == Use::real_time) {
-            check_tick_time(tick_time_bound(points.data(), points.size() / 3, p));
-        }
         return {points.data(), points.size() / 3, p};
     }
-    if (use == Use::real_time) check_work(fixture, p);
     if (!fixture.mesh.empty()) return {surface(fixture), p};
     return {fixture.pieces, p};
 }
@@ -124,7 +117,7 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     std::vector<std::size_t> counts;
     std::vector<bool> closed;
     for (std::size_t i = 0; i < fixture.strokes.size(); ++i) {
-        const Stroke& s = fixture.strokes[i];
+        const StrokeRange& s = fixture.strokes[i];
         if (g.stroke && static_cast<std::size_t>(*g.stroke) != i) continue;
         if (counts.empty()) first = s.first;
         counts.push_back(s.count);

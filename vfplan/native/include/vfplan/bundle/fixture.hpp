@@ -33,7 +33,7 @@ struct Rendering {
 };
 
 /// A stroke of the drawn curve: `count` points from the `first` on.
-struct Stroke {
+struct StrokeRange {
     std::size_t first = 0, count = 0;
     bool closed = false;
 };
@@ -52,16 +52,16 @@ struct Guidance {
 struct Fixture {
     std::string frame;
     std::string id;
-    std::vector<double> points;   // x0 y0 z0 x1 y1 z1 ... [m], pixels in the frame image
-    std::vector<double> sigma;    // one a point, or empty
-    std::vector<Stroke> strokes;  // empty: a cloud, or a surface
+    std::vector<double> points;        // x0 y0 z0 x1 y1 z1 ... [m], pixels in the frame image
+    std::vector<double> sigma;         // one a point, or empty
+    std::vector<StrokeRange> strokes;  // empty: a cloud, or a surface
     std::optional<Rendering> rendering;
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
-    std::string case_id;                 // the case that it is for; empty where nobody said so
-    std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
-    std::vector<std::int32_t> mesh;      // three points a triangle, or empty
+    std::string case_id;             // the case that it is for; empty where nobody said so
+    std::vector<Stroke> pieces;      // lines and arcs, a stroke each; none where unknown
+    std::vector<std::int32_t> mesh;  // three points a triangle, or empty
     // How far a place of the mesh may be from a sample where points are rendered [m]; without it
     // the points are the samples.
     std::optional<double> sample_radius;
@@ -83,15 +83,15 @@ struct Fixture {
         if (sample_radius) return vfplan::mesh::sampled(surface(), *sample_radius).points;
         if (!guidance) return points;
         if (!guidance->stroke) return {};
-        const Stroke& guides = strokes[static_cast<std::size_t>(*guidance->stroke)];
+        const StrokeRange& guides = strokes[static_cast<std::size_t>(*guidance->stroke)];
         std::vector<double> left = points;
         const auto from = left.begin() + std::ptrdiff_t(3 * guides.first);
         left.erase(from, from + std::ptrdiff_t(3 * guides.count));
         return left;
     }
     /// The lines and arcs of the strokes that guide, or of those that forbid.
-    [[nodiscard]] std::vector<vfplan::Stroke> pieces_of(bool guide) const {
-        std::vector<vfplan::Stroke> some;
+    [[nodiscard]] std::vector<Stroke> pieces_of(bool guide) const {
+        std::vector<Stroke> some;
         for (std::size_t i = 0; i < pieces.size(); ++i) {
             const bool guides =
                 guidance && (!guidance->stroke || std::size_t(*guidance->stroke) == i);
@@ -198,8 +198,8 @@ inline std::vector<Finding> examine(View data) {
 
 namespace detail {
 
-inline std::vector<Stroke> strokes_of(const Content& content) {
-    std::vector<Stroke> strokes;
+inline std::vector<StrokeRange> strokes_of(const Content& content) {
+    std::vector<StrokeRange> strokes;
     for (const std::int32_t id : content.at("/curve/stroke").i4) {
         const auto i = static_cast<std::size_t>(id);
         if (i == strokes.size()) {
@@ -238,14 +238,14 @@ inline Rendering rendering_of(const Content& content) {
     return rendering;
 }
 
-inline std::vector<vfplan::Stroke> pieces_of(const Content& content) {
+inline std::vector<Stroke> pieces_of(const Content& content) {
     const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
     const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
     const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
-    std::vector<vfplan::Stroke> pieces(closed.size());
+    std::vector<Stroke> pieces(closed.size());
     for (std::size_t s = 0; s < closed.size(); ++s) pieces[s].closed = closed[s] != 0;
     for (std::size_t i = 0; i < stroke.size(); ++i) {
-        vfplan::Stroke& own = pieces[static_cast<std::size_t>(stroke[i])];
+        Stroke& own = pieces[static_cast<std::size_t>(stroke[i])];
         const auto from = vertices.begin() + static_cast<std::ptrdiff_t>(3 * i);
         own.vertices.insert(own.vertices.end(), from, from + 3);
         own.bulges.push_back(content.at("/pieces/bulges").f8[i]);

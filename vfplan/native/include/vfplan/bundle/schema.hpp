@@ -7,9 +7,9 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <string_view>
 
+#include "vfplan/base/vec.hpp"
 #include "vfplan/bundle/bytes.hpp"
 
 namespace vfplan::bundle {
@@ -19,8 +19,6 @@ enum class Type { none, text, f8, i4, u1 };
 enum class Required { always, group, rendering, optional };
 /// What an engine renders, or what is reviewed beside it: a review's digest covers both.
 enum class Mark { none, rendered, reviewed };
-
-inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// One thing a bundle may hold; an empty text means that there is none.
 struct Row {

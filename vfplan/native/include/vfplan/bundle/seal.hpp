@@ -17,15 +17,9 @@
 #include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/schema.hpp"
 
-#if (defined(__x86_64__) || defined(__i386__)) && defined(__GNUC__)
-#include <cpuid.h>
-#include <immintrin.h>
-#define VFPLAN_SHA_NI
-#endif
-
 namespace vfplan::bundle {
 
-// SHA-256 (FIPS 180-4), with the processor's own instructions where it has them.
+// SHA-256 (FIPS 180-4).
 
 using Digest = std::array<unsigned char, 32>;
 
@@ -43,7 +37,7 @@ inline constexpr std::array<std::uint32_t, 64> sha_rounds{
     0x19a4c116, 0x1e376c08, 0x2748774c, 0x34b0bcb5, 0x391c0cb3, 0x4ed8aa4a, 0x5b9cca4f, 0x682e6ff3,
     0x748f82ee, 0x78a5636f, 0x84c87814, 0x8cc70208, 0x90befffa, 0xa4506ceb, 0xbef9a3f7, 0xc67178f2};
 
-inline void sha_blocks_plain(ShaState& state, const unsigned char* data, std::size_t blocks) {
+inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t blocks) {
     const auto turn = [](std::uint32_t x, int n) { return x >> n | x << (32 - n); };
     for (; blocks > 0; --blocks, data += 64) {
         std::array<std::uint32_t, 64> w{};
@@ -65,61 +59,6 @@ inline void sha_blocks_plain(ShaState& state, const unsigned char* data, std::si
         }
         for (std::size_t i = 0; i < 8; ++i) state[i] += s[i];
     }
-}
-
-#ifdef VFPLAN_SHA_NI
-inline bool has_sha_ni() {
-    unsigned a = 0, b = 0, c = 0, d = 0;
-    constexpr unsigned ssse3_and_sse41 = 1u << 9 | 1u << 19, sha = 1u << 29;
-    if (__get_cpuid(1, &a, &b, &c, &d) == 0 || (c & ssse3_and_sse41) != ssse3_and_sse41) {
-        return false;
-    }
-    return __get_cpuid_count(7, 0, &a, &b, &c, &d) != 0 && (b & sha) != 0;
-}
-
-/// The instructions keep the state as (a b e f) and (c d g h) and do two rounds at a time.
-__attribute__((target("sha,sse4.1,ssse3"))) inline void sha_blocks_ni(ShaState& state,
-                                                                      const unsigned char* data,
-                                                                      std::size_t blocks) {
-    const auto load = [](const void* from) __attribute__((target("sse4.1"))) {
-        return _mm_loadu_si128(static_cast<const __m128i*>(from));
-    };
-    const __m128i big_endian = _mm_set_epi64x(0x0c0d0e0f08090a0b, 0x0405060700010203);
-    const __m128i cdab = _mm_shuffle_epi32(load(state.data()), 0xB1);
-    const __m128i efgh = _mm_shuffle_epi32(load(state.data() + 4), 0x1B);
-    __m128i abef = _mm_alignr_epi8(cdab, efgh, 8), cdgh = _mm_blend_epi16(efgh, cdab, 0xF0);
-    for (; blocks > 0; --blocks, data += 64) {
-        const __m128i abef_before = abef, cdgh_before = cdgh;
-        __m128i w[4];
-        for (int i = 0; i < 4; ++i) w[i] = _mm_shuffle_epi8(load(data + 16 * i), big_endian);
-#pragma GCC unroll 16
-        for (unsigned i = 0; i < 16; ++i) {
-            __m128i& now = w[i % 4];
-            if (i >= 4) {
-                const __m128i last = w[(i + 3) % 4];
-                now = _mm_add_epi32(_mm_sha256msg1_epu32(now, w[(i + 1) % 4]),
-                                    _mm_alignr_epi8(last, w[(i + 2) % 4], 4));
-                now = _mm_sha256msg2_epu32(now, last);
-            }
-            const __m128i keyed = _mm_add_epi32(now, load(sha_rounds.data() + 4 * i));
-            cdgh = _mm_sha256rnds2_epu32(cdgh, abef, keyed);
-            abef = _mm_sha256rnds2_epu32(abef, cdgh, _mm_shuffle_epi32(keyed, 0x0E));
-        }
-        abef = _mm_add_epi32(abef, abef_before);
-        cdgh = _mm_add_epi32(cdgh, cdgh_before);
-    }
-    const __m128i feba = _mm_shuffle_epi32(abef, 0x1B), dchg = _mm_shuffle_epi32(cdgh, 0xB1);
-    _mm_storeu_si128(reinterpret_cast<__m128i*>(state.data()), _mm_blend_epi16(feba, dchg, 0xF0));
-    _mm_storeu_si128(reinterpret_cast<__m128i*>(state.data() + 4), _mm_alignr_epi8(dchg, feba, 8));
-}
-#endif
-
-inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t blocks) {
-#ifdef VFPLAN_SHA_NI
-    static const bool fast = has_sha_ni();
-    if (fast) return sha_blocks_ni(state, data, blocks);
-#endif
-    sha_blocks_plain(state, data, blocks);
 }
 
 }  // namespace detail

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <optional>
 
+#include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -185,33 +186,19 @@ class Grid {
 /// Clouds of this many points or fewer are looked through point by point: a grid measured slower.
 inline constexpr std::size_t small_cloud = 64;
 
-/// What has been looked at in a cloud, counted so that it can be said how long a tick may take.
-struct CloudWork {
-    std::size_t rows = 0;      ///< of cells, walked to find points
-    std::size_t spans = 0;     ///< of points, each looked through by one loop
-    std::size_t points = 0;    ///< in these spans
-    std::size_t contacts = 0;  ///< points that touched the proxy
-    std::size_t fits = 0;      ///< planes fitted to them
-    std::size_t choices = 0;   ///< of planes, tried to find a step that keeps to all of them
-};
-
-/// What each of these costs in one rule [s]: fitted to measured ticks, on the machine of
-/// docs/engine.md.
-struct WorkCosts {
-    double row = 0;
-    double span = 0;
-    double point = 0;
-    double contact = 0;
-    double fit = 0;
-    double choice = 0;
-
-    double time_of(const CloudWork& work) const noexcept {
-        return row * static_cast<double>(work.rows) + span * static_cast<double>(work.spans) +
-               point * static_cast<double>(work.points) +
-               contact * static_cast<double>(work.contacts) + fit * static_cast<double>(work.fits) +
-               choice * static_cast<double>(work.choices);
-    }
-};
+// What a tick looks at in a cloud is counted in points, each about a nanosecond on the machine of
+// docs/engine.md. Whatever else it does counts as the points that take about as long.
+namespace work {
+inline constexpr std::size_t iteration = 4000;  // of the robust rule, beside what follows
+inline constexpr std::size_t row = 32;          // of cells, walked to find points
+inline constexpr std::size_t span = 32;         // of points, looked through by one loop
+inline constexpr std::size_t contact = 32;      // a point that touches the proxy
+inline constexpr std::size_t fit = 128;         // a plane fitted to such points
+inline constexpr std::size_t choice = 64;       // of planes, tried for a step that keeps to them
+// What a tick may do, of the 300,000 that max_tick_time has room for.
+inline constexpr std::int64_t motion = 180000;
+inline constexpr std::int64_t way_out = 150000;
+}  // namespace work
 
 /// A reference to a function of a span that does not outlive the call it is given to. It counts the
 /// spans.
@@ -219,20 +206,19 @@ template <int D>
 class SpanVisitor {
   public:
     template <class F>
-    SpanVisitor(F& f, CloudWork& work) noexcept
+    SpanVisitor(F& f, WorkBudget& budget) noexcept
         : f_(const_cast<void*>(static_cast<const void*>(&f))),
           call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }),
-          work_(work) {}
+          budget_(budget) {}
     void operator()(const PointSpan<D>& span) const {
-        ++work_.spans;
-        work_.points += span.n;
+        budget_.spend(work::span + span.n);
         call_(f_, span);
     }
 
   private:
     void* f_;
     void (*call_)(void*, const PointSpan<D>&);
-    CloudWork& work_;
+    WorkBudget& budget_;
 };
 
 /// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
@@ -298,31 +284,22 @@ class PointIndex {
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
-        visit_spans(x, reach, SpanVisitor<D>(f, work_));
+        visit_spans(x, reach, SpanVisitor<D>(f, budget_));
     }
-    /// All that was looked at since the index was made.
-    CloudWork& work() const noexcept { return work_; }
+    /// What this tick may still do.
+    WorkBudget& budget() const noexcept { return budget_; }
 
   private:
     /// The walk over the cells is compiled once, and not for each caller.
     [[gnu::noinline]] void visit_spans(const Vec<D>& x, double reach,
                                        const SpanVisitor<D>& f) const noexcept {
         if (!grid_) return f(all_.span(0, all_.size()));
-        work_.rows += grid_->visit(x, reach, f);
+        budget_.spend(work::row * grid_->visit(x, reach, f));
         for (std::size_t i = 0; i < added_count_; i += block) {
-            if (!is_near(boxes_[i / block], x, reach)) continue;
+            if (boxes_[i / block].distance2(x) > reach * reach * (1 + 1e-12)) continue;
             f(added_.span(i, std::min(i + block, added_count_)));
         }
     }
-    static bool is_near(const Box<D>& b, const Vec<D>& x, double reach) noexcept {
-        double square = 0;
-        for (int k = 0; k < D; ++k) {
-            const double gap = std::max({b.low.c[k] - x.c[k], x.c[k] - b.high.c[k], 0.0});
-            square += gap * gap;
-        }
-        return square <= reach * reach * (1 + 1e-12);
-    }
-
     Box<D> box_;
     Cloud<D> all_;  // where there is no grid
     std::optional<Grid<D>> grid_;
@@ -330,7 +307,7 @@ class PointIndex {
     Cloud<D> added_;
     std::vector<Box<D>> boxes_;  // of the blocks of added points
     std::size_t added_count_ = 0;
-    mutable CloudWork work_;
+    mutable WorkBudget budget_;
 };
 
 /// The points around the proxy, gathered into a list once and kept while the proxy stays near
@@ -340,7 +317,6 @@ template <int D>
 class Neighbours {
   public:
     static constexpr std::size_t max_points = 8192;  // in the list
-    static constexpr std::size_t max_wide = 256;     // in the second list, for it is read often
 
     /// `reach`: the largest radius that is asked for often [m]; `skin`: how far x may go before the
     /// list is gathered anew [m]; `cell`: side of the grid's cells [m].
@@ -353,30 +329,22 @@ class Neighbours {
 
     const PointIndex<D>& index() const noexcept { return index_; }
     PointIndex<D>& index() noexcept { return index_; }
-    std::size_t bytes() const noexcept { return index_.bytes() + list_.bytes() + wide_.bytes(); }
+    std::size_t bytes() const noexcept { return index_.bytes() + list_.bytes(); }
 
     /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) noexcept {
         if (!is_list_enough(x, reach)) return index_.visit(x, reach, f);
-        ++index_.work().spans;
-        index_.work().points += count_;
+        index_.budget().spend(work::span + count_);
         f(list_.span(0, count_));
     }
 
     /// Makes the next answers independent of what was asked before.
-    void forget() noexcept { is_gathered_ = is_wide_gathered_ = false; }
-    /// Keeps a second list of twice the radius. The first list is gathered from it, in the same
-    /// order of points, which is quicker than to walk the rows of cells where points are few.
-    void keep_wide() {
-        keeps_wide_ = index_.has_grid();
-        if (keeps_wide_) wide_ = Cloud<D>(max_wide);
-    }
-    /// Whether a list may hold what lies at p.
+    void forget() noexcept { is_gathered_ = false; }
+    /// Whether the list may hold what lies at p.
     bool reaches(const Vec<D>& p) const noexcept {
-        if (!is_gathered_ || norm(p - centre_) <= radius_ * (1 + 1e-9)) return true;
-        return is_wide_gathered_ && norm(p - wide_centre_) <= 2 * radius_ * (1 + 1e-9);
+        return !is_gathered_ || norm(p - centre_) <= radius_ * (1 + 1e-9);
     }
 
   private:
@@ -396,12 +364,6 @@ class Neighbours {
         is_crowded_ = false;
         count_ = 0;
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
-        if (keeps_wide_ && is_wide_enough()) {
-            ++index_.work().spans;
-            index_.work().points += wide_count_;
-            count_ = append(wide_.span(0, wide_count_), reach2);
-            return;
-        }
         index_.visit(centre_, radius_, [&](const PointSpan<D>& span) noexcept {
             if (is_crowded_ || count_ + span.n > list_.size()) {
                 is_crowded_ = is_crowded_ || !append_in_parts(span, reach2);
@@ -409,26 +371,6 @@ class Neighbours {
             }
             count_ += append(span, reach2);
         });
-    }
-    /// Whether the wide list holds all that lies within the radius of the centre. It is filled anew
-    /// where it has to be; a neighbourhood too crowded for it is read from the index.
-    bool is_wide_enough() noexcept {
-        const double wide_radius = 2 * radius_;
-        if (is_wide_gathered_ && norm(centre_ - wide_centre_) + radius_ <= wide_radius)
-            return !is_wide_crowded_;
-        wide_centre_ = centre_;
-        is_wide_gathered_ = true;
-        is_wide_crowded_ = false;
-        wide_count_ = 0;
-        const double reach2 = wide_radius * wide_radius * (1 + 1e-12);
-        index_.visit(centre_, wide_radius, [&](const PointSpan<D>& span) noexcept {
-            is_wide_crowded_ = is_wide_crowded_ || wide_count_ + span.n > max_wide;
-            if (is_wide_crowded_) return;
-            double* to[D];
-            for (int k = 0; k < D; ++k) to[k] = wide_.axis(k) + wide_count_;
-            wide_count_ += kernels_.gather(span, centre_, reach2, to);
-        });
-        return !is_wide_crowded_;
     }
     std::size_t append(const PointSpan<D>& span, double reach2) noexcept {
         double* to[D];
@@ -457,18 +399,12 @@ class Neighbours {
     std::size_t count_ = 0;
     bool is_gathered_ = false;
     bool is_crowded_ = false;
-    bool keeps_wide_ = false;
-    Cloud<D> wide_;
-    Vec<D> wide_centre_;
-    std::size_t wide_count_ = 0;
-    bool is_wide_gathered_ = false;
-    bool is_wide_crowded_ = false;
 };
 
 /// Square of the distance from x to the nearest point within `reach`, or to one further off.
 template <class Points, int D>
 double nearest2(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
-    double smallest = std::numeric_limits<double>::infinity();
+    double smallest = infinity;
     points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
         smallest = std::min(smallest, kernels.nearest2(span, x));
     });
@@ -490,7 +426,7 @@ double distance(const PointIndex<D>& points, const Kernels<D>& kernels, const Ve
         const double d = distance_within(points, kernels, x, reach);
         if (d < reach) return d;
     }
-    return distance_within(points, kernels, x, std::numeric_limits<double>::infinity());
+    return distance_within(points, kernels, x, infinity);
 }
 
 /// Calls f(proxy - point) for every point within `reach` of x, in the order of the spans.

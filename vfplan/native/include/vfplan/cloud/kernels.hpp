@@ -51,7 +51,7 @@ template <int D>
 struct NormalSum {
     Vec<D> sum;
     std::size_t count = 0;
-    double nearest2 = std::numeric_limits<double>::infinity();
+    double nearest2 = infinity;
 };
 
 /// Sums of the special case 2 of Algorithm 2.

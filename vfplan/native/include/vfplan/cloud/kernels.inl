@@ -17,18 +17,18 @@ struct Float8 {
 
 // Unrolled, or at -O2 the parts would lie in memory and not in registers.
 #define VFPLAN_EACH _Pragma("GCC unroll 4") for (int i = 0; i < parts; ++i)
-#define VFPLAN_ARITHMETIC(op)                       \
+#define VFPLAN_ARITHMETIC(op)                              \
     VFPLAN_INLINE Float8 operator op(Float8 a, Float8 b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];      \
-        return a;                                   \
-    }                                               \
+        VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];             \
+        return a;                                          \
+    }                                                      \
     VFPLAN_INLINE Float8 operator op(Float8 a, double b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b;           \
-        return a;                                   \
-    }                                               \
+        VFPLAN_EACH a.v[i] = a.v[i] op b;                  \
+        return a;                                          \
+    }                                                      \
     VFPLAN_INLINE Float8 operator op(double a, Float8 b) { \
-        VFPLAN_EACH b.v[i] = a op b.v[i];           \
-        return b;                                   \
+        VFPLAN_EACH b.v[i] = a op b.v[i];                  \
+        return b;                                          \
     }
 VFPLAN_ARITHMETIC(+)
 VFPLAN_ARITHMETIC(-)
@@ -58,7 +58,7 @@ struct Mask {
     NativeMask v[parts];
 };
 #define VFPLAN_COMPARISON(op)                            \
-    VFPLAN_INLINE Mask operator op(Float8 a, Float8 b) {   \
+    VFPLAN_INLINE Mask operator op(Float8 a, Float8 b) { \
         Mask m;                                          \
         VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
         return m;                                        \
@@ -118,13 +118,13 @@ VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
     const __m256 f = _mm512_maskz_cvtpd_ps(0xff, (__m512d)a.v[0]);
     _mm256_store_ps(p, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
 #elif VFPLAN_LANES == 4
-    const __m256 f = _mm256_set_m128(_mm256_cvtpd_ps((__m256d)a.v[1]),
-                                     _mm256_cvtpd_ps((__m256d)a.v[0]));
+    const __m256 f =
+        _mm256_set_m128(_mm256_cvtpd_ps((__m256d)a.v[1]), _mm256_cvtpd_ps((__m256d)a.v[0]));
     _mm256_store_ps(p, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
 #elif VFPLAN_X86
     for (int i = 0; i < parts; i += 2) {
-        const __m128 f = _mm_movelh_ps(_mm_cvtpd_ps((__m128d)a.v[i]),
-                                       _mm_cvtpd_ps((__m128d)a.v[i + 1]));
+        const __m128 f =
+            _mm_movelh_ps(_mm_cvtpd_ps((__m128d)a.v[i]), _mm_cvtpd_ps((__m128d)a.v[i + 1]));
         _mm_store_ps(p + 2 * i, _mm_div_ps(_mm_set1_ps(1), _mm_sqrt_ps(f)));
     }
 #else
@@ -159,8 +159,8 @@ VFPLAN_INLINE unsigned bits(Mask m) {
 #elif VFPLAN_X86
     VFPLAN_EACH b |= static_cast<unsigned>(_mm_movemask_pd((__m128d)m.v[i])) << (2 * i);
 #else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) b |=
-        static_cast<unsigned>(m.v[i][j] & 1) << (VFPLAN_LANES * i + j);
+    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) b |= static_cast<unsigned>(m.v[i][j] & 1)
+                                                            << (VFPLAN_LANES * i + j);
 #endif
     return b;
 }
@@ -235,7 +235,7 @@ std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, doubl
 
 template <int D>
 double nearest2(const PointSpan<D>& in, const Vec<D>& x) {
-    Float8 m = all(std::numeric_limits<double>::infinity());
+    Float8 m = all(infinity);
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         m = smaller(b.d2, m);
@@ -279,9 +279,9 @@ void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, Norma
 
 template <int D>
 double first_root_eq3(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
-             double radius2) {
+                      double radius2) {
     const Float8 zero = all(0.0);
-    Float8 nearest_root = all(std::numeric_limits<double>::infinity());
+    Float8 nearest_root = all(infinity);
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const Float8 ahead = b.along(way);
@@ -317,9 +317,9 @@ void distances(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, doubl
 
 template <int D>
 double last_root_eq7(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
-           double radius2) {
+                     double radius2) {
     const Float8 zero = all(0.0);
-    Float8 largest = all(-std::numeric_limits<double>::infinity());
+    Float8 largest = all(-infinity);
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const Mask inside = b.d2 < entrenched2;
@@ -335,7 +335,7 @@ double last_root_eq7(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n, d
 template <int D>
 double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
     const Float8 zero = all(0.0);
-    Float8 first = all(std::numeric_limits<double>::infinity());
+    Float8 first = all(infinity);
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, ray.from);
         const Float8 ahead = b.along(ray.direction);
@@ -355,15 +355,15 @@ double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
 }
 
 template <int D>
-std::size_t indices_within(const PointSpan<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
-                   std::size_t capacity) {
+std::size_t indices_within(const PointSpan<D>& in, const Vec<D>& x, double reach2,
+                           std::uint32_t* to, std::size_t capacity) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n)
             if (n < capacity)
-                to[n] = static_cast<std::uint32_t>(i) +
-                        static_cast<std::uint32_t>(__builtin_ctz(m));
+                to[n] =
+                    static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(__builtin_ctz(m));
     }
     return n;
 }
@@ -403,8 +403,8 @@ void accumulate_fit(const PointSpan<D>& in, const FitWindow<D>& p, NormalEquatio
 
 template <int D>
 Kernels<D> table() {
-    return {gather<D>, nearest2<D>, normal<D>, first_root_eq3<D>, distances<D>,
-            last_root_eq7<D>, ray_hit<D>, indices_within<D>, accumulate_fit<D>};
+    return {gather<D>,        nearest2<D>, normal<D>,         first_root_eq3<D>, distances<D>,
+            last_root_eq7<D>, ray_hit<D>,  indices_within<D>, accumulate_fit<D>};
 }
 
 #undef VFPLAN_EACH

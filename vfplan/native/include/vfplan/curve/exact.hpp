@@ -40,6 +40,7 @@
 
 #include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/base/vec.hpp"
+#include "vfplan/base/work.hpp"
 #include "vfplan/curve/offset.hpp"
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/parameters.hpp"
@@ -51,10 +52,6 @@ namespace vfplan::inline v1::curve {
 
 /// Stands for the number of a feature where there is none.
 inline constexpr int none = -1;
-
-/// A length without bound. `never` of offset.hpp, the same number, is the parameter t of a place
-/// that a path does not reach.
-inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// A curve of lines and arcs in a plane: its features in drawing order, and a tree of boxes around
 /// them that finds those near a place.
@@ -75,12 +72,10 @@ class Curve {
         }
         features_.shrink_to_fit();
         const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<2> box{{{infinity, infinity}}, {{-infinity, -infinity}}};
-            for (std::size_t i = first; i < last; ++i) {
-                for (int k = 0; k < 2; ++k) {
-                    box.low.c[k] = std::min(box.low.c[k], features_[i].box.low.c[k]);
-                    box.high.c[k] = std::max(box.high.c[k], features_[i].box.high.c[k]);
-                }
+            Box<2> box = features_[first].box;
+            for (std::size_t i = first + 1; i < last; ++i) {
+                box.include(features_[i].box.low);
+                box.include(features_[i].box.high);
             }
             return box;
         };
@@ -106,24 +101,14 @@ class Curve {
     /// Counts inner steps, the units in which the work of a tick is measured: each takes the time
     /// CurveRule::a_step. What a look at the tree costs is returned by BoundsTree::visit, and every
     /// other cost stands where it is spent.
-    void spend(int steps) const noexcept { steps_ += static_cast<std::size_t>(steps); }
-    /// The inner steps of all ticks so far.
-    std::size_t steps() const noexcept { return steps_; }
+    void spend(int steps) const noexcept { budget_.spend(static_cast<std::size_t>(steps)); }
+    /// What this tick may still do.
+    WorkBudget& budget() const noexcept { return budget_; }
     /// Calls f(i) for every feature within `reach` of y, and for some more. `reach` is taken by
     /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
     template <class F>
     void around(const Vec2& y, const double& reach, F&& f) const noexcept {
-        visit(
-            [&](const Box<2>& box) noexcept {
-                double square = 0;
-                for (int k = 0; k < 2; ++k) {
-                    const double gap =
-                        std::max({box.low.c[k] - y.c[k], y.c[k] - box.high.c[k], 0.0});
-                    square += gap * gap;
-                }
-                return square <= reach * reach;
-            },
-            f);
+        visit([&](const Box<2>& box) noexcept { return box.distance2(y) <= reach * reach; }, f);
     }
 
     /// Distance of y from the curve [m].
@@ -214,7 +199,7 @@ class Curve {
     double R_ = 0;  // of the proxy [m]
     std::vector<Feature> features_;
     BoundsTree<Box<2>> tree_;
-    mutable std::size_t steps_ = 0;
+    mutable WorkBudget budget_;
 };
 
 /// What a path meets first: where, and which feature.
@@ -227,8 +212,8 @@ struct FeatureHit {
     /// by one slack after 1e4 of them: it counts as blocked from its start. A flatter one goes on.
     static constexpr double slacks_to_sink = 1e4;
 
-    double t = never;    ///< the parameter of the place, of (E1) [m]
-    int feature = none;  ///< its number
+    double t = infinity;  ///< the parameter of the place, of (E1) [m]
+    int feature = none;   ///< its number
     bool is_touching = false;
 
     /// Whether the feature is met where the path starts already, so that the proxy cannot move.
@@ -267,10 +252,12 @@ class FeatureQuery {
 
     /// What the path meets first up to the parameter `max_t`, the feature `skip` left out. Looks at
     /// a short part from the start, then at four times as much, and so on: most paths end soon.
+    /// Where the tick may look no further, `t` without a feature tells how much is free.
     FeatureHit sweep(const ArcPath& path, double max_t, int skip) noexcept {
         for (double reach = skin * R_ / 2;; reach *= 4) {
             const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
             if (hit.feature != none || !(reach < max_t)) return hit;
+            if (curve_.budget().is_spent()) return {.t = reach};
         }
     }
 
@@ -291,7 +278,7 @@ class FeatureQuery {
         FeatureHit hit;
         const auto try_feature = [&](int i) noexcept {
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
-            if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
+            if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
             bool is_touching;
             curve_.spend(steps_a_try);
             // Where the path goes into what the feature forbids. (E5)
@@ -446,8 +433,9 @@ class InsideCurve {
         return away;
     }
     /// Distance from y along the unit vector `direction` out of all features that y is inside of;
-    /// minus infinity where it is inside of none.
+    /// minus infinity where it is inside of none, and 0 where this tick may look no further.
     double exit_distance(const Vec2& y, const Vec2& direction) const noexcept {
+        if (curve_.budget().is_spent()) return 0;
         const ArcPath path(y, direction, 0);
         double distance = -infinity;
         curve_.around(y, R_, [&](int i) noexcept {
@@ -474,6 +462,8 @@ class CurveMotion {
     static constexpr int max_iterations = 32;
     /// Inner steps that a slide takes for each feature that it tries.
     static constexpr int steps_a_slide = 30;
+    /// Inner steps after which a tick stops: half of max_tick_time.
+    static constexpr int max_steps = 30000;
 
     CurveMotion(Curve curve, const Parameters& p)
         : query_(std::move(curve), p.R(), p.band),
@@ -487,7 +477,7 @@ class CurveMotion {
     // GuardedRule asks every motion for what follows, down to `contact`.
 
     InsideCurve inside() const noexcept { return {curve(), R_}; }
-    void begin_tick() noexcept {}
+    void begin_tick() noexcept { curve().budget().begin(max_steps); }
     /// The proxy is put elsewhere: it touches nothing that is known.
     void release() noexcept { current_ = none; }
     void reset() noexcept {
@@ -546,7 +536,7 @@ class CurveMotion {
         goes_on,     ///< another part follows, free or along a feature
         blocked,     ///< by the feature at which the proxy stands: a slide along it follows
         force_ball,  ///< at the edge of the ball that holds the proxy
-        limit        ///< out of iterations; the motion goes on in the next tick
+        limit        ///< out of iterations or work; the motion goes on in the next tick
     };
     /// Features that a slide tries where the proxy stands, one after the other.
     static constexpr int max_features_tried = 12;
@@ -564,6 +554,7 @@ class CurveMotion {
     /// iteration. `ball` is null except after a start inside, when the proxy may not leave it.
     Outcome move_freely_and_slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         for (int i = 0; i < max_iterations; ++i) {
+            if (i > 0 && curve().budget().is_spent()) break;
             const Vec2 to_hip = hip - proxy;
             const double length = norm(to_hip);
             if (!(length > 0)) return Outcome::arrived;
@@ -600,7 +591,7 @@ class CurveMotion {
             }
         }
         current_ = hit.feature;
-        if (hit.feature == none) {
+        if (hit.feature == none && hit.t == infinity) {
             proxy = hip;
             return Outcome::arrived;
         }
@@ -629,6 +620,7 @@ class CurveMotion {
         holding.add(query_, current_, proxy);
         Vec2 last_tangent;  // of the feature whose end the proxy stands at; 0 where at none
         for (int tried = 0; tried < max_features_tried; ++tried) {
+            if (tried > 0 && curve().budget().is_spent()) return Outcome::limit;
             curve().spend(steps_a_slide);
             // Along which of them does a path lead towards the HIP and into none of the others?
             const int i = holding.open_towards(to_hip);
@@ -677,7 +669,10 @@ class CurveMotion {
                 last_tangent = {};
                 continue;
             }
-            if (hit.feature != none) end = {hit.t, Outcome::goes_on, hit.feature};
+            if (hit.feature != none)
+                end = {hit.t, Outcome::goes_on, hit.feature};
+            else if (hit.t < end.t)
+                end = {hit.t, Outcome::goes_on, feature};
             if (ball) {
                 const double t = exit_from(*ball, path);
                 if (t < end.t) end = {t, Outcome::force_ball, feature};
@@ -762,6 +757,7 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     /// How far below R roundings may let the proxy sink [R].
     static constexpr double roundings = 1e-7;
     static constexpr int max_iterations = CurveMotion::max_iterations;
+    static constexpr int max_steps = CurveMotion::max_steps;
     /// Time of an inner step [s], on the machine of docs/engine.md.
     static constexpr double a_step = 5e-9;
     /// How far away the features in the list lie at most [R]: R (1 + skin) + 2 band, with a band of
@@ -786,10 +782,6 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
         return motion().curve().bytes() + motion().query().bytes();
     }
     std::size_t cells() const noexcept { return motion().curve().boxes(); }
-    /// Time that all ticks so far take [s].
-    double work_time() const noexcept {
-        return a_step * static_cast<double>(motion().curve().steps());
-    }
     double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };
 

@@ -31,9 +31,6 @@
 
 namespace vfplan::inline v1::curve {
 
-/// The parameter of a place that a path does not reach.
-inline constexpr double never = std::numeric_limits<double>::infinity();
-
 inline Vec2 left(const Vec2& v) noexcept { return {{-v[1], v[0]}}; }
 
 /// a t^2 + b t + c: what of a function of the place is left after the factor 1 + q^2 t^2 > 0.
@@ -42,18 +39,18 @@ struct Quadratic {
 
     Quadratic operator-() const noexcept { return {-a, -b, -c}; }
 
-    /// The t >= 0 at which it falls through 0, or `never`.
+    /// The t >= 0 at which it falls through 0, or infinity.
     double first_descent() const noexcept {
         const double square = b * b - 4 * a * c;
-        if (!(square >= 0)) return never;
+        if (!(square >= 0)) return infinity;
         const double root = std::sqrt(square);
-        double t = never;
+        double t = infinity;
         if (b > 0) {
             t = -(b + root) / (2 * a);
         } else if (root > b) {
             t = 2 * c / (root - b);
         }
-        return t >= 0 ? t : never;
+        return t >= 0 ? t : infinity;
     }
 };
 
@@ -75,13 +72,13 @@ struct ArcPath {
     }
     /// The parameter of the place that is `more` on the rest of the path from t on.
     double parameter_after(double t, double more) const noexcept {
-        if (!(more < never)) return never;
+        if (!(more < infinity)) return infinity;
         const double share = 1 - q * q * t * more;
-        return share > 0 ? (t + more) / share : never;
+        return share > 0 ? (t + more) / share : infinity;
     }
 
     /// A quarter of the circle: t measures no more than half of it well.
-    double quarter() const noexcept { return q == 0 ? never : 1 / std::abs(q); }
+    double quarter() const noexcept { return q == 0 ? infinity : 1 / std::abs(q); }
 
     /// G - c along the path, times 1 + q^2 t^2, for a constant c. `value` is G - c at the start of
     /// the path, m the gradient of G there, and kappa that of G. (E5)
@@ -135,7 +132,7 @@ struct FeatureContact {
 struct Feature {
     Vec2 base, n;
     double kappa = 0;
-    double upper = 0, lower = -never;         ///< values of G between which the proxy must not be
+    double upper = 0, lower = -infinity;      ///< values of G between which the proxy must not be
     double upper_slope = 0, lower_slope = 0;  ///< dG/dd at these values
     EndNormal ends[2];
     Box<2> box;  ///< around the piece
@@ -145,13 +142,6 @@ struct Feature {
     /// Whether y lies between the normals at the ends, or beyond them by no more than `slack` [m].
     bool faces(const Vec2& y, double slack) const noexcept {
         return ends[0].distance_beyond(y) <= slack && ends[1].distance_beyond(y) <= slack;
-    }
-
-    /// Squared distance of y from the box: a path as long meets the piece no sooner.
-    double box_square(const Vec2& y) const noexcept {
-        const double u = std::max({box.low[0] - y[0], y[0] - box.high[0], 0.0});
-        const double v = std::max({box.low[1] - y[1], y[1] - box.high[1], 0.0});
-        return u * u + v * v;
     }
 
     /// The contact with a proxy at y, which the feature faces and which does not lie on it.
@@ -165,11 +155,11 @@ struct Feature {
         return {(side / slope) * gradient, side * 2 * g / (1 + slope), side * kappa / slope};
     }
 
-    /// Distance of y from the piece where the feature faces y, else `never` [m].
+    /// Distance of y from the piece where the feature faces y, else infinity [m].
     double distance(const Vec2& y) const noexcept {
         const Vec2 w = y - base;
         if (is_joint()) return norm(w);
-        if (!faces(y, 0)) return never;
+        if (!faces(y, 0)) return infinity;
         return 2 * std::abs(G(w)) / (1 + norm(kappa * w - n));
     }
 
@@ -188,7 +178,7 @@ struct Feature {
         const double g = G(w);
         double t = (-path.quadratic_along(g - upper, gradient, kappa)).first_descent();
         if (is_joint()) return t;
-        if (lower > -never)
+        if (lower > -infinity)
             t = std::min(t, path.quadratic_along(g - lower, gradient, kappa).first_descent());
         for (const EndNormal& end : ends) t = std::min(t, end.passed_at(path));
         return t;
@@ -203,8 +193,8 @@ struct RoundingLimits {
 };
 
 /// Where a path that the feature faces first descends below what the feature allows, up to
-/// `max_t`; else `never`. One that starts at the height, or below by what roundings take, is let go
-/// on until it is lower by `start_slack`; `is_touching` tells that it met the feature so. (E5)
+/// `max_t`; else infinity. One that starts at the height, or below by what roundings take, is let
+/// go on until it is lower by `start_slack`; `is_touching` tells that it met the feature so. (E5)
 inline double descends_below(const Feature& f, const ArcPath& path, double max_t,
                              const RoundingLimits& limits, bool& is_touching) noexcept {
     const Vec2 w = path.x - f.base;
@@ -213,9 +203,9 @@ inline double descends_below(const Feature& f, const ArcPath& path, double max_t
     const bool is_hollow_full = f.lower_slope < f.kappa * limits.full_hollow;
     if (is_hollow_full && norm(gradient) < f.kappa * limits.full_hollow) {
         is_touching = f.leads_into_full_hollow(path.T);
-        return is_touching ? 0 : never;
+        return is_touching ? 0 : infinity;
     }
-    double first = never;
+    double first = infinity;
     const auto descend = [&](Quadratic height, double slope, bool is_this_side) noexcept {
         const bool starts_there = is_this_side && height.c < limits.start_slack * slope;
         if (starts_there) {
@@ -231,7 +221,7 @@ inline double descends_below(const Feature& f, const ArcPath& path, double max_t
         is_touching = starts_there;
     };
     descend(path.quadratic_along(g - f.upper, gradient, f.kappa), f.upper_slope, g >= 0);
-    if (f.lower > -never)
+    if (f.lower > -infinity)
         descend(-path.quadratic_along(g - f.lower, gradient, f.kappa), f.lower_slope, g < 0);
     return first;
 }
@@ -242,7 +232,7 @@ inline double first_entry(const Feature& f, const ArcPath& path, double max_t,
                           const RoundingLimits& limits, bool& is_touching) noexcept {
     is_touching = false;
     const bool faces_start = f.faces(path.x, 0);
-    double first = never;
+    double first = infinity;
     if (faces_start) first = descends_below(f, path, max_t, limits, is_touching);
     if (faces_start && path.q == 0) return first;
     for (const EndNormal& end : f.ends) {

@@ -113,7 +113,7 @@ class Path {
     struct PathPlace {
         std::size_t strand = 0, piece = 0;
         Vec3 at;
-        double distance = std::numeric_limits<double>::infinity();
+        double distance = infinity;
     };
     PathPlace nearest(const Vec3& x) const noexcept {
         PathPlace best;
@@ -369,7 +369,7 @@ class TubeCheck {
     }
     /// Distance of the pieces around the beginnings of two pieces [m].
     double distance_around(std::size_t i, std::size_t j) const {
-        double least = std::numeric_limits<double>::infinity();
+        double least = infinity;
         for (const std::size_t k : adjoining_pieces(i))
             for (const std::size_t l : adjoining_pieces(j))
                 if (k != Path::none && l != Path::none)

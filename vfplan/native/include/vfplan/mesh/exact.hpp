@@ -36,7 +36,7 @@ class InsideMesh {
         if (query_.is_budget_spent()) return 0;
         double distance = R_ * (1 - 1e-9);
         const std::uint32_t i = query_.nearest(y, distance);
-        if (i == Mesh::none) return -never;
+        if (i == Mesh::none) return -infinity;
         const Triangle& t = query_.mesh()[i];
         // From beyond the end of the triangle back to the place that is R from it.
         double s = t.extent_along(direction) - dot(direction, y) + R_;
@@ -100,7 +100,7 @@ class MeshMotion {
     MotionEnd move(Vec3& proxy, const Vec3& hip, StallTest<3>& stall, PlannedPath<3>&) noexcept {
         if (body_.settle(query_, proxy, hip, proxy)) {
             stall.release();
-            distance_ = body_.count() > 0 ? 0 : never;
+            distance_ = body_.count() > 0 ? 0 : infinity;
             is_settled_ = true;
             return MotionEnd::settled;
         }
@@ -121,7 +121,7 @@ class MeshMotion {
         body_.hold(mesh(), proxy, planes_);
         is_settled_ = rests && body_.settle(query_, proxy, hip, start);
         if (is_settled_) {
-            distance_ = body_.count() > 0 ? 0 : never;
+            distance_ = body_.count() > 0 ? 0 : infinity;
             return;
         }
         body_.forget();
@@ -231,7 +231,7 @@ class MeshMotion {
     TriangleQuery query_;
     ContactPlanes planes_;  // of the last step
     SmoothContact body_;
-    double distance_ = never;  // from the mesh, where the proxy was checked last [m]
+    double distance_ = infinity;  // from the mesh, where the proxy was checked last [m]
     std::uint32_t near_triangle_ = Mesh::none;  // lay near a free proxy in the last tick
     bool is_settled_ = false;                   // the proxy rests on the smooth body
 };
@@ -262,10 +262,6 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }
-    /// Time that all ticks so far take [s].
-    double work_time() const noexcept {
-        return a_step * static_cast<double>(motion().query().steps());
-    }
     double distance(const Vec3& x) const noexcept { return motion().mesh().distance(x); }
 };
 

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "vfplan/base/work.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
@@ -102,16 +103,11 @@ class TriangleQuery {
 
     /// The inner steps that a part of a tick may take from now on. One that has begun to look
     /// through the mesh looks on to the end: what it finds holds.
-    void set_step_budget(int steps) const noexcept { budget_ = steps; }
-    void spend(int steps) const noexcept {
-        budget_ -= steps;
-        steps_ += static_cast<std::size_t>(steps);
-    }
-    /// The inner steps of all ticks so far.
-    std::size_t steps() const noexcept { return steps_; }
+    void set_step_budget(int steps) const noexcept { budget_.begin(steps); }
+    void spend(int steps) const noexcept { budget_.spend(static_cast<std::size_t>(steps)); }
     /// One nearest step to so many planes: eight inner steps for each choice of at most three.
     void spend_on_planes(int n) const noexcept { spend(8 * plane_choices<3>(n)); }
-    bool is_budget_spent() const noexcept { return budget_ <= 0; }
+    bool is_budget_spent() const noexcept { return budget_.is_spent(); }
 
     /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance
     /// from it is convex along the path: Newton's method goes up to the meeting, never beyond.
@@ -190,8 +186,7 @@ class TriangleQuery {
   private:
     Mesh mesh_;
     double R_, band_, lowest_;
-    mutable int budget_ = 0;
-    mutable std::size_t steps_ = 0;
+    mutable WorkBudget budget_;
 };
 
 }  // namespace vfplan::inline v1::mesh

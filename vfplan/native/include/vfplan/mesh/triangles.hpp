@@ -19,8 +19,6 @@
 
 namespace vfplan::inline v1::mesh {
 
-inline constexpr double never = std::numeric_limits<double>::infinity();
-
 /// A mesh as it is handed to the engine: three rows of points a triangle.
 struct Surface {
     const double* points = nullptr;  ///< x y z of each in turn [m]
@@ -219,7 +217,7 @@ struct Triangle {
         const double s = bb * p - cc * q, t = aa * q - cc * p, area = aa * bb - cc * cc;
         if (s > 0 && t > 0 && s + t < area) return a + (s / area) * ab + (t / area) * ac;
         Vec3 best;
-        double nearest2 = never;
+        double nearest2 = infinity;
         const auto side = [&](const Vec3& from, const Vec3& way, double along, double square) {
             const double share = along > 0 ? (along < square ? along / square : 1.0) : 0.0;
             const Vec3 at = from + share * way, off = y - at;
@@ -320,7 +318,7 @@ class Mesh {
 
     /// The distance of y from the nearest triangle [m].
     double distance(const Vec3& y) const noexcept {
-        double least = never;
+        double least = infinity;
         tree_.visit_nearest(
             least, [&](const Disc& disc) noexcept { return disc.distance2(y); },
             [&](std::uint32_t i) noexcept { least = std::min(least, triangles_[i].distance(y)); });
@@ -338,7 +336,7 @@ class Mesh {
     /// The disc around items whose axis leads through `middle` along n.
     static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
                      const Vec3& middle, const Vec3& n) {
-        double low = never, top = -never, wide2 = 0;
+        double low = infinity, top = -infinity, wide2 = 0;
         for (std::size_t i = first; i < last; ++i)
             for (const Vec3& p : items[i].corner) {
                 const Vec3 w = p - middle;
@@ -350,7 +348,7 @@ class Mesh {
         return {middle + (low + top) / 2 * n, n, more * std::sqrt(wide2), more * (top - low) / 2};
     }
     struct Extent {
-        Vec3 low{{never, never, never}}, high{{-never, -never, -never}};
+        Vec3 low{{infinity, infinity, infinity}}, high{{-infinity, -infinity, -infinity}};
         Vec3 up;  // sum of the areas' normals
     };
     static Extent extent(const std::vector<Item>& items, std::size_t first, std::size_t last) {

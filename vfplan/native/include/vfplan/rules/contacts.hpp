@@ -290,14 +290,14 @@ class ContactSurfaces {
         is_known_ = true;
         known_at_ = proxy;
         groups_.clear();
-        CloudWork& work = neighbours.index().work();
+        WorkBudget& budget = neighbours.index().budget();
         visit_within(neighbours, kernels_, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
-            ++work.contacts;
+            budget.spend(work::contact);
             groups_.add(away);
         });
         groups_.group();
         count_ = groups_.count();
-        work.fits += static_cast<std::size_t>(count_);
+        budget.spend(work::fit * static_cast<std::size_t>(count_));
         for (int j = 0; j < count_; ++j) plane_[j] = plane_of(neighbours, proxy, groups_[j]);
     }
 

@@ -19,9 +19,7 @@ class PaperRule {
         : p_(p),
           kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {
-        if constexpr (D == 2) neighbours_.keep_wide();
-    }
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {}
 
     void reset() noexcept {
         neighbours_.forget();
@@ -29,15 +27,6 @@ class PaperRule {
     }
     void continue_from(const FreeBefore<D>*) noexcept { reset(); }
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
-    /// Time that the work of all ticks so far takes [s].
-    double work_time() noexcept {
-        WorkCosts costs;
-        costs.row = 50e-9;
-        costs.span = 30e-9;
-        costs.point = D == 2 ? 0.7e-9 : 1.5e-9;
-        costs.contact = 7e-9;  // one of those that are summed up one by one
-        return costs.time_of(neighbours_.index().work());
-    }
 
     /// Algorithm 1, one servo loop.
     RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {
@@ -104,7 +93,6 @@ class PaperRule {
                 const Vec<D> away = proxy - s[i];
                 const double r = norm(away);
                 if (!(r > 0 && r < p_.outer_radius)) continue;
-                ++neighbours_.index().work().contacts;
                 const double t = std::max((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0);
                 const double q = 1 - t, phi = (1 + 4 * t) * (q * q * q * q);
                 sum = sum + (phi / r) * away;
@@ -142,7 +130,7 @@ class PaperRule {
         if (length == 0) return {};
         if (de > (R + length) * (1 + 1e-12)) return u;  // no sphere begins within the step
         const Vec<D> way = (1 / length) * u;
-        double d = std::numeric_limits<double>::infinity();
+        double d = infinity;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             d = std::min(d, kernels_.first_root_eq3(s, proxy, way, reach_ * reach_, R * R));
         });

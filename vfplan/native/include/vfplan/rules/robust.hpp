@@ -23,7 +23,7 @@
 //     accept   keeps the new place if it is nearer to the HIP. A lift from one surface may take the
 //              proxy away from the HIP, by the band at most (R6)
 //
-// A tick ends at the HIP, at rest where no step is left, or out of iterations. GuardedRule
+// A tick ends at the HIP, at rest where no step is left, or out of iterations or work. GuardedRule
 // (rules/rule.hpp) begins it with a proxy that is outside, and undoes it where it would end inside.
 // StallTest, in the same file, gives the goal of each tick. That is the HIP itself, unless the
 // proxy is *stalled*: the HIP rests, and lifts and slides would move the proxy to and fro for ever.
@@ -84,7 +84,8 @@ class Sweep {
         // Only what lies within R of the cloud's box can meet anything: from `from` to `to`.
         double from, to;
         if (!neighbours.index().box().clip(x, direction, length, R_, from, to)) return {length};
-        while (parts_left_ > 0) {
+        // At least one part, that a long path through a crowd comes to an end.
+        for (bool goes_on = true; goes_on && parts_left_ > 0;) {
             const double part = std::min(R_, to - from);
             if (part <= 0) return {length};
             ray.from = x + from * direction;
@@ -92,6 +93,7 @@ class Sweep {
             if (hit < part) return {std::min(length, from + hit)};
             from += R_;
             --parts_left_;
+            goes_on = !neighbours.index().budget().is_spent();
         }
         return {std::min(length, from), true};
     }
@@ -101,7 +103,7 @@ class Sweep {
     /// A short path looks through the list of points around the proxy, which is at hand. A long one
     /// looks up the points around its middle.
     double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
-        double hit = std::numeric_limits<double>::infinity();
+        double hit = infinity;
         const auto include = [&](const PointSpan<D>& points) noexcept {
             hit = std::min(hit, kernels_.ray_hit(points, ray));
         };
@@ -155,9 +157,9 @@ class RobustMotion {
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
     InsideCloud<D> inside() const noexcept { return {neighbours_.index(), kernels_, R_}; }
-    /// GuardedRule asks every motion for the next three. This one has nothing to do before a tick
-    /// or when the proxy is put elsewhere: what it keeps, it keeps with the place it was found for.
-    void begin_tick() noexcept {}
+    /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
+    /// is put elsewhere: what it keeps, it keeps with the place it was found for.
+    void begin_tick() noexcept { budget().begin(work::way_out); }
     void release() noexcept {}
     void reset() noexcept { forget(); }
     /// A point came or went near the proxy: what is known of its surroundings is found anew.
@@ -188,6 +190,7 @@ class RobustMotion {
         is_sweep_cut_short_ = false;
         iterations_ = 0;
         sweep_.begin_tick();
+        budget().begin(work::motion);
         if (try_straight_path(proxy, hip, distance, path)) {
             stall.release();
             return MotionEnd::rests;
@@ -199,6 +202,8 @@ class RobustMotion {
         const Vec<D>& goal = stall.goal(hip, distance, ticks);
         is_lift_due_ = false;
         while (iterations_ < p_.max_iterations && !is_sweep_cut_short_) {
+            if (iterations_ > 0 && budget().is_spent()) break;
+            budget().spend(work::iteration);
             const Iteration done = iterate(proxy, goal, stall, path);
             // The iteration that fills the recorded path is not counted.
             if (!path.is_full()) ++iterations_;
@@ -252,8 +257,8 @@ class RobustMotion {
     }
 
     /// Moves straight to the goal where nothing is in the way; true then. Where something is, a
-    /// proxy that nothing touches moves up to it. One that a surface touches stays where it is, for
-    /// its iterations slide it along the surface.
+    /// proxy that nothing touches moves up to it, and any proxy where the tick has no work left.
+    /// One that a surface touches stays where it is, for its iterations slide it along the surface.
     bool move_straight(Vec<D>& proxy, const Vec<D>& goal, double distance,
                        PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
@@ -262,7 +267,8 @@ class RobustMotion {
             move_to(proxy, goal, path);
             return true;
         }
-        if (surfaces_.count() == 0) move_to(proxy, proxy + (free / distance) * to_goal, path);
+        if (surfaces_.count() == 0 || budget().is_spent())
+            move_to(proxy, proxy + (free / distance) * to_goal, path);
         return false;
     }
 
@@ -416,7 +422,7 @@ class RobustMotion {
                 planes[count] = {(1 / r) * away, slack};
             };
             visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
-            if (steepest == 0) break;
+            if (steepest == 0 || budget().is_spent()) break;
             charge_plane_choices(count + 1);
             step = nearest_step(to_goal, planes, count + 1, 0.5 * slack);
             if (!(norm(step) > slack)) break;
@@ -424,9 +430,10 @@ class RobustMotion {
         return step;
     }
 
-    /// Counts what a search for the step that keeps to so many planes costs, for `work_time`.
+    WorkBudget& budget() noexcept { return neighbours_.index().budget(); }
+    /// Counts what a search for the step that keeps to so many planes costs.
     void charge_plane_choices(int planes) noexcept {
-        neighbours_.index().work().choices += static_cast<std::size_t>(plane_choices<D>(planes));
+        budget().spend(work::choice * static_cast<std::size_t>(plane_choices<D>(planes)));
     }
     /// How much of the path from x is free [m].
     double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
@@ -496,27 +503,6 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         : Guarded(p.R(), p.band, p.pace(), thinned, p, kernels) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
-    /// Time that the work of all ticks so far takes [s], from what was counted and what each count
-    /// costs on the machine of docs/engine.md. tick_time.hpp estimates the longest tick from it.
-    double work_time() noexcept {
-        WorkCosts costs;
-        if (D == 2) {
-            costs.row = 20e-9;
-            costs.span = 40e-9;
-            costs.point = 0.5e-9;
-            costs.contact = 13e-9;
-            costs.fit = 70e-9;
-            costs.choice = 60e-9;
-        } else {
-            costs.row = 30e-9;
-            costs.span = 20e-9;
-            costs.point = 1e-9;
-            costs.contact = 50e-9;
-            costs.fit = 150e-9;
-            costs.choice = 35e-9;
-        }
-        return costs.time_of(neighbours().index().work());
-    }
     /// A point at p came or went, by an edit of the cloud.
     void point_changed(const Vec<D>& p, bool came) noexcept {
         this->drop_plan();

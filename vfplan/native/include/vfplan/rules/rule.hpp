@@ -219,7 +219,7 @@ class GuardedRule {
             proxy = start;
             end = MotionEnd::rests;
         }
-        return finish(start, proxy, hip, end, ok);
+        return finish(start, proxy, hip, end, Status::ok);
     }
 
     /// One tick of a proxy that has come out and is not yet where the rule would have it: as far
@@ -232,7 +232,7 @@ class GuardedRule {
             bool continues = end == MotionEnd::force_ball;
             if (end == MotionEnd::limit) continues = ++unfinished_ < tuned::ticks_to_stall;
             start_inside_.continue_hand_over(continues);
-            return finish(start, proxy, hip, end, continues ? inside : ok);
+            return finish(start, proxy, hip, end, continues ? Status::inside : Status::ok);
         } else {
             if (path_.leads_to(hip)) {
                 path_.walk(proxy, ball);
@@ -242,28 +242,28 @@ class GuardedRule {
                 const RuleAnswer<D> answer = follow(end, hip);
                 path_.end_recording(!(end == proxy));
                 const bool is_at_end = path_.walk(proxy, ball);
-                if (is_at_end && path_.has_taken_over(answer.status == ok)) {
+                if (is_at_end && path_.has_taken_over(answer.status == Status::ok)) {
                     start_inside_.continue_hand_over(false);
                     proxy = end;
                     return answer;
                 }
             }
-            return finish(proxy, proxy, hip, MotionEnd::rests, inside);
+            return finish(proxy, proxy, hip, MotionEnd::rests, Status::inside);
         }
     }
 
     /// Checks where the proxy has come to, and says what it touches there.
     RuleAnswer<D> finish(const Vec<D>& start, Vec<D>& proxy, const Vec<D>& hip, MotionEnd end,
                          std::uint8_t status) noexcept {
-        if (end == MotionEnd::limit) status |= limit;
+        if (end == MotionEnd::limit) status |= Status::limit;
         if (end != MotionEnd::settled && !motion_.is_outside(proxy)) {
             // Cannot happen. If it does, the proxy stays where it was safe.
             proxy = start;
             motion_.release();
-            status |= limit;
+            status |= Status::limit;
             start_inside_.set_outside(motion_.is_outside(proxy));
         }
-        rests_ = status == ok;
+        rests_ = status == Status::ok;
         if constexpr (requires { motion_.settle(start, proxy, hip, rests_); })
             if (end != MotionEnd::settled) motion_.settle(start, proxy, hip, rests_);
         last_ = motion_.contact(proxy, hip);

@@ -56,7 +56,7 @@ class InsideCloud {
 
     /// From the nearest point within R to x; 0 where there is none but at x itself.
     Vec<D> from_nearest(const Vec<D>& x) const noexcept {
-        double best2 = std::numeric_limits<double>::infinity();
+        double best2 = infinity;
         Vec<D> best;
         points_.visit(x, R_ * (1 + tuned::reach_margin), [&](const PointSpan<D>& span) noexcept {
             if (!(kernels_.nearest2(span, x) < best2)) return;
@@ -72,10 +72,11 @@ class InsideCloud {
         return best;
     }
     /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
-    /// where it is in none. (W1)
+    /// where it is in none, and 0 where this tick may look no further. (W1)
     double exit_distance(const Vec<D>& y, const Vec<D>& direction) const noexcept {
+        if (points_.budget().is_spent()) return 0;
         const double inside2 = R_ * R_ * (1 - tuned::inside_margin);
-        double distance = -std::numeric_limits<double>::infinity();
+        double distance = -infinity;
         points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
             distance =
                 std::max(distance, kernels_.last_root_eq7(span, y, direction, inside2, R_ * R_));
@@ -107,8 +108,8 @@ class WayOut {
     const Vec<D>& direction() const noexcept { return direction_; }
     /// `inside`, and whether no way out on the proxy's own side was found.
     std::uint8_t status() const noexcept {
-        if (leads_to_other_side_) return inside | other_side;
-        return inside;
+        if (leads_to_other_side_) return Status::inside | Status::other_side;
+        return Status::inside;
     }
     void stop() noexcept {
         is_active_ = false;
@@ -127,7 +128,7 @@ class WayOut {
         direction_ = Vec<D>{};
         direction_.c[D - 1] = 1;
         direction_ = nearest_ = leave_nearest(geometry, hip);
-        shortest_ = never;
+        shortest_ = infinity;
         for (double& t : reached_) t = 0;
         ticks_to_choose_ = max_ticks_to_choose;
         leads_to_other_side_ = false;
@@ -164,8 +165,7 @@ class WayOut {
     /// Directions to the cells of a square or cube around one, its own included.
     static constexpr int cube_directions = D == 3 ? 27 : 9;
     static constexpr int candidates = cube_directions + 2;
-    static constexpr double never = std::numeric_limits<double>::infinity();
-    static constexpr double free = -never;
+    static constexpr double free = -infinity;
 
     /// One tick of the way out. K times the change of length_ is the change of force, so it changes
     /// by `ramp` a tick at most, and by what the HIP itself moves against the direction (W2). True
@@ -236,9 +236,9 @@ class WayOut {
     /// The shortest way leads to the other side: the next one is tried, and where none is left, the
     /// shortest of all is taken.
     bool reject_direction() noexcept {
-        reached_[chosen_] = shortest_ = never;
+        reached_[chosen_] = shortest_ = infinity;
         for (double t : reached_)
-            if (t < never) return false;
+            if (t < infinity) return false;
         for (double& t : reached_) t = 0;
         free_before_ = nullptr;
         leads_to_other_side_ = true;
@@ -262,7 +262,7 @@ class WayOut {
             if (s == free) return t;
             t += s;
         }
-        return never;
+        return infinity;
     }
     /// Distance from y along d out of all that y is in; `free` where it is in nothing.
     template <class Geometry>
@@ -277,7 +277,7 @@ class WayOut {
     double length_ = 0;  // from the HIP to the proxy [m]
     Vec<D> start_, nearest_;
     double reached_[candidates] = {};  // along each candidate, from the start [m]
-    double shortest_ = never;
+    double shortest_ = infinity;
     int chosen_ = 0;  // of the candidates
     const FreeBefore<D>* free_before_ = nullptr;
     bool leads_to_other_side_ = false;

@@ -1,0 +1,22 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What a tick may still do, so that no tick is longer than a loop of 1 kHz can wait. The rules
+// count what they look at and stop where the budget is spent (status `limit`), to go on in the next
+// tick.
+#pragma once
+
+#include <cstdint>
+
+namespace vfplan::inline v1 {
+
+class WorkBudget {
+  public:
+    void begin(std::int64_t work) noexcept { left_ = work; }
+    void spend(std::size_t work) noexcept { left_ -= static_cast<std::int64_t>(work); }
+    bool is_spent() const noexcept { return left_ <= 0; }
+
+  private:
+    std::int64_t left_ = 0;
+};
+
+}  // namespace vfplan::inline v1
