@@ -240,11 +240,11 @@ def next_step(
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:
-        return f"hold it against a robot's limits: {again} --robot NAME"
+        return f"hold it against a robot's limits, such as: {again} --robot franka"
     if report["verdict"] == "fail":
         drawing = f"draw the session tick by tick: {again} --report DIR"
         return f"look at the ticks that failed: {index_page}" if index_page else drawing
-    return shlex.join(["vfplan", "stability", str(fixture), "--robot", str(robot or "NAME")])
+    return shlex.join(["vfplan", "stability", str(fixture), "--robot", str(robot or "franka")])
 
 
 def check_text(check: dict[str, Any]) -> str:

@@ -79,7 +79,8 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
 def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
-    SOURCE is a planned slice, a curve bundle or a fixture bundle. MARKERS are as for `vfplan plan`.
+    SOURCE is a planned slice, a curve bundle or a fixture bundle, or a volume (NRRD, NIfTI, DICOM
+    or a folder of it), whose slice is chosen on the page. MARKERS are as for `vfplan plan`.
     With -o a page opens in the browser. There the person chooses or draws the curve, moves knots
     and markers, and answers findings. The command prints the address of the page first. It ends
     with exit code 0 after an approval, and with 1 if the person left without one. OUT.h5.draft.json
@@ -231,7 +232,9 @@ def draw_sheet(
 
                 with naming_place(source):
                     write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
-    if shown.is_slice_missing:
+    if is_bundle and shown.fixture.reviewed is not None:
+        following = sign_command(source, case=shown.fixture.case or "")
+    elif shown.is_slice_missing:
         words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
         following = shlex.join([*words, "--sheet-out", str(sheet_out or "PNG"), "--overwrite"])
     elif shown.image is None:

@@ -107,7 +107,7 @@ def vfplan_stability(
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
         verdict = f"pass: {subject} is stable with robot {judged_robot.name!r}"
-        robot_words = shlex.join(["--robot", robot or "NAME"])
+        robot_words = shlex.join(["--robot", robot or "franka"])
         if judged is None:
             next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
         elif judged_robot is DEFAULT_ROBOT:

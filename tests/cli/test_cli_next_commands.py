@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ast
+import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import click
 import pytest
-from conftest import ROOT
+from conftest import ELBOW, ROOT
+from review_slices import photographed, two_candidates
 from vfplan.cli.main import cli
 from vfplan.cli.next_commands import (
     file_beside,
@@ -80,3 +84,65 @@ def test_a_sheet_that_is_there_already_is_not_named_again(tmp_path):
         words = shlex.split(review_command(tmp_path / "f.h5", None, has_page=False))
         assert words[words.index("--sheet-out") + 1] == str(tmp_path / name)
         (tmp_path / name).touch()
+
+
+# What a person knows who pastes a command, in place of the words in capitals.
+KNOWN = {
+    "MARKERS": "px.csv robot.csv", "IMAGE": "elbow.png", "SESSION": "session.csv", "KEY": "k.key",
+    "CASE": "C1", "KEYS.pub": "k.pub", "FIXTURE.h5": "approved.h5", "SIGNED.h5": "s.h5",
+}  # fmt: skip
+# Calls, one after the other in one folder, and the exit code of each. Each prints a command, which
+# is pasted: after "next:", or at the end of a refusal.
+CALLS = (
+    (0, "extract elbow.png -o c.h5"), (3, "extract two.png -o t.h5"),
+    (0, "register c.h5 px.csv robot.csv -o f.h5"), (0, "plan elbow.png px.csv robot.csv -o p.h5"),
+    (1, "plan photo-0.png photo-0.csv robot.csv -o q.h5"), (3, "plan elbow.png robot.csv -o q.h5"),
+    (0, "rectify photo-0.png photo-0.csv robot.csv -o flat.png"),
+    (0, "review elbow.png px.csv robot.csv --sheet-out sheet.png"),
+    (0, "review p.h5 --sheet-out sheet-2.png"),
+    (0, "accept p.h5 --by A --digest {} -o approved.h5"),
+    (3, "sign approved.h5 --key k.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
+    (0, "keygen -o k2.key"), (0, "review approved.h5 --sheet-out sheet-3.png"),
+    (0, "sign approved.h5 --key k.key --case C1 -o b.h5"), (0, "verify b.h5 --keys k.pub"),
+    (0, "info p.h5"), (0, "info approved.h5"), (0, "info b.h5"), (0, "validate p.h5"),
+    (0, "replay p.h5 session.csv"), (0, "replay p.h5 session.csv --report r"),
+    (0, "replay b.h5 session.csv --robot franka"), (0, "stability p.h5 --part closed-loop"),
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_command_that_is_printed_runs_as_pasted(vfplan_cli, tmp_path):
+    for name, sample in zip(("elbow.png", "px.csv", "robot.csv"), ELBOW, strict=True):
+        (tmp_path / name).write_bytes(sample.read_bytes())
+    (tmp_path / "session.csv").write_bytes((ROOT / "samples/elbow_session.csv").read_bytes())
+    two_candidates(tmp_path / "two.png")
+    photographed(tmp_path)
+    failed = []
+    for code, call in CALLS:
+        if "{}" in call:
+            how = ("--slice", "elbow.png", "--sheet-out", "for-digest.png")
+            sheet = vfplan_cli("review", "p.h5", *how, cwd=tmp_path)
+            call = call.format(re.search("digest ([0-9a-f]{64})", sheet.stdout)[1])
+        done = vfplan_cli(*call.split(), cwd=tmp_path)
+        assert done.code == code, (call, done.stderr)
+        printed = done.stdout.split("next: ")[-1] if code == 0 else done.error_line
+        words = shlex.split(printed[printed.rindex("vfplan ") :])[1:]
+        words = [part for word in words for part in KNOWN.get(word, word).split()]
+        pasted, said = pasted_run(words, tmp_path)
+        if pasted not in (0, 1):
+            failed.append((call, words, said))
+    assert failed == []
+
+
+def pasted_run(words, folder):
+    """Exit code and stderr of a command; of a page, once it has told its address, it is left."""
+    is_page = words[0] == "review" and "--sheet-out" not in words
+    command = [sys.executable, "-P", "-m", "vfplan", *words, *["--no-browser"][: int(is_page)]]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=folder, **pipes) as process:
+        if is_page and process.stdout.readline().startswith("http://127.0.0.1"):
+            process.terminate()
+            process.communicate(timeout=60)
+            return 0, ""
+        said = process.communicate(timeout=300)[1]
+    return process.returncode, said

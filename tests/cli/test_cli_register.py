@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import ELBOW
 from review_slices import miss, photographed
+from slicer_files import mrk
 
 import vfplan
 from vfplan.fixture import Curve, Fixture, Provenance
@@ -203,7 +204,6 @@ def test_picture(vfplan_cli, curve, tmp_path):
 def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     """A curve and markers in patient coordinates, robot positions in a CSV: 3-D to 3-D."""
     from layouts import R
-    from slicer_files import mrk
 
     from vfplan.bundle.write import write_fixture
 
@@ -262,8 +262,6 @@ def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
 
 def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, tmp_path):
     """The same map whether Slicer's file says LPS or RAS, and a fixture that no robot renders."""
-    from slicer_files import mrk
-
     in_robot = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", tmp_path / "r.h5", "--json").json
     points = [(label, [1e3 * float(x) for x in xyz], "defined") for label, *xyz in rows(ROBOT)[1]]
     flipped = [(label, [-x, -y, z], status) for label, (x, y, z), status in points]
@@ -330,5 +328,9 @@ def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfpla
         words = ("rectify", photo, table, ROBOT, "--common", "-o", tmp_path / "no.png", "--json")
         vfplan_cli(*words).fails(code, error=name)
     words = ("rectify", photo, marks, ROBOT, "-o", tmp_path / "no.png", "--json")
+    in_space = tmp_path / "space.mrk.json"
+    points = [(line[0], [0, 10.0 * k, 0], "defined") for k, line in enumerate(lines)]
+    in_space.write_text(mrk(points))
+    vfplan_cli(*words[:2], in_space, *words[3:]).fails(3, error="rectify-in-space")
     vfplan_cli(*words, "--max-residual", 0.1).fails(1, error="residual-large")
     vfplan_cli(*words, "--max-megapixels", 0.69).fails(1, error="flat-picture-large")

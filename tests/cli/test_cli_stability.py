@@ -64,7 +64,7 @@ def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, 
 def test_without_a_robot_the_next_step_asks_for_one(vfplan_cli, dot):
     run = vfplan_cli("stability", dot, "--part", "closed-loop", "--json")
     assert "'assumed'" in run.json["verdict"]
-    assert run.json["next"].endswith(f": vfplan stability {dot} --robot NAME")
+    assert run.json["next"].endswith(f": vfplan stability {dot} --robot franka")
 
 
 def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
@@ -75,7 +75,7 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
     case = ("--case", "C 1", "--despite-findings")
     assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).code == 0
     following = vfplan_cli("stability", signed, *words).json["next"]
-    assert following == f"vfplan verify {signed} --keys KEYS.pub --case 'C 1'"
+    assert following == f"vfplan verify {signed} --keys {key.with_suffix('.pub')} --case 'C 1'"
 
 
 def test_options_win_over_the_robot(vfplan_cli, dot):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from drawing import blend, coverage, flat, to_uint8, wavy
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian, SecondaryCaptureImageStorage
@@ -38,3 +39,19 @@ def capture(tmp_path, pixels=PICTURE, kind="RGB", **more):
     path = tmp_path / "slice.dcm"
     data.save_as(path, enforce_file_format=True)
     return path
+
+
+def ct_series(folder, slices=7, series=2):
+    """A folder of CT slices 3 mm apart, 100 greys brighter a slice; their names are in no order."""
+    folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 50, (*SHAPE, 1))
+    for number in range(1, series + 1):
+        for k in range(slices - number):
+            about = {
+                "SeriesInstanceUID": f"1.2.{number}", "SeriesNumber": number, "Modality": "CT",
+                "PixelSpacing": [0.5, 0.5], "ImagePositionPatient": [0, 0, 3.0 * k],
+                "ImageOrientationPatient": [1, 0, 0, 0, 1, 0],
+            }  # fmt: skip
+            path = capture(folder, (100 * k + noise).astype(np.uint16), "MONOCHROME2", **about)
+            path.rename(folder / f"{number}-{5 * k % 7}-{k}.dcm")
+    return folder

@@ -9,7 +9,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from captures import capture
+from captures import capture, ct_series
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
 from hand import READY, Hand
@@ -736,7 +736,7 @@ def test_a_photograph_is_made_flat_by_a_button(browser, opened, tmp_path):
 def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     browser, opened, tmp_path
 ):
-    program, hand = opened(SLICE, MARKERS[1])
+    _, hand = opened(SLICE, MARKERS[1])
     truth = np.loadtxt(MARKERS[0], delimiter=",", skiprows=1, usecols=(1, 2))
     for place in truth + np.random.default_rng(2).uniform(-3, 3, truth.shape):
         hand.click(place)
@@ -759,11 +759,7 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     assert len(boxes) == len(truth)
     for left, top, right, bottom in np.round(boxes).astype(int).clip(0):
         assert not is_label[top:bottom, left:right].any()
-    hand.name()
-    hand.look_along()
-    hand.accept_all()
-    hand.approve()
-    assert program.end()[0] == 0
+    browser.until("review.state.refusal === null && review.state.tre95_m < 1e-3")
 
 
 def test_push_feels_what_the_robot_will_render(browser, opened):
@@ -795,3 +791,41 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     assert float(felt.split()[0]) > 1.0
     browser.key("Escape")
     browser.until("document.getElementById('push').childElementCount === 0")
+
+
+@pytest.mark.slow
+def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened, tmp_path):
+    program, hand = opened(ct_series(tmp_path / "ct"))
+    stack = hand.state("review.state.image")
+    assert (stack["series"], stack["position"]) == (["CT 1"] * 6 + ["CT 2"] * 5, 3)
+    browser.run(
+        "for (let k = 0; k < 2; k += 1) document.getElementById('stage').dispatchEvent("
+        "new WheelEvent('wheel', { deltaY: 100, shiftKey: true, cancelable: true }))"
+    )
+    browser.until("review.state.image.position === 5")
+    assert hand.state("review.state.image.name").endswith("-5.dcm")
+    browser.run(
+        "(() => { const list = document.getElementById('series'); list.value = 'CT 2';"
+        " list.dispatchEvent(new Event('change')); })()"
+    )
+    browser.until("review.state.image.position === 8")
+    browser.run(
+        "(() => { document.querySelector('#plan-distance').closest('details').open = true;"
+        " const field = document.getElementById('plan-distance'); field.value = '3,5';"
+        " field.dispatchEvent(new Event('change')); })()"
+    )
+    browser.until("review.state.plan.contact_radius === 0.0035")
+    browser.picture(tmp_path / "stack.png")
+    browser.key("d")
+    for place in ((40, 40), (110, 90), (180, 60)):
+        hand.click(place)
+    browser.key("Enter")
+    browser.until("review.state.curve_px.length === 1")
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    assert program.end()[0] == 0
+    chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
+    known = vfplan.read_fixture(program.output).provenance.inputs["image"]
+    assert known == vfplan.read_image(chosen).sha256

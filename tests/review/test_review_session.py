@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import review_slices
 import slices
-from captures import capture
+from captures import capture, ct_series
 from drawing import normal_errors, polyline
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
@@ -452,6 +452,8 @@ BAD_FIELDS = {
     "add_marker": [{"label": "x1"}, {"label": ""}, {"label": "a\u202eb\x07"}],
     "rename_marker": [{"marker": "x1", "label": "y" * 65}],
     "leave_out_marker": [{"marker": "x1", "out": 1}], "set_markers": [{"table": 3}],
+    "choose_slice": [{"slice": 0}],
+    "set_plan": [{"model": "bent"}, {"contact_radius": [0]}, {"pixel_spacing_mm": [0, 1]}],
     "answer": [{"finding": 99}, {"finding": "no-such-code"}],
     "viewed": [{"stroke": 0, "from": -1}, {"stroke": 9}],
 }  # fmt: skip
@@ -700,3 +702,64 @@ def test_a_photograph_is_made_flat_by_a_step_and_its_bundle_opens_flat(tmp_path)
     assert "picture-made-flat" in [finding["code"] for finding in mended.state()["findings"]]
     assert miss(curve_of(again), np.array(curve_of(flat))) < 0.01
     assert text(seen.apply(flat.steps[0])) == text(flat)
+
+
+def test_slices_of_a_folder_lie_in_the_order_of_the_patient(tmp_path):
+    session = Session.open(ct_series(tmp_path / "ct"))
+    names = [one.path.stem.split("-")[::2] for one in session.source.stack]
+    assert names == [["1", str(k)] for k in range(6)] + [["2", str(k)] for k in range(5)]
+    turned = session.apply({"do": "choose_slice", "slice": 9})
+    place = turned.current.source.image.T_patient_image
+    assert place[2, 2] == pytest.approx(9e-3)
+    with refuses(SettingError, "no-such-slice"):
+        session.apply({"do": "choose_slice", "slice": 11})
+    drawn = turned.apply({"do": "draw", "points": [[20, 20], [100, 60], [180, 90]]})
+    with refuses(SettingError, "slice-drawn-on"):
+        drawn.apply({"do": "choose_slice", "slice": 0})
+    (tmp_path / "none").mkdir()
+    with refuses(ImageError, "no-slices"):
+        Session.open(tmp_path / "none")
+    frames = np.arange(4, dtype=np.uint8)[:, None, None, None] * np.ones((1, 40, 50, 1), np.uint8)
+    several = Session.open(capture(tmp_path, frames, "MONOCHROME2"))
+    assert [one.frame for one in several.source.stack] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(("name", "sign"), [("v.nrrd", 1), ("v.nii.gz", -1), ("v.nii", 1)])
+def test_a_slice_of_a_volume_lies_as_a_radiologist_looks_at_it(tmp_path, name, sign):
+    nrrd, nibabel = pytest.importorskip("nrrd"), pytest.importorskip("nibabel")
+    voxels = np.random.default_rng(0).integers(-1000, 2000, (40, 30, 12)).astype(np.int16)
+    path, steps = tmp_path / name, np.diag([0.5, 0.6, 2.0])
+    if name == "v.nrrd":
+        header = {"space": "left-posterior-superior", "space directions": steps}
+        nrrd.write(str(path), voxels, header | {"space origin": [1, 2, 3]})
+    else:
+        # NIfTI counts to the right and the front; the second file is stored the other way round.
+        place = np.diag([*(-sign * steps.diagonal()[:2]), 2.0, 1.0])
+        far = np.array([0.0, 0.0]) if sign > 0 else np.array([0.5 * 39, 0.6 * 29])
+        place[:3, 3] = [*(-np.array([1, 2]) - far), 3]
+        stored = voxels[::sign, ::sign]
+        nibabel.save(nibabel.Nifti1Image(stored, place), path)
+    session = Session.open(path)
+    assert (len(session.source.stack), session.source.position) == (12, 6)
+    image = session.apply({"do": "choose_slice", "slice": 4}).current.source.image
+    greys = voxels[:, :, 4].T.astype(float)
+    share = (greys - voxels.min()) / (int(voxels.max()) - int(voxels.min()))
+    assert (image.rgb[..., 0] == np.rint(65535 * share)).all()
+    assert image.pixel_spacing_mm == pytest.approx((0.5, 0.6))
+    expected = [[5e-4, 0, 1e-3], [0, 6e-4, 2e-3], [0, 0, 11e-3], [0, 0, 1]]
+    assert np.allclose(image.T_patient_image, expected, atol=1e-8)
+
+
+def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
+    fields = {"model": "similarity", "contact_radius": [4e-3], "pixel_spacing_mm": [0.5, 0.5]}
+    done = sample.apply({"do": "set_plan", "seen_from": "above", **fields})
+    planned = vfplan.plan(
+        SLICE, *MARKERS, extraction=sample.source.extraction,
+        settings=FixtureSettings(model="similarity", contact_radius=4e-3, seen_from="above"),
+    ).fixture  # fmt: skip
+    fixture = done.current.outcome.fixture
+    assert np.allclose(fixture.points, planned.points, atol=1e-9)
+    assert fixture.rendering.contact_radius == 4e-3
+    assert fixture.provenance.inputs == planned.provenance.inputs
+    mirrored = sample.apply({"do": "set_plan", "seen_from": "below"})
+    assert "--seen-from" in mirrored.state()["refusal"]["text"]

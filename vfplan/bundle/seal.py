@@ -279,7 +279,7 @@ def check_trust(seal: Sealed, trust: Trust) -> None:
     Raises `SignatureError`.
     """
     if not seal.signed:
-        raise SignatureError("is not signed. Sign it: vfplan sign.")
+        raise SignatureError("is not signed. Sign it with vfplan sign.")
     key = trust.keys.get(seal.key_id)
     if key is None:
         raise SignatureError(
@@ -393,7 +393,7 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
     from cryptography.hazmat.primitives.asymmetric import ed25519
 
     keys = {}
-    for block in public_key_blocks(read_pem(path)[0], str(path)):
+    for block in public_key_blocks(read_pem(path, COPY_KEY)[0], str(path)):
         try:
             key = serialization.load_pem_public_key(block)
         # The library raises many kinds of errors for a damaged key.
@@ -447,7 +447,7 @@ def read_private(path: str | Path) -> Any:
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric import ed25519
 
-    data, status = read_pem(path)
+    data, status = read_pem(path, f"{MAKE_KEY} -o {shlex.quote(str(path))}")
     if BEGIN in data:
         raise InputError(
             "It is a public key, which signs nothing. Give the private one, whose file keygen "
@@ -480,9 +480,14 @@ def read_private(path: str | Path) -> Any:
     return key
 
 
-def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
-    """The bytes of a file of keys, and its owner and mode."""
-    with opened_file(Path(path)) as file:
+def read_pem(path: str | Path, advice: str) -> tuple[bytes, os.stat_result]:
+    """The bytes of a file of keys, and its owner and mode; `advice` for one that is not there."""
+    try:
+        opened = opened_file(Path(path))
+    except InputError as error:
+        error.message = f"{error.message}. {advice}"
+        raise
+    with opened as file:
         data = file.read(MAX_SETTINGS_BYTES + 1)
         status = os.fstat(file.fileno())
     if len(data) > MAX_SETTINGS_BYTES:
@@ -574,22 +579,21 @@ def check_is_approved(fixture: Fixture, where: str) -> None:
     slice_option = "" if fixture.image is None else "--slice IMAGE "
     approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
     page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
-    how = f"{page}. Or sign it all the same with --despite-findings"
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
-        is_one = len(codes) == 1
-        subject = "1 finding is" if is_one else f"{len(codes)} findings are"
+        subject = "1 finding is" if len(codes) == 1 else f"{len(codes)} findings are"
         raise CheckFailed(
             f"{subject} not answered: {', '.join(sorted(set(codes)))}. "
-            f"Answer {'it' if is_one else 'them'}: {how}.",
+            f"Sign it all the same with --despite-findings, or answer first: {page}",
             where=where,
             code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},
         )
     if fixture.reviewed is None:
         raise CheckFailed(
-            f"Nobody has reviewed it. Review it: {how}.", where=where, code="not-reviewed"
-        )
+            "Nobody has reviewed it. Sign it all the same with --despite-findings, or review it: "
+            f"{page}", where=where, code="not-reviewed",
+        )  # fmt: skip
 
 
 def seconds_since_1970(text: str) -> int:

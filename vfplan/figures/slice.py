@@ -19,7 +19,7 @@ from vfplan.display import MAX_NUMBERED, nice_length
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
 from vfplan.geometry.lines import ring_of
 from vfplan.io.writing import write_whole
-from vfplan.markers.check_marks import MIN_CONTRAST
+from vfplan.markers.find_marks import MIN_CONTRAST
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:

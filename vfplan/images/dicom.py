@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
+from vfplan.geometry.lines import plane_normal
 from vfplan.images.dataset import group_value, memory_file, open_dataset, pixel_axes
 from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
@@ -35,13 +36,15 @@ OVERLAYS = 0x6000
 BYTES_PER_PIXEL = 48
 # Pixels a second that the slowest decoder reads at least.
 PIXELS_PER_SECOND = 2_000_000
+# Frames of a file that can be chosen from.
+MAX_FRAMES = 10_000
 # Bytes of pixels that the child process hands over at a time: a quarter of the largest array.
 PART_BYTES = MAX_ARRAY_BYTES // 4
 
 
 def read_dicom(
     data: bytes, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
-) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str, list[str]]:
+) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str, list[str], Any]:
     """Pixels, spacing and place of a DICOM file.
 
     Parameters
@@ -57,10 +60,11 @@ def read_dicom(
 
     Returns
     -------
-    rgb, pixel_spacing_mm, T_patient_image, instance, remarks
+    rgb, pixel_spacing_mm, T_patient_image, instance, remarks, grey_range
         (H, W, 3) uint8 or uint16; (along u, along v) [mm/px] or `None`; (4, 3) mapping [u v 1] to
         the patient's LPS frame [m], or `None`; the SOP instance UID, by which a drawing names it;
-        codes of what the file says beside its pixels.
+        codes of what the file says beside its pixels; the values of black and white (Hounsfield
+        units in a CT), `None` in colour.
 
     Raises
     ------
@@ -74,7 +78,7 @@ def read_dicom(
             "vfplan.images.dicom:decode", where, frame, imager_spacing, max_pixels,
             file=file, where=where, kind=ImageError,
         )  # fmt: skip
-        shape, dtype, spacing_mm, place, instance, remarks = next(parts)
+        shape, dtype, spacing_mm, place, instance, remarks, grey_range = next(parts)
         rgb = np.empty(shape, dtype)
         row = 0
         for (rows,) in parts:
@@ -82,7 +86,7 @@ def read_dicom(
             row += len(rows)
     pixel_spacing_mm = tuple(spacing_mm) if spacing_mm is not None else None
     T_patient_image = np.array(place) if place is not None else None
-    return rgb, pixel_spacing_mm, T_patient_image, instance, remarks
+    return rgb, pixel_spacing_mm, T_patient_image, instance, remarks, grey_range
 
 
 # --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
@@ -108,7 +112,7 @@ def decode(
             )
         frames = int(dataset.get("NumberOfFrames") or 1)
         index = chosen_index("frame", frame, frames)
-        rgb = read_pixels(dataset, index, max_pixels)
+        rgb, grey_range = read_pixels(dataset, index, max_pixels)
         patient_spacing_mm = read_spacing(dataset, "PixelSpacing", index)
         spacing_mm = patient_spacing_mm
         if spacing_mm is None and imager_spacing:
@@ -122,14 +126,37 @@ def decode(
             remarks.append("pixel-aspect")
     place = None if place is None else place.tolist()
     instance = str(dataset.get("SOPInstanceUID", ""))
-    yield [rgb.shape, rgb.dtype.str, spacing_mm, place, instance, remarks]
+    yield [rgb.shape, rgb.dtype.str, spacing_mm, place, instance, remarks, grey_range]
     rows = max(1, PART_BYTES // rgb[0].nbytes)
     for first in range(0, len(rgb), rows):
         yield (rgb[first : first + rows],)
 
 
-def read_pixels(dataset: Any, index: int, max_pixels: int) -> NDArray:
-    """(H, W, 3) uint8 or uint16 pixels of one frame, which fill the range of their type."""
+def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
+    """The series of a file, its title, and the height of each frame along the slices' normal."""
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
+    heights = []
+    with open_dataset(file, where, ImageError) as dataset:
+        frames = int(dataset.get("NumberOfFrames") or 1)
+        has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
+        for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):
+            spacing_mm = read_spacing(dataset, "PixelSpacing", index)
+            place = place_in_patient(dataset, spacing_mm, index)
+            if place is not None:
+                normal = plane_normal(place[:3, :2])
+                height = float(normal @ place[:3, 2] / np.linalg.norm(normal))
+            heights.append(None if place is None else height)
+        series = str(dataset.get("SeriesInstanceUID", ""))
+        title = f"{dataset.get('Modality', 'series')} {dataset.get('SeriesNumber') or ''}".strip()
+    yield [series, title, heights]
+
+
+def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, list[float] | None]:
+    """(H, W, 3) uint8 or uint16 pixels of one frame, which fill the range of their type.
+
+    Also the values of black and white, where they are grey.
+    """
     from pydicom.pixels import apply_color_lut, pixel_array
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
@@ -164,28 +191,29 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> NDArray:
     unused_bits = 8 * pixels.itemsize - stored_bits
     if unused_bits:
         pixels = pixels << unused_bits
-    return np.ascontiguousarray(pixels)
+    return np.ascontiguousarray(pixels), None
 
 
-def windowed_grey(
-    dataset: Any, stored: NDArray, inverted: bool
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """(H, W, 3) grey: rescaled, then windowed, or stretched where no window is.
+def windowed_grey(dataset: Any, stored: NDArray, inverted: bool) -> tuple[NDArray, list[float]]:
+    """(H, W, 3) grey: rescaled, then windowed, or stretched where no window is; and its range.
 
     Pixels of more than 8 bits stay so, so that a person can narrow the window.
     """
     from pydicom.pixels import apply_modality_lut, apply_windowing
 
     values = apply_modality_lut(stored, dataset).astype(np.float64)
+    windowed = values
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
-        values = apply_windowing(values, dataset)
-    low, high = float(values.min()), float(values.max())
-    brightness = (values - low) / (high - low or 1.0)
+        windowed = apply_windowing(values, dataset)
+    low, high = float(windowed.min()), float(windowed.max())
+    brightness = (windowed - low) / (high - low or 1.0)
     if inverted:
         brightness = 1 - brightness
     depth = np.uint16 if stored.dtype.itemsize > 1 else np.uint8
     grey = np.rint(np.iinfo(depth).max * brightness).astype(depth)
-    return np.repeat(grey[..., None], 3, axis=2)
+    # Of windowed pixels, the values between which the greys rise.
+    range_ = [float(values[windowed == low].max()), float(values[windowed == high].min())]
+    return np.repeat(grey[..., None], 3, axis=2), range_[::-1] if inverted else range_
 
 
 def read_spacing(dataset: Any, name: str, index: int) -> tuple[float, float] | None:

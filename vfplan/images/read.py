@@ -9,6 +9,7 @@ import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +19,22 @@ from numpy.typing import NDArray
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.images.dataset import is_dicom
+from vfplan.images.dataset import is_dicom, memory_file
 from vfplan.images.raster import (
     ALPHA,
     COLOURS,
     PREMULTIPLIED,
     Header,
     Tag,
+    check_size,
     chosen_index,
     decode_raster,
     is_picture,
     read_header,
     upright,
 )  # fmt: skip
-from vfplan.io.files import naming_place, opened_file, read_whole
+from vfplan.io.files import OpenedFile, naming_place, opened_file, read_whole
+from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 # Bytes of an image file. OpenCV's decoders take no more.
@@ -72,6 +75,8 @@ class PlannedImage:
         EXIF's, 1 to 8, by which the picture was turned; 1 where it was not.
     findings
         What was read otherwise than a person may expect.
+    grey_range
+        The values of black and white in a grey DICOM slice or volume, Hounsfield units in a CT.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
@@ -81,6 +86,7 @@ class PlannedImage:
     instance: str = ""
     orientation: int = 1
     findings: tuple[Finding, ...] = ()
+    grey_range: Sequence[float] | None = None
 
     @property
     def width_px(self) -> int:
@@ -170,7 +176,7 @@ def read_image(
         from vfplan.images.dicom import read_dicom
 
         with naming_place(where):
-            rgb, spacing_mm, T_patient_image, instance, remarks = read_dicom(
+            rgb, spacing_mm, T_patient_image, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
         if pixel_spacing_mm is not None:
@@ -182,7 +188,16 @@ def read_image(
             )  # fmt: skip
         findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
         return PlannedImage(
-            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings
+            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings,
+            grey_range=grey_range,
+        )  # fmt: skip
+    if is_volume(data):
+        _, place, grey_range, grey = volume_slice(data, where, frame)
+        check_size(grey.shape[1], grey.shape[0], max_pixels)
+        steps_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
+        rgb = np.repeat(grey[..., None], 3, axis=2)
+        return PlannedImage(
+            rgb, pixel_spacing_mm or steps_mm, sha256, place, grey_range=grey_range
         )  # fmt: skip
     with naming_place(where):
         header = read_header(data, max_pixels)
@@ -199,6 +214,68 @@ def read_image(
         upright(rgb, orientation), pixel_spacing_mm, sha256,
         orientation=orientation, findings=tuple(findings),
     )  # fmt: skip
+
+
+def is_volume(data: bytes) -> bool:
+    """Whether the bytes begin as an NRRD or NIfTI file does, the latter also packed by gzip."""
+    return (
+        data.startswith((b"NRRD", b"\x1f\x8b")) or data[344:347] == b"n+1" or (data[4:7] == b"n+2")
+    )
+
+
+def volume_slice(
+    data: bytes, where: str, number: int | None
+) -> tuple[int, NDArray[np.float64], list[float], NDArray[np.uint16] | None]:
+    """How many slices a volume has, where one lies (4, 3), its range, its greys; of 0 no greys."""
+    with memory_file(data) as file:
+        # The surfaces' reader runs in a process of its own.
+        job = "vfplan.surface.volumes:grey_slice"
+        try:
+            (count, place, grey_range), *grey = run_in_sandbox(job, number, file=file, where=where)
+        except InputError as error:
+            raise ImageError(error.message, where=where, code=error.code) from None
+    return count, np.array(place), grey_range, grey[0][0] if grey else None
+
+
+@dataclass(frozen=True)
+class StackedSlice:
+    """A slice of a stack: its file, its frame from 1 if there are several, and its series."""
+
+    path: Path
+    frame: int | None
+    series: str
+
+
+def read_stack(path: Path) -> tuple[StackedSlice, ...]:
+    """The slices of a volume, of a DICOM file or of all in a folder.
+
+    They are sorted by series, then along the patient.
+
+    One that does not say where it lies follows those that do, in the order of the files. Raises as
+    `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
+    """
+    rows = []
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if not file.is_file():
+            continue
+        opened, where = OpenedFile(file, ImageError), str(file)
+        start = opened.view().read(352)
+        if is_volume(start) and file == path:
+            count = volume_slice(read_whole(path, MAX_BYTES, ImageError), where, 0)[0]
+            return tuple(StackedSlice(path, number, "volume") for number in range(1, count + 1))
+        if not is_dicom(start):
+            continue
+        job = "vfplan.images.dicom:describe"
+        series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)
+        for number, height in enumerate(heights, start=1):
+            frame = number if len(heights) > 1 else None
+            order = (title, series, height is None, height or 0.0, len(rows))
+            rows.append((order, StackedSlice(file, frame, title)))
+    if not rows and path.is_dir():
+        text = "holds no DICOM slice. Give the folder of a series"
+        raise ImageError(text, where=str(path), code="no-slices")
+    return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
 
 
 def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:

@@ -17,23 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
+from vfplan.markers.find_marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST, find_mark
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-# Largest distance [px] between a position and its mark. So far off is a careless click; further off
-# is another mark.
-MATCH_RADIUS_PX = 8.0
-
 # Shorter side [px] of the smallest mark. What is smaller is a speck.
 MIN_SIDE_PX = 3
-
-# Longer side [px] of the largest mark. What is larger is a drawing.
-MAX_SIDE_PX = 48
-
-# Smallest chroma, or difference in brightness, of ink, as a share of full scale. Compression blurs
-# thin ink to about as little.
-MIN_CONTRAST = 0.15
 
 # Smallest chroma of ink that is not blurred, of 255. It separates a mark from a label that touches
 # it.
@@ -177,8 +167,6 @@ def compare_with_marks(
     offset = places[matched] - marks
     # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.
     for k in np.flatnonzero(stands_apart(offset)) if len(matched) >= 3 else ():
-        from vfplan.markers.find_marks import find_mark
-
         place = tuple(places[matched[k]].tolist())
         mark = find_mark(rgb, labels[matched[k]], place, MATCH_RADIUS_PX)
         if mark is not None and mark.moved_px < np.hypot(*offset[k]):

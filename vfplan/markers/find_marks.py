@@ -16,10 +16,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.check_marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST
 
 Array = NDArray[np.float64]
 Shape = Literal["cross", "dot"]
+
+# Largest distance [px] between a position and its mark. So far off is a careless click; further off
+# is another mark.
+MATCH_RADIUS_PX = 8.0
+
+# Longer side [px] of the largest mark. What is larger is a drawing.
+MAX_SIDE_PX = 48
+
+# Smallest chroma, or difference in brightness, of ink, as a share of full scale. Compression blurs
+# thin ink to about as little.
+MIN_CONTRAST = 0.15
 
 # Width [px] of the border around a mark within which its blurred edge ends.
 EDGE_PX = 4

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,8 +27,10 @@ from vfplan.images.read import (
     MAX_BYTES,
     MAX_MEGAPIXELS,
     PlannedImage,
+    StackedSlice,
     flat_as_planned,
     made_flat,
+    read_stack,
 )
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
@@ -102,6 +105,9 @@ class Source:
     told: tuple[Finding, ...] = ()
     case: str = ""
     robot_serial: str = ""
+    # The slices among which one can be chosen, and the number of this one from 0.
+    stack: tuple[StackedSlice, ...] = ()
+    position: int = 0
 
     @property
     def is_slice_missing(self) -> bool:
@@ -121,8 +127,21 @@ class Source:
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
             "has_slice": self.slice_path is not None, "has_ink": self.geometry.ink is not None,
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max), "sides": sides,
-            "is_flat": self.is_flat,
+            "is_flat": self.is_flat, "position": self.position, "grey_range": self.image.grey_range,
+            "series": [one.series for one in self.stack],
         }  # fmt: skip
+
+    def at(self, position: int, pairs: Correspondences | None, fit: Fit) -> Source:
+        """Another slice of the stack, with the markers of files, and with those of a fit on it."""
+        chosen = self.stack[position]
+        extraction = replace(self.extraction, frame=chosen.frame)
+        source = _of_slice(chosen.path, None, extraction, self.planning)
+        on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
+        if pairs is not None:
+            on_slice = fit_of(pairs, source.image, self.planning)
+        return replace(
+            source, stack=self.stack, position=position, pairs=pairs, fit=on_slice
+        )  # fmt: skip
 
     @property
     def is_flat(self) -> bool:
@@ -378,7 +397,18 @@ def open_source(
             raise SettingError(text, code="slice-given-twice")
         refuse_wrong_order(path, markers, markers2)
         extraction, planning = ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
-        source = _of_slice(path, curve_path, extraction, planning)
+        stack = read_stack(path)
+        if extraction.frame is not None or curve_path is not None or len(stack) < 2:
+            source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
+                               planning)  # fmt: skip
+        else:
+            # The middle slice of the longest series.
+            longest = Counter(one.series for one in stack).most_common(1)[0][0]
+            numbers = [k for k, one in enumerate(stack) if one.series == longest]
+            middle = numbers[len(numbers) // 2]
+            chosen = replace(extraction, frame=stack[middle].frame)
+            source = _of_slice(stack[middle].path, None, chosen, planning)
+            source = replace(source, stack=stack, position=middle)
     if markers is None:
         if source.fixture is not None:
             refuse_planning_of_planned(source.fixture, of_planning)

@@ -288,6 +288,12 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "margin_m": margin_length(margin, bound_m),
         "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
         "markers_why_not": fit.why_not if fit.markers else "",
+        "plan": {
+            "model": fit.settings.model,
+            "contact_radius": fit.settings.contact_radius,
+            "seen_from": fit.settings.seen_from,
+            "pixel_spacing_mm": fit.pixel_spacing_mm,
+        },
         "at_angle": fit.is_at_angle and not plan.source.is_flat,
     }
 

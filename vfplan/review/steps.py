@@ -13,10 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.content import max_number
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
 from vfplan.io.files import now_utc
+from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.planning.match import Record, match
+from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
@@ -459,6 +462,23 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     return plan.changed(fit=fit)
 
 
+def choose_slice(plan: Plan, step: Step) -> Plan:
+    """Turn to another slice of the stack, by its number from 0, before a curve is drawn."""
+    source, number = plan.source, _whole(step, "slice")
+    if not 0 <= number < len(source.stack):
+        text = f"There is no slice {number}. The stack has {len(source.stack)}, from 0."
+        raise SettingError(text, code="no-such-slice", numbers={"slices": len(source.stack)})
+    if plan.is_shaped or plan.exclude:
+        text = "The curve belongs to this slice. Undo what was drawn before you choose another."
+        raise SettingError(text, code="slice-drawn-on")
+    is_of_files = plan.fit is source.fit
+    try:
+        chosen = source.at(number, source.pairs if is_of_files else None, plan.fit)
+    except VfplanError as error:
+        raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
+    return plan.changed(source=chosen, geometry=chosen.geometry, fit=chosen.fit)
+
+
 def rectify(plan: Plan, step: Step) -> Plan:
     """Make a photograph flat by the homography of its markers; the slice is extracted anew."""
     ink, source = _needs_ink(plan), plan.source
@@ -470,6 +490,36 @@ def rectify(plan: Plan, step: Step) -> Plan:
         return made_flat_plan(plan, ink)
     except VfplanError as error:
         raise SettingError(f"The picture stays: {error.message}.", code=error.code) from None
+
+
+def set_plan(plan: Plan, step: Step) -> Plan:
+    """Plan with another model, distance, side from which the slice is seen, or pixel size."""
+    source, fit, changes = plan.source, plan.fit, {}
+    for name, allowed in (("model", MODELS), ("seen_from", (None, "above", "below"))):
+        if name in step:
+            if step[name] not in allowed:
+                raise _malformed(step, name, f"one of {allowed}")
+            changes[name] = step[name]
+    if "contact_radius" in step:
+        changes["contact_radius"] = _numbers(step, "contact_radius", 1)[0]
+    # A bundle that was opened is planned anew.
+    changed = replace(source, planning=replace(source.planning, **changes), fixture=None)
+    new = replace(fit, settings=replace(fit.settings, **changes))
+    if "pixel_spacing_mm" in step:
+        spacing = _numbers(step, "pixel_spacing_mm", 2)
+        largest = max_number("/image/pixel_spacing")
+        if not all(MIN_SPACING_MM <= size <= largest for size in spacing):
+            raise _malformed(
+                step, "pixel_spacing_mm", f"sizes of {MIN_SPACING_MM:g} to {largest:g}"
+            )
+        changed = replace(
+            changed, image=replace(source.image, pixel_spacing_mm=spacing),
+            extraction=replace(source.extraction, pixel_spacing_mm=spacing),
+        )  # fmt: skip
+        new = replace(new, pixel_spacing_mm=spacing)
+    if fit is source.fit:
+        changed = replace(changed, fit=new)
+    return plan.changed(source=changed, fit=new)
 
 
 # Answers, and what was looked at.
@@ -514,7 +564,8 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, rectify, answer,
+        leave_out_marker, set_markers, find_markers, choose_slice, rectify, set_plan,
+        answer,
     )
 }  # fmt: skip
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
 from vfplan.geometry.lines import plane_normal
+from vfplan.images.raster import chosen_index
 from vfplan.io.files import (
     MAX_DECOMPRESSED_BYTES,
     MAX_SETTINGS_BYTES,
@@ -208,6 +209,7 @@ NIFTI_HEADS = {
     (540).to_bytes(4, "big"): ("big", 2),
 }
 GZIP = b"\x1f\x8b"
+NRRD = b"NRRD"
 
 
 @contextmanager
@@ -252,8 +254,38 @@ def outlines(file: BinaryIO, kind: str, structure: str | None) -> Iterator[Any]:
         yield (ring,)
 
 
-def read_nrrd(data: bytes) -> LabelVolume:
-    """A Slicer segmentation, or any label map, in one NRRD file.
+def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
+    """A slice of a volume across its third axis, in the sandbox, for `vfplan.images.read`.
+
+    number: from 1; of several `None` is refused, and 0 only counts them
+    Yields how many there are, (4, 3) T_patient_image [m] and the range of the volume, then the
+    (H, W) greys, uint16.
+    """
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
+    data = file.read()
+    read = read_nrrd if data.startswith(NRRD) else read_nifti
+    volume = read(data, has_labels=False)
+    if len(volume.layers) != 1:
+        raise InputError("holds several volumes. Export one.", code="volume-unsupported")
+    voxels, place = volume.layers[0], volume.T_lps_voxel.copy()
+    # A slice is looked at from the feet: the patient's left is right, and the back is below.
+    for axis in range(2):
+        if place[axis, axis] < 0:
+            voxels = np.flip(voxels, axis)
+            place[:3, 3] += place[:3, axis] * (voxels.shape[axis] - 1)
+            place[:3, axis] *= -1
+    index = chosen_index("slice", 1 if number == 0 else number, voxels.shape[2])
+    place[:3, 3] += index * place[:3, 2]
+    low, high = float(voxels.min()), float(voxels.max())
+    yield [voxels.shape[2], place[:, [0, 1, 3]].tolist(), [low, high]]
+    if number != 0:
+        share = (voxels[:, :, index].T.astype(float) - low) / (high - low or 1.0)
+        yield (np.rint(np.iinfo(np.uint16).max * share).astype("<u2"),)
+
+
+def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
+    """A Slicer segmentation, or any label map, in one NRRD file; without labels a volume of greys.
 
     Raises
     ------
@@ -289,7 +321,11 @@ def read_nrrd(data: bytes) -> LabelVolume:
         raise InputError(
             f"has the encoding {encoding!r}. Give raw, gzip or bzip2.", code="volume-unsupported"
         )
-    if dtype.kind not in "iu" or len(sizes) not in (3, 4) or min(sizes) < 1:
+    if (
+        dtype.kind not in ("iu" if has_labels else "iuf")
+        or len(sizes) not in (3, 4)
+        or min(sizes) < 1
+    ):
         raise InputError(f"holds {dtype} of {sizes}. Give a label map.", code="not-a-label-map")
     if header.get("line skip") or header.get("byte skip"):
         raise InputError(
@@ -308,7 +344,9 @@ def read_nrrd(data: bytes) -> LabelVolume:
         )
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
-    places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
+    places = {}
+    if has_labels:
+        places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
     return LabelVolume(layers, places, T_lps_voxel)
 
 
@@ -386,8 +424,8 @@ def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, t
     return places
 
 
-def read_nifti(data: bytes) -> LabelVolume:
-    """A label map in a `.nii` or `.nii.gz` file.
+def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
+    """A label map in a `.nii` or `.nii.gz` file; without labels a volume of greys.
 
     Raises
     ------
@@ -426,6 +464,8 @@ def read_nifti(data: bytes) -> LabelVolume:
         labels = labels[..., 0]
     if labels.ndim != 3:
         raise InputError(f"its voxels are {shape}. Give one volume.", code="not-a-label-map")
+    if not has_labels:
+        return LabelVolume(labels[None], {}, T_lps_voxel)
     if labels.dtype.kind not in "iu":
         if labels.dtype.kind != "f" or not (np.rint(labels) == labels).all():
             raise InputError(

@@ -1,5 +1,5 @@
 // Whether the plan may be approved, what was looked at, and the end of the review.
-import { byId, make } from "./dom.js";
+import { byId, inPageWords, make } from "./dom.js";
 
 const LOST = "The program does not answer. Your steps are kept: start the same command again, and open the new address.";
 const REPORT_DELAY_MS = 300; // a new state is on the screen by then
@@ -83,7 +83,7 @@ export class Approval {
     const reasons = [];
     for (const text of state?.why_not || []) {
       if (text === state.refusal?.text) reasons.push("The plan is refused. The top of this column says why.");
-      else reasons.push(text);
+      else reasons.push(inPageWords(text));
     }
     if (state?.approvable && !this.name()) reasons.push("Write your name to approve the plan.");
     byId("why-not").replaceChildren(...reasons.map((text) => make("li", {}, text)));

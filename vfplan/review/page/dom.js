@@ -29,6 +29,20 @@ export function makeAt(place, attributes, ...children) {
   return make("g", { ...attributes, transform: translation(place) }, body);
 }
 
+// Options of the command line, as the page calls what they do.
+const PAGE_WORDS = {
+  "find-markers": "Find marks",
+  "max-residual": "the plan",
+  "max-tre": "the plan",
+  robust: "its box in the table",
+};
+
+// A text of the program in the words of the page.
+export function inPageWords(text) {
+  const plain = text.replace(/, or give --markers-as-given/g, "").replace(/ with vfplan rectify/g, "");
+  return plain.replace(/--([a-z][a-z-]*)/g, (_, name) => PAGE_WORDS[name] || name.replaceAll("-", " "));
+}
+
 // Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands
 // on the control of the same name, or of the same place if its name has changed.
 export function refill(holder, nodes) {

@@ -1,5 +1,5 @@
 // Findings as pins on the slice and as a list; both ends enlarged.
-import { byId, make, makeAt, refill } from "./dom.js";
+import { byId, inPageWords, make, makeAt, refill } from "./dom.js";
 
 const INSET_PX = 168; // side of an inset on the screen
 const END_PX = 21; // pixels of the slice around an end: eight times enlarged
@@ -42,7 +42,7 @@ export class Findings {
       "button",
       { type: "button", class: "row", "aria-expanded": String(isChosen), onclick: () => this.goTo(k) },
       make("span", { class: `badge ${kindOf(finding)}` }, String(k + 1)),
-      make("span", {}, finding.text),
+      make("span", {}, inPageWords(finding.text)),
     );
     const more = make("div", { class: "more" });
     if (isChosen && finding.place_px) {

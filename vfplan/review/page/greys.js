@@ -15,10 +15,32 @@ export class Greys {
     this.reset();
     this.low.addEventListener("input", () => this.changed(this.low));
     this.high.addEventListener("input", () => this.changed(this.high));
+    byId("bone").addEventListener("click", () => this.window(500, 2000));
+    byId("soft").addEventListener("click", () => this.window(40, 400));
     byId("greys").addEventListener("click", () => {
       this.reset();
       this.load();
     });
+  }
+
+  // A window of a CT, by its middle and width [HU], as far as the picture holds it.
+  window(middle, width) {
+    const [black, white] = this.app.state.image.grey_range;
+    const grey = (value) => Math.round((this.greyMax * (value - black)) / (white - black || 1));
+    const ends = [grey(middle - width / 2), grey(middle + width / 2)];
+    this.low.value = Math.min(...ends);
+    this.high.value = Math.max(...ends);
+    this.changed(this.low);
+  }
+
+  // A drag with the right button: to the right for a wider window, down for a brighter slice.
+  drag(dx, dy) {
+    const share = this.greyMax / 400;
+    const width = Math.max(this.high.value - this.low.value + dx * share, share);
+    const middle = (Number(this.low.value) + Number(this.high.value)) / 2 - dy * share;
+    this.low.value = middle - width / 2;
+    this.high.value = middle + width / 2;
+    this.changed(this.low);
   }
 
   reset() {

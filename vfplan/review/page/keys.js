@@ -5,6 +5,8 @@ const LIST = [
   ["V, D, X, M, U", "tools: select, draw, exclude, marker, push"],
   ["Wheel, pinch, + and -", "zoom at the pointer"],
   ["Drag, arrows", "move the slice; Space and drag with any tool"],
+  ["Drag with the right button", "window (across) and level (up, down)"],
+  ["Shift and the wheel", "next and previous slice of a folder or volume"],
   ["F, 1", "fit; one to one"],
   ["H (hold)", "hide all that is drawn, to see the ink"],
   ["N, P", "next and previous finding"],

@@ -1,5 +1,5 @@
 // The page shows the session's state and sends steps; nothing is decided here.
-import { byId, make, refill } from "./dom.js";
+import { byId, inPageWords, make, refill } from "./dom.js";
 import { View } from "./view.js";
 import { Curve } from "./curve.js";
 import { Findings } from "./findings.js";
@@ -51,7 +51,7 @@ export const app = {
     byId("say").textContent = text;
   },
   toast(text) {
-    byId("toast").textContent = text;
+    byId("toast").textContent = inPageWords(text);
     byId("toast").hidden = false;
     clearTimeout(this.toastTimer);
     this.toastTimer = setTimeout(() => this.hideToast(), TOAST_MS);
@@ -173,8 +173,9 @@ function showRefusal(state) {
   if (refusal.code === "several-candidates" && rows.length) {
     text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
   }
+  if (refusal.code === "image-grey") text = "The picture is grey, so no pen can be told from it. Draw the curve.";
   byId("refusal").querySelector("h2").textContent = isOfCurve ? "No curve yet" : "The plan is refused";
-  byId("refusal-text").textContent = text;
+  byId("refusal-text").textContent = inPageWords(text);
   refill(byId("candidates"), rows);
 }
 
@@ -203,6 +204,7 @@ function goToRefusal(refusal) {
 
 function finish(title, text) {
   app.ended = true;
+  approval.tell(title.toLowerCase(), title === "Approved" ? "pass" : "none");
   app.hideToast();
   byId("done-title").textContent = title;
   byId("done-text").textContent = text;

@@ -21,6 +21,7 @@ export class Markers {
     this.previewedAt = 0;
     this.dragged = null;
     view.settled.push(() => this.placeLabels());
+    this.fields();
     byId("find-marks").addEventListener("click", () => app.step({ do: "find_markers" }));
     byId("make-flat").addEventListener("click", () => app.step({ do: "rectify" }));
     byId("paste-open").addEventListener("click", () => {
@@ -32,8 +33,31 @@ export class Markers {
     });
   }
 
+  // The fields of the plan: each is a step once it is left.
+  fields() {
+    const number = (id) => Number(byId(id).value.trim().replace(",", "."));
+    const set = (id, fields) => byId(id).addEventListener("change", () => this.app.step({ do: "set_plan", ...fields() }));
+    set("plan-spacing", () => ({ pixel_spacing_mm: [number("plan-spacing"), number("plan-spacing")] }));
+    set("plan-model", () => ({ model: byId("plan-model").value }));
+    set("plan-distance", () => ({ contact_radius: [number("plan-distance") / 1e3] }));
+    set("plan-side", () => ({ seen_from: byId("plan-side").value || null }));
+  }
+
+  showFields({ model, contact_radius: distance, seen_from: side, pixel_spacing_mm: spacing }) {
+    const values = {
+      "plan-spacing": spacing ? String(Number(spacing[0].toFixed(6))) : "",
+      "plan-model": model,
+      "plan-distance": String(Number((1e3 * distance).toFixed(6))),
+      "plan-side": typeof side === "string" ? side : "",
+    };
+    for (const [id, value] of Object.entries(values)) {
+      if (document.activeElement !== byId(id)) byId(id).value = value;
+    }
+  }
+
   render(state) {
     this.dragged = null;
+    this.showFields(state.plan);
     this.layer(state);
     this.table(state);
     this.bound(state);

@@ -15,6 +15,7 @@ export class Pointer {
     this.stage.addEventListener("pointermove", (event) => this.move(event));
     this.stage.addEventListener("pointerup", (event) => this.up(event));
     this.stage.addEventListener("pointercancel", () => this.cancel());
+    this.stage.addEventListener("contextmenu", (event) => event.preventDefault());
     this.stage.addEventListener("dblclick", () => {
       if (tools.tool === "draw") tools.endDrawing(false);
     });
@@ -39,6 +40,7 @@ export class Pointer {
   begin(event) {
     const under = (kind) => event.target.closest(kind);
     if (this.isSpaceDown || event.button === 1) return { kind: "pan" };
+    if (event.button === 2) return { kind: "greys" };
     if (this.tools.tool === "box") return { kind: "box" };
     if (this.tools.tool !== "select") return { kind: "click", isDrawing: this.tools.tool === "draw" };
     if (under(".marker")) return this.grasp({ kind: "marker", key: Number(under(".marker").dataset.marker) });
@@ -83,6 +85,8 @@ export class Pointer {
     if (this.drag.kind === "pan") {
       this.view.pan(event.clientX - before[0], event.clientY - before[1]);
       if (moved > PAN_SLACK_PX) this.drag.hasMoved = true;
+    } else if (this.drag.kind === "greys") {
+      this.view.greys.drag(event.clientX - before[0], event.clientY - before[1]);
     } else if (this.drag.kind === "pinch") {
       this.pinch();
     } else if (this.drag.kind === "box") {

@@ -16,6 +16,56 @@ const LETTER_PLACES = {
   bottom: "left:50%;bottom:0",
 };
 
+// The slices of a folder or a file, among which one is chosen before the curve is drawn.
+class Stack {
+  constructor(app) {
+    this.app = app;
+    this.series = [];
+    byId("stack").addEventListener("input", () => this.wish(this.first + Number(byId("stack").value)));
+    byId("series").addEventListener("change", () => {
+      const first = this.series.indexOf(byId("series").value);
+      this.wish(first + Math.floor(this.count(byId("series").value) / 2));
+    });
+  }
+
+  count(name) {
+    return this.series.filter((one) => one === name).length;
+  }
+
+  render({ series, position }) {
+    this.series = series;
+    byId("stack-card").hidden = series.length < 2;
+    if (series.length < 2) return;
+    this.position = position;
+    const name = series[position];
+    this.first = series.indexOf(name);
+    const names = [...new Set(series)];
+    byId("series").hidden = names.length < 2;
+    byId("series").replaceChildren(...names.map((one) => make("option", { selected: one === name }, one)));
+    byId("stack").max = this.count(name) - 1;
+    byId("stack").value = position - this.first;
+    byId("stack-count").textContent = `${position - this.first + 1} of ${this.count(name)}`;
+  }
+
+  // The next slice of the series, or the one before; whether there are slices to turn.
+  turn(by) {
+    if (this.series.length < 2) return false;
+    const last = this.first + this.count(this.series[this.first]) - 1;
+    this.wish(Math.min(Math.max((this.wanted ?? this.position) + by, this.first), last));
+    return true;
+  }
+
+  // Slices that are passed on the way are not read: the last one is, once the hand rests.
+  wish(slice) {
+    this.wanted = slice;
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.wanted = undefined;
+      if (slice !== this.position) this.app.step({ do: "choose_slice", slice });
+    }, REST_MS);
+  }
+}
+
 export class View {
   constructor(app) {
     this.app = app;
@@ -26,6 +76,7 @@ export class View {
     this.isChosen = false; // whether a person chose this view, and not the page
     this.settled = []; // called once the view rests
     this.zoomed = null; // called with each new zoom
+    this.stack = new Stack(app);
     this.stage.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.stage.addEventListener("pointermove", (event) => this.tellPlace(this.place(event)));
     new ResizeObserver(() => this.apply()).observe(this.stage);
@@ -34,6 +85,7 @@ export class View {
   }
 
   render(state, isFirst) {
+    const isTurned = this.image && this.image.position !== state.image.position;
     const isOther = this.image && this.image.is_flat !== state.image.is_flat;
     this.image = state.image;
     this.mmPerPx = state.mm_per_px;
@@ -45,11 +97,13 @@ export class View {
       this.fit();
       this.isChosen = false;
     }
+    if (isOther || isTurned) this.greys.load();
     if (isOther) {
-      this.greys.load();
       this.fit();
       this.isChosen = false;
     }
+    for (const id of ["bone", "soft"]) byId(id).hidden = !state.image.grey_range;
+    this.stack.render(state.image);
     this.showScaleBar();
   }
 
@@ -197,6 +251,7 @@ export class View {
 
   wheel(event) {
     event.preventDefault();
+    if (event.shiftKey && this.stack.turn(Math.sign(event.deltaY || event.deltaX))) return;
     const box = this.stage.getBoundingClientRect();
     const rate = event.ctrlKey ? 0.01 : 0.0016; // a pinch on a pad comes as small steps with Ctrl
     const turned = event.deltaMode === 1 ? 30 * event.deltaY : event.deltaY; // mode 1 counts lines
