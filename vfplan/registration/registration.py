@@ -130,7 +130,7 @@ def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
     bound = np.zeros(len(sigma))
     for part in parts:
         within = (1 - (1 - PROBABILITY) / len(parts)) ** (1 / max(1.0, places[part].sum()))
-        bound[part] = NormalDist().inv_cdf((1 + within) / 2) * sigma[part]
+        bound[part] = normal_quantile((1 + within) / 2) * sigma[part]
     return bound
 
 
