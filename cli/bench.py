@@ -74,7 +74,8 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
     sentences = {name: text for name, text in summaries(document).items() if name in stages}
     if is_summary and sentences:
-        return CommandResult(document, sentences["proxy"])
+        # The sentence stands alone, for pages that quote it.
+        return CommandResult(document, sentences["proxy"], verdict="", next_step="")
     *others, last = sentences or [""]
     lines = [
         *table_lines(document, stages, every_setting=is_verbose()), "",

@@ -34,9 +34,7 @@ with open("markers.csv", "w") as file:
         file.write(",".join([*image, *robot[1:]]) + "\\n")
 """,
     "registration": """
-import shutil
 points = [[400.0, 300.0], [500.0, 350.0]]
-shutil.copy("samples/elbow.png", "photograph.jpg")
 """,
     "replay": """
 import os
