@@ -337,4 +337,4 @@ def test_a_structure_is_chosen_by_name_or_number(tmp_path):
 def test_without_shapely_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "shapely", None)
     with pytest.raises(MissingExtra, match=r"vfplan\[surface\]"):
-        outline_of([np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], 0.0, "outlines")
+        outline_of([np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], 0.0)

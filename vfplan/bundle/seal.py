@@ -50,7 +50,7 @@ from vfplan.errors import (
     SignatureError,
 )
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_SETTINGS_BYTES, now_utc, opened_file
+from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, now_utc, opened_file
 from vfplan.io.writing import write_together, write_whole
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -186,11 +186,7 @@ def signed_message(seal: Seal) -> bytes:
 def to_body(seal: Seal, length: int) -> bytes:
     """The seal without its tail, filled up with zeros."""
     case, serial = seal.case.encode(), seal.robot_serial.encode()
-    flags = SealFlag(0)
-    if seal.signed:
-        flags |= SealFlag.SIGNED
-    if seal.despite_findings:
-        flags |= SealFlag.DESPITE_FINDINGS
+    flags = SealFlag.SIGNED * seal.signed | SealFlag.DESPITE_FINDINGS * seal.despite_findings
     head = HEAD.pack(
         MAGIC, SEAL_VERSION, flags, length, seal.payload_length, seal.sha256,
         seal.key_id or bytes(16), seal.signature or bytes(64), seal.signed_at or 0,
@@ -295,24 +291,19 @@ def check_trust(seal: Sealed, trust: Trust) -> None:
             f"The signature by key {seal.key_id.hex()} does not hold: the file is not what was "
             "signed. Fetch it once more from the planner."
         ) from None
-    if trust.case is not None and not seal.case:
-        raise SignatureError(
-            f"is signed for no particular case. Sign it for {trust.case!r}: vfplan sign --case."
-        )
-    if trust.case is not None and seal.case != trust.case:
-        raise SignatureError(
-            f"is signed for case {seal.case!r}. Sign it for {trust.case!r}, or demand its own case."
-        )
-    if trust.robot_serial is not None and not seal.robot_serial:
-        raise SignatureError(
-            "is signed for no particular robot. "
-            f"Sign it for {trust.robot_serial!r}: vfplan sign --robot-serial."
-        )
-    if trust.robot_serial is not None and seal.robot_serial != trust.robot_serial:
-        raise SignatureError(
-            f"is signed for robot {seal.robot_serial!r}. Sign it for {trust.robot_serial!r}, or "
-            "load it on its own robot."
-        )
+    for stated, wanted, what, option, other in (
+        (seal.case, trust.case, "case", "--case", "demand its own case"),
+        (seal.robot_serial, trust.robot_serial, "robot", "--robot-serial",
+         "load it on its own robot"),
+    ):  # fmt: skip
+        if wanted is not None and not stated:
+            raise SignatureError(
+                f"is signed for no particular {what}. Sign it for {wanted!r}: vfplan sign {option}."
+            )
+        if wanted is not None and stated != wanted:
+            raise SignatureError(
+                f"is signed for {what} {stated!r}. Sign it for {wanted!r}, or {other}."
+            )
     if trust.max_age is None:
         return
     if not seal.signed_at:
@@ -393,23 +384,23 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
     from cryptography.hazmat.primitives.asymmetric import ed25519
 
     keys = {}
-    for block in public_key_blocks(read_pem(path)[0], str(path)):
-        try:
-            key = serialization.load_pem_public_key(block)
-        # The library raises many kinds of errors for a damaged key.
-        except Exception as error:
-            raise InputError(
-                f"It holds a public key that cannot be read. {COPY_KEY}.", where=str(path)
-            ) from error
-        if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
-        keys[key_id_of(key)] = key
-    if not keys:
-        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
+    with naming_place(path):
+        for block in public_key_blocks(read_pem(path)[0], Path(path)):
+            try:
+                key = serialization.load_pem_public_key(block)
+            # The library raises many kinds of errors for a damaged key.
+            except Exception as error:
+                text = f"It holds a public key that cannot be read. {COPY_KEY}."
+                raise InputError(text) from error
+            if not isinstance(key, ed25519.Ed25519PublicKey):
+                raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.")
+            keys[key_id_of(key)] = key
+        if not keys:
+            raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.")
     return keys
 
 
-def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
+def public_key_blocks(data: bytes, path: Path) -> Iterator[bytes]:
     """The PEM blocks of public keys; nothing but empty lines and comments stands between them."""
     block: list[bytes] = []
     for number, raw in enumerate(data.split(b"\n"), start=1):
@@ -417,25 +408,21 @@ def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
         if not block and (not line or line.startswith(b"#")):
             continue
         if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
-            half = f"its public half, {Path(where).with_suffix('.pub').name}"
-            wanted = "a file of public keys alone" if Path(where).suffix == ".pub" else half
-            raise InputError(
-                f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
-                where=where,
-                code="private-key",
-            )
+            half = f"its public half, {path.with_suffix('.pub').name}"
+            wanted = "a file of public keys alone" if path.suffix == ".pub" else half
+            text = f"Line {number} begins a private key, which no robot needs. Give {wanted}."
+            raise InputError(text, code="private-key")
         if not block and line != BEGIN:
             raise InputError(
                 f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
-                "#.",
-                where=where,
+                "#."
             )
         block.append(line)
         if line == END:
             yield b"\n".join([*block, b""])
             block.clear()
     if block:
-        raise InputError(f"It ends within a public key. {COPY_KEY}.", where=where)
+        raise InputError(f"It ends within a public key. {COPY_KEY}.")
 
 
 def read_private(path: str | Path) -> Any:
@@ -447,37 +434,33 @@ def read_private(path: str | Path) -> Any:
     from cryptography.hazmat.primitives import serialization
     from cryptography.hazmat.primitives.asymmetric import ed25519
 
-    data, status = read_pem(path)
-    if BEGIN in data:
-        raise InputError(
-            "It is a public key, which signs nothing. Give the private one, whose file keygen "
-            "named without .pub.",
-            where=str(path),
-            code="public-key",
-        )
-    mode = stat.S_IMODE(status.st_mode)
-    if status.st_uid != os.geteuid():
-        raise InputError(
-            f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
-            "too. Give a key of your own.",
-            where=str(path),
-        )
-    if mode & 0o077:
-        raise InputError(
-            f"Others can read or write this private key: its mode is {mode:04o}. Give it mode 0600 "
-            "(chmod 600), or make a new key if somebody may have copied it.",
-            where=str(path),
-        )
-    try:
-        key = serialization.load_pem_private_key(data, password=None)
-    # As in `read_keys`.
-    except Exception as error:
-        raise InputError(
-            f"It holds no private key in PEM form. {MAKE_KEY}.", where=str(path)
-        ) from error
-    if not isinstance(key, ed25519.Ed25519PrivateKey):
-        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
-    return key
+    with naming_place(path):
+        data, status = read_pem(path)
+        if BEGIN in data:
+            raise InputError(
+                "It is a public key, which signs nothing. Give the private one, whose file keygen "
+                "named without .pub.",
+                code="public-key",
+            )
+        mode = stat.S_IMODE(status.st_mode)
+        if status.st_uid != os.geteuid():
+            raise InputError(
+                f"This private key belongs to another user (id {status.st_uid}), who can sign with "
+                "it too. Give a key of your own."
+            )
+        if mode & 0o077:
+            raise InputError(
+                f"Others can read or write this private key: its mode is {mode:04o}. Give it mode "
+                "0600 (chmod 600), or make a new key if somebody may have copied it."
+            )
+        try:
+            key = serialization.load_pem_private_key(data, password=None)
+        # As in `read_keys`.
+        except Exception as error:
+            raise InputError(f"It holds no private key in PEM form. {MAKE_KEY}.") from error
+        if not isinstance(key, ed25519.Ed25519PrivateKey):
+            raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.")
+        return key
 
 
 def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
@@ -487,8 +470,7 @@ def read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
         status = os.fstat(file.fileno())
     if len(data) > MAX_SETTINGS_BYTES:
         raise InputError(
-            f"It has more than {MAX_SETTINGS_BYTES} bytes, so it is no file of keys. {MAKE_KEY}.",
-            where=str(path),
+            f"It has more than {MAX_SETTINGS_BYTES} bytes, so it is no file of keys. {MAKE_KEY}."
         )
     return data, status
 

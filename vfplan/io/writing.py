@@ -78,12 +78,6 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
         file.writelines(parts)
 
 
-def require_same(read: object, written: object) -> None:
-    """Raise `OSError` where a file does not read back as it was written."""
-    if read != written:
-        raise OSError(errno.EIO, "it reads back otherwise than it was written")
-
-
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[BinaryIO]:
     """A file to fill: it gets its name when the block ends well, and is removed otherwise.

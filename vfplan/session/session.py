@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_LISTED
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
+from vfplan.geometry.lines import interpolated
 
 Array = NDArray[np.float64]
 
@@ -391,11 +392,6 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
     if count < 2:
         message = f"the session has too few samples: {count}. Give at least 2"
         raise SessionError(message, where=where, code="too-few-samples", numbers={"samples": count})
-
-
-def interpolated(wanted: Array, at: Array, places: Array) -> Array:
-    """(n, 3) places at the wanted parameters (n,), on straight lines between places (m, 3)."""
-    return np.column_stack([np.interp(wanted, at, column) for column in places.T])
 
 
 def resampled(session: SessionSource, rate_hz: float) -> SessionStream:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP
+from vfplan.surface.outline import area
 
 if TYPE_CHECKING:
     from vfplan.surface.build import Surface
@@ -114,7 +115,7 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
-        for ring in outline.outer_rings:
+        for ring in [ring for ring in outline.rings if area(ring) > 0]:  # No holes.
             line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
             following = np.roll(line, -1, axis=0)
             # Only what faces the eye: a ring runs anticlockwise round what is inside.

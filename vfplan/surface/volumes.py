@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -228,9 +229,9 @@ def library_errors(message: str) -> Iterator[None]:
 
 def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
     """The outlines of a structure of a label map, "nrrd" or "nifti"; raises as its reader does."""
-    file, where = OpenedFile(path), str(path)
+    file = OpenedFile(path)
     job = "vfplan.surface.volumes:outlines"
-    answers = run_in_sandbox(job, kind, structure, file=file, where=where)
+    answers = run_in_sandbox(job, kind, structure, file=file, where=str(path))
     structures, chosen, normal, empty, remarks = next(answers)
     return Contours(
         tuple(ring for (ring,) in answers), tuple(Structure(*each) for each in structures),
@@ -267,15 +268,11 @@ def read_nrrd(data: bytes) -> LabelVolume:
         from nrrd.reader import _determine_datatype
 
     # An empty line ends the header.
-    end = data.find(b"\n\n", 0, MAX_SETTINGS_BYTES) + 2
-    if end < 2:
-        end = data.find(b"\r\n\r\n", 0, MAX_SETTINGS_BYTES) + 4
-        if end < 4:
-            raise InputError(
-                "has no NRRD header that ends. Export it again.", code="volume-unreadable"
-            )
+    end = re.search(rb"\n\n|\r\n\r\n", data[:MAX_SETTINGS_BYTES])
+    if end is None:
+        raise InputError("has no NRRD header that ends. Export it again.", code="volume-unreadable")
     with library_errors("its NRRD header cannot be read"):
-        header = dict(nrrd.read_header(io.BytesIO(data[:end])))
+        header = dict(nrrd.read_header(io.BytesIO(data[: end.end()])))
     if "data file" in header or "datafile" in header:
         raise InputError(
             "its voxels are in another file. Save it from Slicer as one .seg.nrrd.",
@@ -297,7 +294,7 @@ def read_nrrd(data: bytes) -> LabelVolume:
         )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
     require_size(size, len(data))
-    voxels = data[end:]
+    voxels = data[end.end() :]
     if compression := COMPRESSIONS[encoding]:
         voxels = decompress(voxels, compression, size)
     if len(voxels) != size:
@@ -403,25 +400,19 @@ def read_nifti(data: bytes) -> LabelVolume:
     if is_packed:
         data = decompress(data, "gzip", max_bytes)
     kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
-    log = logging.getLogger("nibabel.global")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with library_errors("cannot be read as NIfTI"):
-            image = kind.from_bytes(data)
-            shape = tuple(int(n) for n in image.shape)
-            size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
-            if size > len(data):
-                raise InputError(
-                    f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
-                    "Export it again.",
-                    code="volume-unreadable",
-                    numbers={"bytes": len(data), "bytes_wanted": size},
-                )
-            labels = np.asanyarray(image.dataobj)
-            T_lps_voxel = nifti_place(image)
-    finally:
-        log.setLevel(level)
+    logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
+    with library_errors("cannot be read as NIfTI"):
+        image = kind.from_bytes(data)
+        shape = tuple(int(n) for n in image.shape)
+        size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
+        if size > len(data):
+            raise InputError(
+                f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
+                "Export it again.",
+                code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
+            )  # fmt: skip
+        labels = np.asanyarray(image.dataobj)
+        T_lps_voxel = nifti_place(image)
     if labels.ndim == 4 and labels.shape[3] == 1:
         labels = labels[..., 0]
     if labels.ndim != 3:

@@ -19,7 +19,7 @@ from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
-from vfplan.geometry.lines import arc_lengths, ring_of, step_lengths
+from vfplan.geometry.lines import arc_lengths, interpolated, ring_of, step_lengths
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -92,7 +92,7 @@ class VectorDrawing:
         line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
         arc = arc_lengths(line, False)
         even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
-        line = _interpolate(even, arc, line)
+        line = interpolated(even, arc, line)
         return Stroke(line[:-1] if self.closed else line, self.closed)
 
     def distance_from_straight(self) -> float:
@@ -110,7 +110,7 @@ class VectorDrawing:
         ring = ring_of(self.points, self.closed)
         numbers = np.arange(len(ring))
         if self.joined == "straight" or len(ring) < 3:
-            return _interpolate(parameters, numbers, ring)
+            return interpolated(parameters, numbers, ring)
         from scipy.interpolate import CubicSpline
 
         ends = "periodic" if self.closed else "clamped"
@@ -202,10 +202,6 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
             along = np.minimum(along, count - along)
         meets[part] = (np.isfinite(distance) & (along > NEIGHBOUR_STEPS)).any(1)
     return meets
-
-
-def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.float64]:
-    return np.column_stack([np.interp(at, knots, column) for column in points.T])
 
 
 # The types of graphic that are lines, and what joins their points.
