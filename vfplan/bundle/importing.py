@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.bundle.content import max_size, rows_by_path
 from vfplan.bundle.leak import (
-    Across,
+    across,
     joined_corners,
     largest_cover,
     open_edges,
@@ -358,8 +358,7 @@ def joined_and_turned(
 
 def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[Finding]:
     """`cloud-in-pieces`, where a proxy that keeps `reach` [m] from points passes between pieces."""
-    content = {"/points": points, "/rendering/ignore_axis": axis}
-    pieces, widest = pieces_of(Across(content)[:], 2 * reach)
+    pieces, widest = pieces_of(across(points, axis), 2 * reach)
     if pieces == 1:
         return []
     text = (
@@ -391,9 +390,8 @@ def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(
             f"The spacing is {spacing} m. Give a number above 0.",
-            code="spacing-out-of-range",
-            numbers={"spacing_m": spacing},
-        )
+            code="spacing-out-of-range", numbers={"spacing_m": spacing},
+        )  # fmt: skip
     one, two, three = np.moveaxis(corners, 1, 0)
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
     # No triangle without a longer side has more area than one with three sides of that length.
@@ -406,9 +404,8 @@ def too_many_samples(spacing: float) -> SceneError:
     return SceneError(
         f"A spacing of {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
         "triangles. Give a larger --spacing.",
-        code="spacing-too-fine",
-        numbers={"spacing_m": spacing},
-    )
+        code="spacing-too-fine", numbers={"spacing_m": spacing},
+    )  # fmt: skip
 
 
 # --- Mesh files ---------------------------------------------------------------------------------

@@ -126,16 +126,14 @@ class Seal:
             "key_id": self.key_id.hex() if self.key_id else None,
             "sha256": self.sha256.hex(),
         }
-        if self.case:
-            data["case"] = self.case
-        if self.robot_serial:
-            data["robot_serial"] = self.robot_serial
-        if self.signed_at is not None:
-            moment = datetime.fromtimestamp(self.signed_at, UTC)
-            data["signed_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-        if self.despite_findings:
-            data["despite_findings"] = True
-        return data
+        moment = datetime.fromtimestamp(self.signed_at or 0, UTC)
+        stated = {
+            "case": self.case,
+            "robot_serial": self.robot_serial,
+            "signed_utc": moment.strftime("%Y-%m-%dT%H:%M:%SZ") if self.signed_at else "",
+            "despite_findings": self.despite_findings,
+        }
+        return data | {name: value for name, value in stated.items() if value}
 
 
 # --- Bytes --------------------------------------------------------------------------------------
@@ -153,9 +151,8 @@ def seal_length(case: str = "", robot_serial: str = "") -> int:
     max_bytes = LENGTHS[-1] - HEAD.size - TAIL.size
     raise SettingError(
         f"Case and serial have {text_bytes} bytes. Give at most {max_bytes}.",
-        code="seal-texts-too-long",
-        numbers={"bytes": text_bytes, "max_bytes": max_bytes},
-    )
+        code="seal-texts-too-long", numbers={"bytes": text_bytes, "max_bytes": max_bytes},
+    )  # fmt: skip
 
 
 def with_end_of_file(payload: bytes, length: int) -> bytes:
@@ -356,9 +353,8 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
         raise OutputError(
             f"exists already, and may be the public half of a private key other than "
             f"{private_path.name}. Give the new key another name",
-            where=str(public_path),
-            code="public-key-exists",
-        )
+            where=str(public_path), code="public-key-exists",
+        )  # fmt: skip
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM,
@@ -524,9 +520,8 @@ def sign(
         raise CheckFailed(
             f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
             "it for its own case, or plan the other one.",
-            where=str(source),
-            code="case-other",
-        )
+            where=str(source), code="case-other",
+        )  # fmt: skip
     case = case or fixture.case or ""
     if not despite_findings:
         check_is_approved(fixture, str(source))
@@ -564,10 +559,9 @@ def check_is_approved(fixture: Fixture, where: str) -> None:
         raise CheckFailed(
             f"{subject} not answered: {', '.join(sorted(set(codes)))}. "
             f"Answer {'it' if is_one else 'them'}: {how}.",
-            where=where,
-            code="findings-unanswered",
+            where=where, code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},
-        )
+        )  # fmt: skip
     if fixture.reviewed is None:
         raise CheckFailed(
             f"Nobody has reviewed it. Review it: {how}.", where=where, code="not-reviewed"

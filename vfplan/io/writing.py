@@ -168,10 +168,9 @@ def not_written(path: Path | None, error: OSError) -> OutputError:
     """The error of an output that the system does not let write."""
     return OutputError(
         f"cannot be written: {error.strerror or error}. Check the folder and its free space",
-        where=None if path is None else str(path),
-        code="output-not-written",
+        where=None if path is None else str(path), code="output-not-written",
         numbers={"errno": error.errno},
-    )
+    )  # fmt: skip
 
 
 def put_back(target: Path, old: Path | None) -> None:

@@ -229,7 +229,6 @@ def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
 def library(name: str) -> ModuleType | Any:
     """A module of rosbags or mcap; raises `MissingExtra` without it."""
     package = name.partition(".")[0]
-    extra = {"rosbags": "ros", "mcap": "live"}[package]
-    what = {"rosbags": "ROS bags need", "mcap": "MCAP needs"}[package]
+    extra, what = {"rosbags": ("ros", "ROS bags need"), "mcap": ("live", "MCAP needs")}[package]
     with requires_extra(f"{what} the package {package}", extra):
         return importlib.import_module(name)

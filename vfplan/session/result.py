@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Iterator, Sequence
@@ -181,9 +182,8 @@ def check_values(block: TickBlock, first: int, last_time: float) -> None:
             raise InputError(
                 f"{name} of tick {first + bad} is {rows[bad].tolist()}, and only {allowed} "
                 "can be. Replay the session again",
-                code="value-invalid",
-                numbers={"tick": first + bad},
-            )
+                code="value-invalid", numbers={"tick": first + bad},
+            )  # fmt: skip
     increases = np.diff(block.time, prepend=last_time) > 0
     if not increases.all():
         tick = first + int(np.argmin(increases))
@@ -350,7 +350,7 @@ class CsvWriter(WholeFileWriter):
         self._file.write("".join(lines).encode("ascii"))
 
 
-class FailureTolerantFile:
+class FailureTolerantFile(io.RawIOBase):
     """A file for libhdf5, which crashes when a write fails while it closes a file.
 
     From the first failed write on, what is written stays in memory, so that libhdf5 can come to
@@ -400,21 +400,9 @@ class FailureTolerantFile:
         self._position += len(view)
         return len(view)
 
-    def read(self, size: int) -> bytes:
-        """Read at the position, as for any file."""
-        data = bytearray(size)
-        self.readinto(memoryview(data))
-        return bytes(data)
-
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, from the beginning or from the end."""
-        if whence == os.SEEK_END:
-            offset += self._size
-        self._position = offset
-        return self._position
-
-    def tell(self) -> int:
-        """The position."""
+        """Move the position, from the beginning, from where it is or from the end."""
+        self._position = offset + (0, self._position, self._size)[whence]
         return self._position
 
     def truncate(self, size: int) -> int:
@@ -426,6 +414,3 @@ class FailureTolerantFile:
                 self._failure = error
         self._size = size
         return size
-
-    def flush(self) -> None:
-        """Nothing waits to be written."""

@@ -347,10 +347,8 @@ def in_order(
             f"time does not increase: {first[1]!r} s at sample {first[0]} follows {first[2]!r} s. "
             f"Give each sample a later time than the one before, or --skip-unordered to leave "
             f"{doubled} of {count} samples out",
-            where=where,
-            code="time-not-increasing",
-            numbers={"sample": first[0]},
-        )
+            where=where, code="time-not-increasing", numbers={"sample": first[0]},
+        )  # fmt: skip
 
 
 def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
@@ -382,10 +380,8 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
                 f"time does not increase: {float(with_last[k + 1])!r} s at sample {count + k} "
                 f"follows {float(with_last[k])!r} s. Give each sample a later time than the one "
                 "before",
-                where=where,
-                code="time-not-increasing",
-                numbers={"sample": count + k},
-            )
+                where=where, code="time-not-increasing", numbers={"sample": count + k},
+            )  # fmt: skip
         count += len(time)
         last_time = time[-1]
         yield time, hip

@@ -75,9 +75,8 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
         raise CurveError(
             f"the structure is thinner than the grid of {1e3 * step:.2g} mm, about "
             f"{1e3 * inner:.2g} mm, and would vanish. Give a smaller --tolerance.",
-            code="structure-thin",
-            numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
-        )
+            code="structure-thin", numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
+        )  # fmt: skip
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
     nodes = nodes.astype(np.float64)
     places, in_plane, triangles = snapped(nodes, triangles, axes)
@@ -107,9 +106,8 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
         raise SettingError(
             f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure; at most "
             f"{MAX_NODES:.3g} are taken. Give a larger --tolerance.",
-            code="surface-too-fine",
-            numbers={"nodes": nodes, "nodes_max": MAX_NODES},
-        )
+            code="surface-too-fine", numbers={"nodes": nodes, "nodes_max": MAX_NODES},
+        )  # fmt: skip
     gaps = zip(places, places[1:], pieces, strict=False)
     cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
     z = np.concatenate([*cuts, places[-1:]])

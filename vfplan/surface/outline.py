@@ -348,13 +348,8 @@ class Stack:
             weights = np.zeros((len(z), 4))
             weights[:, 1] = value_first
             weights[:, 2] = value_last
-            for column in range(4):
-                for share, at in ((slope_first, first), (slope_last, first + 1)):
-                    step = four[:, column] - at
-                    is_close = np.abs(step) <= 2
-                    weights[is_close, column] += (share * gap)[is_close] * slopes[
-                        at[is_close], step[is_close] + 2
-                    ]
+            weights += (slope_first * gap)[:, None] * slopes[first, 1:]
+            weights += (slope_last * gap)[:, None] * slopes[first + 1, :-1]
             return weights
 
         # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
@@ -547,9 +542,8 @@ def runs_of_slices(
     if len(outlines) < 2:
         raise CurveError(
             f"{len(outlines)} slice shows the structure. Give two at least.",
-            code="slices-too-few",
-            numbers={"slices": len(outlines), "slices_min": 2},
-        )
+            code="slices-too-few", numbers={"slices": len(outlines), "slices_min": 2},
+        )  # fmt: skip
     usual = float(np.median(np.diff([outline.z for outline in outlines])))
     for before, after in pairwise(outlines):
         gap = after.z - before.z
@@ -557,9 +551,8 @@ def runs_of_slices(
             raise CurveError(
                 f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
                 f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
-                code="slices-doubled",
-                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )
+                code="slices-doubled", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )  # fmt: skip
     widest = max_gap_m or WIDEST * usual
     runs = [[outlines[0]]]
     for before, after in pairwise(outlines):
@@ -572,9 +565,8 @@ def runs_of_slices(
                 f"slices are missing: {slice_name(normal, before.z)} and the next, at "
                 f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
                 "Add them, or give a larger --max-spacing to interpolate across.",
-                code="slices-missing",
-                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )
+                code="slices-missing", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )  # fmt: skip
         runs[-1].append(after)
     for run in runs:
         if len(run) < 2:

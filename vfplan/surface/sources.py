@@ -160,9 +160,8 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
             f"structure {chosen.number} has no closed contour and {others} that are open or single "
             "points. Choose another with --structure, draw its outlines, or take an open one as a "
             "curve: vfplan extract SLICE --curve FILE.",
-            code="structure-empty",
-            numbers={"structure": chosen.number, "others": others},
-        )
+            code="structure-empty", numbers={"structure": chosen.number, "others": others},
+        )  # fmt: skip
     kinds = ((others, "open or single points", "Close"), (broken, "closed, of two points", "Draw"))
     remarks = tuple(
         f"{number} contours are {kind} and are left out. {verb} them if they are outlines."
@@ -230,9 +229,8 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     if not rings:
         raise InputError(
             f"segment {chosen.number} has no pixels. Choose another with --structure.",
-            code="structure-empty",
-            numbers={"structure": chosen.number},
-        )
+            code="structure-empty", numbers={"structure": chosen.number},
+        )  # fmt: skip
 
     heights = corners @ normal
     is_empty = np.abs(heights[sorted(drawn)] - heights[:, None]).min(axis=1) > SAME_M
@@ -256,9 +254,8 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
         raise InputError(
             f"says that it has {count} frames of {rows} x {columns}; {MAX_TEXT_BYTES} pixels are "
             "allowed in all. Export a part of it.",
-            code="volume-too-large",
-            numbers={"frames": count, "rows": rows, "columns": columns},
-        )
+            code="volume-too-large", numbers={"frames": count, "rows": rows, "columns": columns},
+        )  # fmt: skip
     corners, all_axes = map(
         np.array, zip(*(frame_place(dataset, k) for k in range(count)), strict=True)
     )

@@ -174,9 +174,8 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     if not rings:
         raise CurveError(
             f"structure {chosen.number} has no voxels. Choose another with --structure.",
-            code="structure-empty",
-            numbers={"structure": chosen.number},
-        )
+            code="structure-empty", numbers={"structure": chosen.number},
+        )  # fmt: skip
     return Contours(
         tuple(rings), structures, chosen.number, {},
         normal=normal / np.linalg.norm(normal),
@@ -300,9 +299,8 @@ def read_nrrd(data: bytes) -> LabelVolume:
     if len(voxels) != size:
         raise InputError(
             f"holds {len(voxels)} bytes of voxels, and its header says {size}. Export it again.",
-            code="volume-unreadable",
-            numbers={"bytes": len(voxels), "bytes_wanted": size},
-        )
+            code="volume-unreadable", numbers={"bytes": len(voxels), "bytes_wanted": size},
+        )  # fmt: skip
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
     places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
@@ -316,9 +314,8 @@ def require_size(size: int, file_bytes: int) -> None:
         raise InputError(
             f"says that it holds {size} bytes of voxels; {largest} are allowed in a file of its "
             "length. Export a part of it, packed by gzip.",
-            code="volume-too-large",
-            numbers={"bytes": size, "bytes_max": largest},
-        )
+            code="volume-too-large", numbers={"bytes": size, "bytes_max": largest},
+        )  # fmt: skip
     raise_limits(BYTES_PER_VOXEL * size, size // VOXELS_PER_SECOND)
 
 
@@ -473,9 +470,8 @@ def nifti_place(image: Any) -> NDArray:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
                 f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
-                code="volume-places-differ",
-                numbers={"distance_mm": 1e3 * distance},
-            )
+                code="volume-places-differ", numbers={"distance_mm": 1e3 * distance},
+            )  # fmt: skip
     T_lps_voxel = np.array(sform if sform_code else qform, dtype=float)
     T_lps_voxel[:3] *= np.array([-metres, -metres, metres])[:, None]
     return checked_place(T_lps_voxel)
