@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,11 +46,11 @@ def export(
     """
     suffix = suffix_of(path)
     make, _ = FORMS[suffix]
-    if suffix.endswith(".dcm"):
-        make = partial(make, study=study)
-    elif study is not None:
+    is_dicom = suffix.endswith(".dcm")
+    if study is not None and not is_dicom:
         raise SettingError("Only .dcm is of a study. Leave --study out.", code="study-unused")
-    write_whole(Path(path), [make(fixture)], overwrite=overwrite)
+    data = make(fixture, study) if is_dicom else make(fixture)
+    write_whole(Path(path), [data], overwrite=overwrite)
 
 
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")

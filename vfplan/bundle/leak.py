@@ -52,10 +52,8 @@ def certificate(content: Content) -> Content:
         place = corners[row]
     else:
         place = corners[rows].mean(axis=0)
-    if kind == "mesh":
-        rim_edges = open_edges(content["/mesh/triangles"])
-        if rim_edges > 0:
-            leak["/leak@open_edges"] = rim_edges
+    if kind == "mesh" and (count := open_edges(content["/mesh/triangles"])):
+        leak["/leak@open_edges"] = count
     if kind == "curve":
         leak |= open_ends(content)
     leak["/leak@largest_m"] = float(largest)
