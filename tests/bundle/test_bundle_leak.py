@@ -132,14 +132,15 @@ def test_a_shape_that_names_what_is_not_there_has_no_certificate(shape):
 @pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
 def test_the_pieces_of_a_cloud_are_those_of_a_full_search(make, monkeypatch):
     for points, draw in clouds(make, 15, 40, 2, monkeypatch):
-        reach = float(np.quantile(distances(points).min(axis=1), draw.uniform(0.3, 1))) or 0.1
+        apart = distances(points)
+        reach = float(np.quantile(apart.min(axis=1), draw.uniform(0.3, 1))) or 0.1
         waiting, pieces = set(range(len(points))), []
         while waiting:
             piece, edge = set(), {waiting.pop()}
             while edge:
                 piece |= edge
                 waiting -= edge
-                near = (distances(points)[sorted(edge)] <= reach).any(axis=0)
+                near = (apart[sorted(edge)] <= reach).any(axis=0)
                 edge = waiting & set(np.flatnonzero(near).tolist())
             pieces.append(sorted(piece))
         assert leak.pieces_of(points, reach)[0] == len(pieces)
