@@ -80,7 +80,7 @@ def table(data, columns=("a",)):
 def npy(array, cut=0):
     file = io.BytesIO()
     np.save(file, array)
-    return _NpzMember(io.BytesIO(file.getvalue()[: len(file.getvalue()) - cut]), "hip", "s.npz")
+    return _NpzMember(io.BytesIO(file.getvalue()[: len(file.getvalue()) - cut]), "hip")
 
 
 def mended(points, closed=False):
@@ -234,7 +234,7 @@ CALLS = {
     "topic-empty": lambda d: vfplan.read_session(
         empty_bag(d / "bag"), ros=bags.RosOptions(topic="/pose")),
     "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
-    "group-missing": lambda d: list(stored_ticks(stored_result(d).open("rb"), "r.h5", "no")),
+    "group-missing": lambda d: list(stored_ticks(stored_result(d).open("rb"), "no")),
     "result-empty": lambda d: read_result(stored_result(d)),
     "order-wrong": lambda d: npy(np.asfortranarray(np.ones((3, 3)))),
     "file-cut": lambda d: npy(np.ones((3, 3)), cut=8).read_numbers(9),
@@ -248,7 +248,7 @@ CALLS = {
     "folder-is-a-file": lambda d: refuse_folder(written(d / "f", "")),
     "output-is-a-directory": lambda d: refuse_place(d),
     # Outlines, label maps, surfaces.
-    "outline-empty": lambda d: outline.polygon_of(np.zeros((2, 2)), "f"),
+    "outline-empty": lambda d: outline.polygon_of(np.zeros((2, 2))),
     "structure-none": lambda d: outline.choose_structure((), None),
     "surface-too-fine": lambda d: mesh.grid_axes(
         as_is(outlines=[as_is(rings=[RING])], z=np.array([0.0, 1.0])), 1e-2, False),

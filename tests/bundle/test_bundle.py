@@ -34,7 +34,10 @@ def test_h5py_reads_the_same_values(name):
     assert damage.equal(values, damage.by_h5py(data, values))
 
 
-@pytest.mark.parametrize("make", [bundles.minimal, bundles.whole])
+MAKE = (bundles.minimal, bundles.whole, bundles.drawn, bundles.doubtful, bundles.reviewed)
+
+
+@pytest.mark.parametrize("make", MAKE)
 def test_the_same_fixture_is_read_bit_for_bit_and_gives_the_same_bytes(make, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     bundles.same(vfplan.read_fixture(tmp_path / "a.h5"), make())
@@ -107,8 +110,6 @@ WRONG = {
     "unknown frame": lambda f: replace(f, frame="world"),
     "a triangle of no points": lambda f: replace(f, curve=None, mesh=np.int32([[0, 1, 70]])),
     "a time of no form": part("provenance", created_utc="now"),
-    "a setting that is a list": part("provenance", settings={"a": [1]}),
-    "a setting of 401 digits": part("provenance", settings={"a": 10**400}),
     "a setting of 5001 digits": part("provenance", settings={"a": -(10**5000)}),
     "NUL": lambda f: part("registration", labels=("x1\0", *f.registration.labels[1:]))(f),
     "a name with a blank": part("provenance", settings={"a b": 1}),

@@ -200,14 +200,6 @@ def test_a_file_of_keys_holds_the_same_in_cpp(name, bundle_sweep, tmp_path):
     assert bundle_sweep("verify", SIGNED, keys, *DEMANDED) == wanted
 
 
-def test_a_forged_signature_does_not_hold_in_cpp_either(bundle_sweep, tmp_path):
-    signed = SIGNED.read_bytes()
-    at = len(signed) - damage.SEAL + 72
-    forged = damage.resealed(signed[:at] + bytes(64) + signed[at + 64 :], damaged_seal=True)
-    (tmp_path / "a.h5").write_bytes(forged)
-    assert bundle_sweep("verify", tmp_path / "a.h5", KEYS, *DEMANDED) == "signature.wrong"
-
-
 def test_no_byte_of_a_signed_bundle_can_be_changed(bundle_sweep):
     """Neither as it is nor with all digests made anew."""
     found = bundle_sweep("forgeries", SIGNED, KEYS)
@@ -215,30 +207,3 @@ def test_no_byte_of_a_signed_bundle_can_be_changed(bundle_sweep):
     assert set(found[0::2]) == {"."}
     assert set(found[1::2]) == {".", "="}
     assert found.count("=") == 32  # the seal's own digest, which is then the right one again
-
-
-@pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])
-def test_a_flipped_bit_is_refused_by_the_seal_and_crashes_nothing(name, step, bundle_sweep, write):
-    """What is read of those under a good seal, the Python tests compare with h5py."""
-    path = write(name)
-    assert set(bundle_sweep("flips", path, 0, step)) == {"."}
-    assert "." in bundle_sweep("flips", path, 0, step, "reseal")
-
-
-def test_every_prefix_is_refused_also_under_a_seal_of_its_own(bundle_sweep, write):
-    path = write("whole")
-    assert set(bundle_sweep("prefixes", path, 0, 1)) == {"."}
-    length = len(path.read_bytes()) - damage.SEAL
-    found = bundle_sweep("prefixes", path, 0, 1, "reseal")
-    assert set(found[: length - 7] + found[length + 1 :]) == {"."}
-    assert found[length] == "="
-
-
-def test_both_readers_judge_every_resealed_flip_alike(bundle_sweep, write):
-    path = write("small")
-    data = path.read_bytes()
-    wanted = read_bundle(data)[0]
-    ours = "".join(
-        damage.verdict(damage.flipped(data, i, True), wanted) for i in range(0, len(data), 7)
-    )
-    assert ours == bundle_sweep("flips", path, 0, 7, "reseal")

@@ -15,27 +15,15 @@ from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import keygen, sign
 from vfplan.bundle.validation import describe, validate
 from vfplan.errors import BundleError, CheckFailed, InputError, SettingError
-from vfplan.findings import doubt, note
+from vfplan.findings import doubt
 from vfplan.fixture import Review
 from vfplan.io.files import to_json_types
-
-MAKE = {
-    "findings": bundles.doubtful,
-    "review": bundles.reviewed,
-    "notes alone": lambda: replace(bundles.whole(), findings=(note("seen", "plan", "Nothing."),)),
-}
 
 
 @pytest.fixture
 def key(tmp_path):
     keygen(tmp_path / "key")
     return tmp_path / "key"
-
-
-@pytest.mark.parametrize("make", MAKE.values(), ids=MAKE)
-def test_findings_and_review_are_read_as_they_were_written(make, tmp_path):
-    vfplan.write_fixture(make(), tmp_path / "a.h5")
-    bundles.same(vfplan.read_fixture(tmp_path / "a.h5"), make())
 
 
 def test_a_fixture_without_findings_has_no_group_for_them(tmp_path):

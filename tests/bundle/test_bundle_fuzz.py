@@ -1,12 +1,10 @@
 """The fuzz target, for a bounded time: nothing but `BundleError` may come out of the reader."""
 
-import random
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import damage
 import fuzz_bundle
 import hostile
 import pytest
@@ -16,26 +14,12 @@ import vfplan
 
 pytestmark = pytest.mark.slow
 
-RUNS = 200
-
 
 def test_the_mutator_knows_the_checksums():
     """Repairing a sound file changes nothing: every checksum computed here is libhdf5's own."""
     good = hostile.sound()
     assert len(list(fuzz_bundle.checked_spans(good))) > 20
     assert fuzz_bundle.repaired(good) == good
-
-
-def test_mutated_files_raise_bundle_errors_only():
-    good = hostile.sound()
-
-    def work():
-        seeds = (random.Random(1_000_000 + number) for number in range(RUNS))
-        return "".join(str(int(fuzz_bundle.attempt(fuzz_bundle.mutated(good, s)))) for s in seeds)
-
-    verdicts = damage.in_child(work)[0]
-    assert len(verdicts) == RUNS
-    assert set(verdicts) == {"0", "1"}  # some edits fall on bytes that mean nothing
 
 
 def test_the_fuzz_target_runs_under_atheris(tmp_path):

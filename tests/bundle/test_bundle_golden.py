@@ -85,8 +85,3 @@ def test_libhdf5_1_10_reads_the_archive_without_our_code(tmp_path):
         lines = output(program, path).splitlines()
         count = sum(line.startswith("@") for line in lines)
         assert [*lines[:count], *sorted(lines[count:])] == raw_sums(path)
-
-
-def test_h5dump_sees_the_data_in_front_of_the_seal():
-    program = need_program("h5dump", "hdf5-tools")
-    assert "(0): 1000, 1000, 800" in output(program, "-d", "/rendering/stiffness", SIGNED)

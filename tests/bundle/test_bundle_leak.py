@@ -23,10 +23,6 @@ CLOUDS = {
 }
 
 
-def across(points):
-    return leak.Across({"/points": np.ascontiguousarray(points)})
-
-
 def strokes_at_random(draw, points, strokes):
     more = draw.integers(0, strokes, points - strokes)
     return np.sort(np.append(np.arange(strokes), more)).astype(np.int32)
@@ -50,7 +46,7 @@ def clouds(make, seed, count, fewest, monkeypatch):
 @pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
 def test_the_loneliest_point_is_that_of_a_full_search(make, monkeypatch):
     for points, _ in clouds(make, 11, 40, 2, monkeypatch):
-        distance, row = leak.loneliest(across(points))
+        distance, row = leak.loneliest(points)
         nearest = distances(points).min(axis=1)
         assert distance == pytest.approx(nearest.max(), rel=1e-14)
         assert nearest[row] == pytest.approx(nearest.max(), rel=1e-14)
@@ -61,7 +57,7 @@ def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
     for points, draw in clouds(make, 12, 20, 40, monkeypatch):
         stroke = strokes_at_random(draw, len(points), int(draw.integers(2, 40)))
         ends = np.column_stack(leak.stroke_ends(stroke)).ravel()
-        found = leak.distance_to_other_strokes(across(points), stroke, ends)
+        found = leak.distance_to_other_strokes(points, stroke, ends)
         apart = distances(points)[ends]
         apart[stroke[ends][:, None] == stroke[None]] = np.inf
         assert found == pytest.approx(apart.min(axis=1), rel=1e-14)
@@ -136,14 +132,15 @@ def test_a_shape_that_names_what_is_not_there_has_no_certificate(shape):
 @pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
 def test_the_pieces_of_a_cloud_are_those_of_a_full_search(make, monkeypatch):
     for points, draw in clouds(make, 15, 40, 2, monkeypatch):
-        reach = float(np.quantile(distances(points).min(axis=1), draw.uniform(0.3, 1))) or 0.1
+        apart = distances(points)
+        reach = float(np.quantile(apart.min(axis=1), draw.uniform(0.3, 1))) or 0.1
         waiting, pieces = set(range(len(points))), []
         while waiting:
             piece, edge = set(), {waiting.pop()}
             while edge:
                 piece |= edge
                 waiting -= edge
-                near = (distances(points)[sorted(edge)] <= reach).any(axis=0)
+                near = (apart[sorted(edge)] <= reach).any(axis=0)
                 edge = waiting & set(np.flatnonzero(near).tolist())
             pieces.append(sorted(piece))
         assert leak.pieces_of(points, reach)[0] == len(pieces)

@@ -7,9 +7,7 @@ import json
 import re
 import sys
 
-import damage
 import fuzz_bundle
-import h5py
 import hostile
 import numpy as np
 import pytest
@@ -182,13 +180,6 @@ def test_the_second_reader_gives_the_same_verdict_of_mutants(second):
         except BundleError:
             wanted = None
         assert by_the_second(second, data) == wanted, number
-
-
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
-def test_h5py_reads_the_same_values(path):
-    values = read_bundle(path)[0]
-    with h5py.File(path):
-        assert damage.equal(values, damage.by_h5py(path.read_bytes(), values))
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)

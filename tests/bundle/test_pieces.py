@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bundles
-import numpy as np
 import pytest
 from conftest import ROOT
 
@@ -23,15 +22,6 @@ def planned(vfplan_cli, tmp_path_factory):
     path = tmp_path_factory.mktemp("planned") / "f.h5"
     run = vfplan_cli(*PLAN, "-o", path, *SPACING, "--arcs", 0.001, "--json").sound
     return path, run.json["register"]
-
-
-def test_pieces_come_back_to_the_bit(tmp_path):
-    path = tmp_path / "f.h5"
-    vfplan.write_fixture(bundles.drawn(), path)
-    back, pieces = vfplan.read_fixture(path).pieces, bundles.drawn().pieces
-    for name in ("vertices", "bulges", "stroke", "closed"):
-        assert np.array_equal(getattr(back, name), getattr(pieces, name)), name
-    assert back.error == pieces.error
 
 
 def test_plan_fits_pieces_within_what_was_asked(planned, vfplan_cli):

@@ -190,16 +190,6 @@ def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
     assert (tmp_path / "b").read_text() == "old b"
 
 
-def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
-    from vfplan.bundle.importing import import_cloud
-
-    path = tmp_path / "points.csv"
-    path.write_text("x,y,z\n")
-    os.truncate(path, 2**30)
-    with pytest.raises(InputError, match="longer than"):
-        import_cloud(path, units="m")
-
-
 def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypatch, tmp_path):
     """Not by the hidden name, whose removal fails as well."""
     read_only = failing(errno.EROFS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import random
@@ -23,7 +22,7 @@ import vfplan.io.sandbox
 import vfplan.session.read
 import vfplan.session.result
 from vfplan.errors import InputError, SessionError
-from vfplan.io.files import parse_decimal, stream_over
+from vfplan.io.files import parse_decimal
 from vfplan.io.sandbox import run_in_sandbox
 from vfplan.session.read import open_session, read_session
 from vfplan.session.result import ResultWriter, TickBlock, read_result
@@ -94,47 +93,6 @@ def test_no_flipped_bit_ends_or_stops_the_program(tmp_path, kind, monkeypatch):
     assert 0 < found < 300
 
 
-def many(folder, kind, first, count):
-    """In a process apart: read many spoiled copies there, and tell of each."""
-    for module in (vfplan.session.read, vfplan.session.result):
-        for name, work in (("apart", here), ("one", lambda *a, **k: next(here(*a, **k)))):
-            if hasattr(module, name):
-                setattr(module, name, work)
-    path, data = Path(folder) / "b.h5", (Path(folder) / "a.h5").read_bytes()
-    for k in range(first, first + count):
-        path.write_bytes(spoiled(data, random.Random(k)))
-        yield [k, refused(path, KINDS[kind][1])]
-
-
-def here(job, *args, file, **_):
-    module, _, name = job.partition(":")
-    return getattr(importlib.import_module(module), name)(stream_over(file.fileno(), file), *args)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("kind", KINDS)
-def test_none_of_many_flipped_bits_ends_or_stops_the_program(tmp_path, kind, monkeypatch):
-    """Hundreds to a process; what ended or stopped one is read again as the program does."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr(vfplan.io.sandbox, "_helper", None)  # one that knows this folder
-    monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)  # of 8, to save time
-    (make, read), path, total = KINDS[kind], tmp_path / "a.h5", 50_000
-    make(path)
-    data, job, k, found, ended = path.read_bytes(), f"{Path(__file__).stem}:many", 0, 0, 0
-    while k < total:
-        try:
-            some = min(500, total - k)
-            for last, bad in run_in_sandbox(
-                job, str(tmp_path), kind, k, some, where="", kind=SessionError
-            ):
-                k, found = last + 1, found + bad
-        except SessionError:
-            (tmp_path / "c.h5").write_bytes(spoiled(data, random.Random(k)))
-            k, found, ended = k + 1, found + refused(tmp_path / "c.h5", read), ended + 1
-    print(f"{total} spoiled {kind}s: {found} refused, {ended} ended or stopped their reader")
-    assert 0 < found < total
-
-
 def crash(*_):
     os.abort()
     yield
@@ -175,33 +133,6 @@ def test_what_a_number_is():
     for text in NO_NUMBERS:
         with pytest.raises(ValueError, match=r"no number|is missing|larger than"):
             parse_decimal(text)
-
-
-@pytest.mark.parametrize("field", [x for x in NO_NUMBERS if x not in ("1\n", "1,5", "nan", "inf")])
-def test_a_sample_that_is_no_number_is_named_by_row_and_column(tmp_path, field):
-    path = tmp_path / "s.csv"
-    many = "".join(f"{k},1,2,3\n" for k in range(1, 500))
-    path.write_text(f"{HEAD}{many}500,1,{field},3\n501,1,2,3\n", "utf-8")
-    code = "sample-not-finite" if field == "1e309" else "no-number"
-    with refuses(SessionError, code) as caught:
-        read_session(path)
-    if field != "1e309":
-        assert caught.value.where == "s.csv, line 502"
-
-
-def test_blank_fields_are_never_numbers(tmp_path):
-    """One lost sample in a long recording was once read as -1 m."""
-    rng, path = random.Random(5), tmp_path / "s.csv"
-    lines = [f"{k * 1e-3:.3f},0.1,0.2,0.3" for k in range(3000)]
-    for blank in ("", " ", "\t", "  "):
-        spoilt, at = list(lines), rng.randrange(1, 2999)
-        fields = spoilt[at].split(",")
-        fields[rng.randrange(1, 4)] = blank
-        spoilt[at] = ",".join(fields)
-        path.write_text("t,x,y,z\n" + "\n".join(spoilt))
-        with refuses(SessionError, "no-number") as caught:
-            read_session(path)
-        assert caught.value.where == f"s.csv, line {at + 2}"
 
 
 # --- Bombs -------------------------------------------------------------------------------------

@@ -153,12 +153,6 @@ def test_outlines_that_make_no_surface_are_refused(code, tmp_path):
     assert not numbers or refused.value.numbers == pytest.approx(numbers, abs=1e-6)
 
 
-def test_a_missing_slice_can_be_bridged(tmp_path):
-    path = struct(tmp_path, [(ring, z) for ring, z in rings() if z != 2])
-    made = surface(path, settings=SurfaceSettings(tolerance_m=1e-3, max_spacing_m=10e-3))
-    assert made.report["spacing_range_mm"] == pytest.approx([5, 10])
-
-
 def test_doubled_frames_are_refused(tmp_path):
     grid = bones.grid_round(BENT, GAP, pixel=1.0)
     flat = bones.Grid(grid.corner, grid.axes * [1, 1, 0], grid.size)
@@ -337,4 +331,4 @@ def test_a_structure_is_chosen_by_name_or_number(tmp_path):
 def test_without_shapely_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "shapely", None)
     with pytest.raises(MissingExtra, match=r"vfplan\[surface\]"):
-        outline_of([np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], 0.0, "outlines")
+        outline_of([np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], 0.0)

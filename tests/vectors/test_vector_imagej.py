@@ -167,13 +167,6 @@ def test_coordinates_of_a_table_count_from_where_is_said(tmp_path, text):
         read_vector_curve(path)
 
 
-def test_a_table_that_ends_where_it_begins_is_closed(tmp_path):
-    rows = "".join(f"{u},{v}\n" for u, v in [*SQUARE, SQUARE[0]])
-    curve = read_vector_curve(table(tmp_path, "X,Y\n" + rows), "corner")
-    assert curve.closed
-    assert len(curve.points) == 4
-
-
 @pytest.mark.parametrize(
     ("text", "told"),
     [

@@ -223,13 +223,12 @@ def content_of_findings(findings: tuple[Finding, ...]) -> Content:
         f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
         for name in FINDING_TEXTS
     }
-    for name, nowhere in (("place_px", (0.0, 0.0)), ("place_m", (0.0, 0.0, 0.0))):
+    for name, size in (("place_px", 2), ("place_m", 3)):
         places = [getattr(finding, name) for finding in findings]
-        has_place = np.array([place is not None for place in places], dtype="<u1")
-        if has_place.any():
-            rows = [place or nowhere for place in places]
-            content[f"/findings/has_{name}"] = has_place
-            content[f"/findings/{name}"] = np.array(rows, dtype="<f8")
+        if any(places):
+            has_place = [place is not None for place in places]
+            content[f"/findings/has_{name}"] = np.array(has_place, dtype="<u1")
+            content[f"/findings/{name}"] = np.array([p or size * (0.0,) for p in places], "<f8")
     if any(finding.answered_by is not None for finding in findings):
         for name in ("answered_by", "answered_utc"):
             answers = tuple(getattr(finding, name) or "" for finding in findings)
@@ -347,22 +346,16 @@ def from_content(content: Content) -> Fixture:
         spacing = parts["image"]["pixel_spacing_mm"]
         parts["image"]["pixel_spacing_mm"] = tuple(spacing.tolist())
     values = parts.pop("")
+    if "/rendering@robot" in content:
+        numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))
+        numbers["delay_ticks"] = round(numbers["delay_ticks"])
+        values["stability"] = StabilityVerdict(content["/rendering@robot"], **numbers)
     return Fixture(
         **values,
         **{name: PARTS[name](**part) for name, part in parts.items()},
         provenance=provenance_of(content),
-        stability=stability_of(content),
         findings=findings_of(content),
     )
-
-
-def stability_of(content: Content) -> StabilityVerdict | None:
-    """The verdict of the stability gate; `None` where there is none."""
-    if "/rendering@robot" not in content:
-        return None
-    numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))
-    numbers["delay_ticks"] = round(numbers["delay_ticks"])
-    return StabilityVerdict(content["/rendering@robot"], **numbers)
 
 
 def findings_of(content: Content) -> tuple[Finding, ...]:

@@ -199,12 +199,17 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
     columns += -columns % 8
     if columns * rows * slices > MAX_VOXELS:
         raise InputError("It takes too many voxels. Give a coarser slice.", code="too-many-voxels")
-    frames, numbers = [], []
+    # The frames are in the order of their places, as PS3.3 C.7.6.17 says it.
+    frames, per_frame = [], []
     for k in range(slices):
         mask = section(places - low, fixture.mesh, k, (rows, columns))
-        if mask.any():
-            frames.append(mask)
-            numbers.append(k)
+        if not mask.any():
+            continue
+        frames.append(mask)
+        place = 1e3 * (origin + axes @ (low + np.array([0, 0, k])))
+        position = item(ImagePositionPatient=[f"{x:.6f}" for x in place])
+        content = item(DimensionIndexValues=[len(frames)])
+        per_frame.append(item(PlanePositionSequence=[position], FrameContentSequence=[content]))
     if not frames:
         raise InputError("It lies between two slices. Write it as .stl.", code="between-slices")
     code = item(CodeValue="85756007", CodingSchemeDesignator="SCT", CodeMeaning="Tissue")
@@ -221,22 +226,12 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
         PixelMeasuresSequence=[measures],
         SegmentIdentificationSequence=[item(ReferencedSegmentNumber=1)],
     )
-    # The frames are in the order of their places, as PS3.3 C.7.6.17 says it.
     organization = item(DimensionOrganizationUID=generate_uid(entropy_srcs=["vfplan", "place"]))
     dimension = item(
         DimensionOrganizationUID=organization.DimensionOrganizationUID,
         DimensionIndexPointer=tag_for_keyword("ImagePositionPatient"),
         FunctionalGroupPointer=tag_for_keyword("PlanePositionSequence"),
     )
-    per_frame = []
-    for number, k in enumerate(numbers, start=1):
-        place = 1e3 * (origin + axes @ (low + np.array([0, 0, k])))
-        per_frame.append(
-            item(
-                PlanePositionSequence=[item(ImagePositionPatient=[f"{x:.6f}" for x in place])],
-                FrameContentSequence=[item(DimensionIndexValues=[number])],
-            )
-        )
     made = item(
         Modality="SEG", ImageType=["DERIVED", "PRIMARY"], SegmentationType="BINARY",
         SamplesPerPixel=1, PhotometricInterpretation="MONOCHROME2", Rows=rows, Columns=columns,

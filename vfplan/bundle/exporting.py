@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +46,11 @@ def export(
     """
     suffix = suffix_of(path)
     make, _ = FORMS[suffix]
-    if suffix.endswith(".dcm"):
-        make = partial(make, study=study)
-    elif study is not None:
+    is_dicom = suffix.endswith(".dcm")
+    if study is not None and not is_dicom:
         raise SettingError("Only .dcm is of a study. Leave --study out.", code="study-unused")
-    write_whole(Path(path), [make(fixture)], overwrite=overwrite)
+    data = make(fixture, study) if is_dicom else make(fixture)
+    write_whole(Path(path), [data], overwrite=overwrite)
 
 
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
@@ -125,7 +123,7 @@ def stl(fixture: Fixture) -> bytes:
 def csv(fixture: Fixture) -> bytes:
     """The points, their deviations and strokes as a table with a header."""
     unit = unit_of(fixture)
-    names = [f"x_{unit}", f"y_{unit}", f"z_{unit}"]
+    names = [f"{axis}_{unit}" for axis in "xyz"]
     columns = fixture.points.T.tolist()
     if fixture.sigma is not None:
         names.append(f"sigma_{unit}")
@@ -147,31 +145,20 @@ def slicer_markups(fixture: Fixture) -> bytes:
         raise InputError(
             "A cloud without strokes cannot be written as .mrk.json. Write it as .ply."
         )
-    markups = [
-        slicer_markup(number, stroke.closed, *in_patient(fixture, stroke.points))
-        for number, stroke in enumerate(fixture.strokes)
-    ]
+    markups = []
+    for number, stroke in enumerate(fixture.strokes):
+        points, frame = in_patient(fixture, stroke.points)
+        control_points = [
+            {"id": str(i), "label": f"stroke{number}-{i}", "position": point,
+             "positionStatus": "defined"}
+            for i, point in enumerate((1000 * points).tolist(), start=1)
+        ]  # fmt: skip
+        markups.append({
+            "type": "ClosedCurve" if stroke.closed else "Curve",
+            "coordinateSystem": "LPS", "coordinateUnits": "mm",
+            "controlPoints": control_points, "description": f"frame {frame}",
+        })  # fmt: skip
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
-
-
-def slicer_markup(number: int, is_closed: bool, points: np.ndarray, frame: str) -> dict[str, Any]:
-    """A stroke as Slicer's markup."""
-    control_points = [
-        {
-            "id": str(i),
-            "label": f"stroke{number}-{i}",
-            "position": point,
-            "positionStatus": "defined",
-        }
-        for i, point in enumerate((1000 * points).tolist(), start=1)
-    ]
-    return {
-        "type": "ClosedCurve" if is_closed else "Curve",
-        "coordinateSystem": "LPS",
-        "coordinateUnits": "mm",
-        "controlPoints": control_points,
-        "description": f"frame {frame}",
-    }
 
 
 def dxf(fixture: Fixture) -> bytes:
@@ -188,17 +175,14 @@ def dxf(fixture: Fixture) -> bytes:
     for number, is_closed in enumerate(pieces.closed):
         in_stroke = pieces.stroke == number
         x, y, z = 1e3 * frame @ pieces.vertices[in_stroke].T
-        height = z.mean()
+        height = float(z.mean())
         rows += [(0, "POLYLINE"), (8, "0"), (66, 1), (70, int(is_closed)), (10, 0.0), (20, 0.0)]
-        rows += [(30, height), (210, axis[0]), (220, axis[1]), (230, axis[2])]
-        for x_mm, y_mm, bulge in zip(x, y, pieces.bulges[in_stroke], strict=True):
+        rows += [(30, height), *zip((210, 220, 230), axis.tolist(), strict=True)]
+        for x_mm, y_mm, bulge in np.column_stack((x, y, pieces.bulges[in_stroke])).tolist():
             rows += [(0, "VERTEX"), (8, "0"), (10, x_mm), (20, y_mm), (30, height), (42, bulge)]
         rows.append((0, "SEQEND"))
     rows += [(0, "ENDSEC"), (0, "EOF")]
-    texts = [
-        (code, repr(float(value)) if isinstance(value, float) else value) for code, value in rows
-    ]
-    return "".join(f"{code:3}\n{text}\n" for code, text in texts).encode()
+    return "".join(f"{code:3}\n{value}\n" for code, value in rows).encode()
 
 
 def arbitrary_axes(axis: Vector) -> Vector:

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import _core
-from vfplan.bundle.content import max_size, table
+from vfplan.bundle.content import max_size, rows_by_path
 from vfplan.bundle.leak import (
-    Across,
+    across,
     joined_corners,
     largest_cover,
     open_edges,
@@ -144,15 +144,16 @@ def import_cloud(
             f"R = contact radius + point radius is {radius} m. Give radii whose sum is above 0."
         )
     axis = check_axis(ignore_axis)
-    cloud, digest = read_cloud(Path(path), units)
-    if cloud.space and frame == "robot_base":
-        raise InputError(
-            f"The file says SPACE={cloud.space}, axes of the patient, and the frame was given as "
-            "robot_base. Leave --frame out, or remove SPACE= from the file's header.",
-            where=str(path), code="frames-differ",
-        )  # fmt: skip
-    numbers = cloud.points * SIGNS_OF_SPACE[cloud.space or "LPS"]
-    points = check_cloud(METRES[units] * numbers, str(path))
+    with naming_place(path):
+        cloud, digest = read_cloud(Path(path), units)
+        if cloud.space and frame == "robot_base":
+            raise InputError(
+                f"The file says SPACE={cloud.space}, axes of the patient, and the frame was given "
+                "as robot_base. Leave --frame out, or remove SPACE= from the file's header.",
+                code="frames-differ",
+            )
+        numbers = cloud.points * SIGNS_OF_SPACE[cloud.space or "LPS"]
+        points = check_cloud(METRES[units] * numbers)
     ignored = list(cloud.left_out)
     mesh = sample_radius = strokes = None
     findings: list[Finding] = []
@@ -221,29 +222,28 @@ def import_cloud(
     )
 
 
-def check_cloud(points: Points, where: str) -> Points:
+def check_cloud(points: Points) -> Points:
     """The points in one piece of memory; refuses a cloud that no bundle can hold."""
-    with naming_place(where):
-        if not 1 <= len(points) <= max_size("N"):
-            raise InputError(
-                f"It holds {len(points)} points, and a bundle 1 to {max_size('N')}. Give a file "
-                "with fewer of them, or with some."
-            )
-        is_finite = np.isfinite(points).all(axis=1)
-        if not is_finite.all():
-            raise InputError(
-                f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
-            )
-        limit_m = next(row.max_abs for row in table() if row.path == "/points")["m"]
-        is_near = (np.abs(points) <= limit_m).all(axis=1)
-        if not is_near.all():
-            k = int(is_near.argmin())
-            raise InputError(
-                f"Point {k} is at {points[k].tolist()} m, and a bundle reaches {limit_m} m. Check "
-                "--units, or move the points nearer to the origin of their frame.",
-                code="cloud-too-far",
-            )  # fmt: skip
-        return check_points(points)
+    if not 1 <= len(points) <= max_size("N"):
+        raise InputError(
+            f"It holds {len(points)} points, and a bundle 1 to {max_size('N')}. Give a file "
+            "with fewer of them, or with some."
+        )
+    is_finite = np.isfinite(points).all(axis=1)
+    if not is_finite.all():
+        raise InputError(
+            f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
+        )
+    limit_m = rows_by_path()["/points"].max_abs["m"]
+    is_near = (np.abs(points) <= limit_m).all(axis=1)
+    if not is_near.all():
+        k = int(is_near.argmin())
+        raise InputError(
+            f"Point {k} is at {points[k].tolist()} m, and a bundle reaches {limit_m} m. Check "
+            "--units, or move the points nearer to the origin of their frame.",
+            code="cloud-too-far",
+        )
+    return check_points(points)
 
 
 def short_text(text: str) -> str:
@@ -265,21 +265,19 @@ def sample_band(cover: float, radius: float) -> float:
 def read_cloud(path: Path, units: str) -> tuple[Mesh, str]:
     """What a file holds, and the SHA-256 of the very bytes it was read from."""
     suffix = path.suffix.lower()
-    where = str(path)
     if suffix not in SUFFIXES:
         raise InputError(
-            f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind.",
-            where=where,
+            f"The name ends in none of {', '.join(SUFFIXES)}. Give a file of such a kind."
         )
-    data, digest = read_bytes(path, {".csv": MAX_TEXT_BYTES}.get(suffix, 1 << 31))
+    data, digest = read_bytes(path, MAX_TEXT_BYTES if suffix == ".csv" else 1 << 31)
     if suffix == ".npy":
-        return read_npy(data, where), digest
+        return read_npy(data), digest
     if suffix == ".csv":
-        return read_csv(data, units, where), digest
-    return read_mesh(data, suffix, where), digest
+        return read_csv(data, units, str(path)), digest
+    return read_mesh(data, suffix), digest
 
 
-def read_npy(data: bytes, where: str) -> Mesh:
+def read_npy(data: bytes) -> Mesh:
     """The points of a NumPy file."""
     stream = io.BytesIO(data)
     try:
@@ -288,18 +286,14 @@ def read_npy(data: bytes, where: str) -> Mesh:
         points = np.lib.format.read_array(stream, allow_pickle=False)
     except (ValueError, EOFError, OverflowError, MemoryError) as error:
         raise InputError(
-            f"It is no .npy file of numbers: {error}. Save an array (N, 3) with numpy.save.",
-            where=where,
+            f"It is no .npy file of numbers: {error}. Save an array (N, 3) with numpy.save."
         ) from error
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise InputError(
-            f"It holds {points.dtype} of shape {points.shape}. Save numbers of shape (N, 3).",
-            where=where,
+            f"It holds {points.dtype} of shape {points.shape}. Save numbers of shape (N, 3)."
         )
     if stream.read(1):
-        raise InputError(
-            "It holds more bytes than its header says. Save the array once more.", where=where
-        )
+        raise InputError("It holds more bytes than its header says. Save the array once more.")
     return Mesh(points.astype(float))
 
 
@@ -311,9 +305,8 @@ def read_csv(data: bytes, units: str, where: str) -> Mesh:
         columns = named_columns(numbers, units)
     elif len(columns) < 3:
         raise InputError(
-            f"It has {len(columns)} columns. Give a table with x, y and z.",
-            where=where, code="column-missing",
-        )  # fmt: skip
+            f"It has {len(columns)} columns. Give a table with x, y and z.", code="column-missing"
+        )
     points = np.concatenate([np.empty((0, 3)), *numbers.blocks(columns)])
     return Mesh(points, left_out=tuple(name for name in numbers.columns if name not in columns))
 
@@ -365,9 +358,7 @@ def joined_and_turned(
 
 def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[Finding]:
     """`cloud-in-pieces`, where a proxy that keeps `reach` [m] from points passes between pieces."""
-    content = {"/points": points} if axis is None else {
-        "/points": points, "/rendering/ignore_axis": axis}  # fmt: skip
-    pieces, widest = pieces_of(Across(content)[:], 2 * reach)
+    pieces, widest = pieces_of(across(points, axis), 2 * reach)
     if pieces == 1:
         return []
     text = (
@@ -399,9 +390,8 @@ def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(
             f"The spacing is {spacing} m. Give a number above 0.",
-            code="spacing-out-of-range",
-            numbers={"spacing_m": spacing},
-        )
+            code="spacing-out-of-range", numbers={"spacing_m": spacing},
+        )  # fmt: skip
     one, two, three = np.moveaxis(corners, 1, 0)
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
     # No triangle without a longer side has more area than one with three sides of that length.
@@ -414,15 +404,14 @@ def too_many_samples(spacing: float) -> SceneError:
     return SceneError(
         f"A spacing of {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
         "triangles. Give a larger --spacing.",
-        code="spacing-too-fine",
-        numbers={"spacing_m": spacing},
-    )
+        code="spacing-too-fine", numbers={"spacing_m": spacing},
+    )  # fmt: skip
 
 
 # --- Mesh files ---------------------------------------------------------------------------------
 
 
-def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
+def read_mesh(data: bytes, suffix: str) -> Mesh:
     """The points and triangles of a file's bytes; `suffix` is ".ply", ".stl" or ".obj".
 
     Of STL every facet has three points of its own (`refined` makes them one).
@@ -435,16 +424,15 @@ def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
         reason = f"{error} is unknown or missing" if isinstance(error, KeyError) else error
         raise InputError(
             f"cannot be read as {suffix[1:].upper()}: {reason}. Export it once more, with "
-            "triangles alone.",
-            where=where,
+            "triangles alone."
         ) from error
     spaces = {name.decode("latin-1").upper() for name in SPACE.findall(header)}
     if len(spaces) > 1 or not spaces <= {*SIGNS_OF_SPACE}:
         said = " and ".join(f"SPACE={short_text(name)}" for name in sorted(spaces))
         raise InputError(
             f"The file says {said}. Save it from Slicer with LPS or RAS as its coordinate system.",
-            where=where, code="space-unknown",
-        )  # fmt: skip
+            code="space-unknown",
+        )
     return replace(mesh, space="".join(spaces))
 
 
@@ -552,7 +540,7 @@ def binary_tables(
     """The elements' properties, by the elements' names, of a binary file from byte `start` on."""
     tables = {}
     for element in elements:
-        row = binary_row(element, order, data[start : start + HEADER_BYTES])
+        row = row_type(element, order, data[start : start + HEADER_BYTES])
         size = element.count * row.itemsize
         if len(data) - start < size:
             raise ValueError(
@@ -567,7 +555,7 @@ def binary_tables(
     return tables
 
 
-def binary_row(element: Element, order: str, data: bytes) -> np.dtype:
+def row_type(element: Element, order: str, data: bytes) -> np.dtype:
     """The type of an element's rows; each list is as long as in the first row, where `data` begins.
 
     A list is two fields: its length, under "#" and its name, and its items.
@@ -599,12 +587,15 @@ def text_tables(data: bytes, start: int, elements: list[Element]) -> dict[str, C
     lines = lines_of(data, start)
     tables = {}
     for element in elements:
+        # Whatever the header says, the numbers of a text are float64.
+        kinds = [(name, "f8", length and "f8") for name, _, length in element.properties]
+        numbers = replace(element, properties=kinds)
         if element.count == 0:
-            table = np.empty(0, text_row(element, b""))
+            table = np.empty(0, row_type(numbers, "", b""))
         else:
             first = next(lines)
             rows = itertools.chain([first], itertools.islice(lines, element.count - 1))
-            row = text_row(element, first)
+            row = row_type(numbers, "", np.array(first.split(), dtype=float).tobytes())
             table = np.loadtxt(rows, row, comments=None, ndmin=1, encoding="latin-1")
         tables[element.name] = columns_of(table, element)
     return tables
@@ -613,24 +604,6 @@ def text_tables(data: bytes, start: int, elements: list[Element]) -> dict[str, C
 def lines_of(data: bytes, start: int) -> Iterator[bytes]:
     """The lines from byte `start` on that are not blank."""
     return (line for line in io.BytesIO(data[start:]) if line.strip())
-
-
-def text_row(element: Element, line: bytes) -> np.dtype:
-    """The type of an element's rows, all float64; each list is as long as in this first line."""
-    numbers = np.array(line.split(), dtype=float)
-    fields: list[tuple] = []
-    column = 0
-    for name, _, length_kind in element.properties:
-        if length_kind == "":
-            fields.append((name, "f8"))
-            column += 1
-            continue
-        length = int(numbers[column]) if column < len(numbers) else 0
-        if not 0 <= length <= len(numbers):
-            raise ValueError(f"{element.name!r} begins with a list of {length}")
-        fields += [("#" + name, "f8"), (name, "f8", (length,))]
-        column += 1 + length
-    return np.dtype(fields)
 
 
 def columns_of(table: NDArray, element: Element) -> Columns:

@@ -34,12 +34,11 @@ def certificate(content: Content) -> Content:
 
     What every reader computes again comes from the reader in C++ (vfplan/bundle/leak.hpp).
     """
-    points = Across(content)
-    corners = content["/points"]
+    corners, axis = content["/points"], content.get("/rendering/ignore_axis")
     radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
     kind, largest, limit, holds, rows = _core.certificate(
         corners,
-        points.axis,
+        axis,
         float(radius - content["/rendering@band_m"]),
         stroke=content.get("/curve/stroke"),
         closed=content.get("/curve/closed"),
@@ -49,16 +48,14 @@ def certificate(content: Content) -> Content:
     leak: Content = {"/leak@kind": kind}
     if kind == "cloud":
         # How the points of a bare cloud connect is not known, so there is no limit.
-        largest, row = loneliest(points)
+        largest, row = loneliest(across(corners, axis))
         place = corners[row]
     else:
         place = corners[rows].mean(axis=0)
-    if kind == "mesh":
-        rim_edges = open_edges(content["/mesh/triangles"])
-        if rim_edges > 0:
-            leak["/leak@open_edges"] = rim_edges
+    if kind == "mesh" and (count := open_edges(content["/mesh/triangles"])):
+        leak["/leak@open_edges"] = count
     if kind == "curve":
-        leak |= open_ends(content, points)
+        leak |= open_ends(content)
     leak["/leak@largest_m"] = float(largest)
     leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
     leak["/leak@certified"] = int(holds)
@@ -73,22 +70,9 @@ def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> 
     return _core.certificate(points, None, 0.0, triangles=rows)[1]
 
 
-class Across:
-    """A fixture's points without their part along the ignored axis, a block at a time."""
-
-    def __init__(self, content: Content) -> None:
-        self.points: NDArray[np.float64] = content["/points"]
-        self.axis: NDArray[np.float64] | None = content.get("/rendering/ignore_axis")
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def __getitem__(self, rows: Any) -> NDArray[np.float64]:
-        """(..., 3) positions [m] of these rows."""
-        chosen = self.points[rows]
-        if self.axis is None:
-            return chosen
-        return chosen - (chosen @ self.axis)[..., None] * self.axis
+def across(points: NDArray[np.float64], axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """(N, 3) points without their part along an ignored axis."""
+    return points if axis is None else points - (points @ axis)[:, None] * axis
 
 
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -274,7 +258,7 @@ def pieces_of(points: NDArray[np.float64], reach: float) -> tuple[int, float]:
     return len(counts), widest
 
 
-def loneliest(points: Across) -> tuple[float, int]:
+def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
     """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point.
 
     The tree's order puts neighbours beside each other, so a few steps along it bound each point's
@@ -282,7 +266,7 @@ def loneliest(points: Across) -> tuple[float, int]:
     """
     if len(points) == 1:
         return 0.0, 0
-    tree, _, rows = tree_of(points[:])
+    tree, _, rows = tree_of(points)
     best = (0.0, 0)
     for start in range(0, len(rows), BLOCK):
         block = rows[start : start + BLOCK]
@@ -349,7 +333,7 @@ def distance_bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(nearest)
 
 
-def open_ends(content: Content, points: Across) -> Content:
+def open_ends(content: Content) -> Content:
     """Open ends, and how far the farthest of them is from any other stroke."""
     stroke = content["/curve/stroke"]
     is_closed = content["/curve/closed"].astype(bool)
@@ -359,6 +343,7 @@ def open_ends(content: Content, points: Across) -> Content:
         return {}
     leak: Content = {"/leak/open_ends": np.ascontiguousarray(content["/points"][ends])}
     if len(is_closed) > 1:
+        points = across(content["/points"], content.get("/rendering/ignore_axis"))
         distance = distance_to_other_strokes(points, stroke, ends)
         farthest = int(np.argmax(distance))
         leak["/leak@between_m"] = float(distance[farthest])
@@ -367,10 +352,10 @@ def open_ends(content: Content, points: Across) -> Content:
 
 
 def distance_to_other_strokes(
-    points: Across, stroke: NDArray[np.int32], ends: NDArray[np.intp]
+    points: NDArray[np.float64], stroke: NDArray[np.int32], ends: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """(E,) distance [m] of each of these points to the nearest one of another stroke."""
-    tree, kept, _ = tree_of(points[:], stroke)
+    tree, kept, _ = tree_of(points, stroke)
     stroke_in_tree = stroke[kept]
     distance = np.full(len(ends), np.inf)
     waiting = np.arange(len(ends))

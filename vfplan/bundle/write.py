@@ -162,9 +162,8 @@ def unit_and_frame(row: Row, content: Content) -> dict[str, str]:
         "@frame": content.get("/@frame"),
         "@source_frame": content.get("/registration@source_frame"),
     }
-    unit = row.unit
-    if unit is not None:
-        for name, frame in own_frames.items():
-            unit = unit.replace(name, UNITS_OF_FRAME.get(frame, "?"))
+    unit = row.unit or ""
+    for name, frame in own_frames.items():
+        unit = unit.replace(name, UNITS_OF_FRAME.get(frame, "?"))
     texts = {"unit": unit, "frame": own_frames.get(row.frame, row.frame)}
-    return {name: text for name, text in texts.items() if text is not None}
+    return {name: text for name, text in texts.items() if text}

@@ -48,13 +48,18 @@ def length_of(points: NDArray, closed: bool) -> float:
     return float(step_lengths(ring_of(points, closed)).sum())
 
 
+def interpolated(wanted: NDArray, at: NDArray, places: NDArray) -> Array:
+    """(n, D) places at the wanted parameters (n,), on straight lines between places (m, D)."""
+    return np.column_stack([np.interp(wanted, at, column) for column in places.T])
+
+
 def evenly(points: NDArray, closed: bool) -> Array:
     """The line at equal steps of about one unit; its ends stay where they are."""
     ring = ring_of(points, closed)
     arc = arc_lengths(points, closed)
     count = max(4, round(arc[-1]))
     at = np.linspace(0.0, arc[-1], count + 1)
-    even = np.column_stack([np.interp(at, arc, column) for column in ring.T])
+    even = interpolated(at, arc, ring)
     if closed:
         return even[:-1]
     return even

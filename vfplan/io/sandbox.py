@@ -74,7 +74,8 @@ def run_in_sandbox(
         (float64, int8, uint8, uint16)
     args: its arguments, after the file; JSON values
     file: opened here, so that it is the very file whose digest is known; handed over as a stream
-    where, kind: place and class of the error when the reader crashed or exceeded a limit
+    where: place of an error that names none
+    kind: class of the error when the reader crashed or exceeded a limit
     Raises VfplanError: what the job raised, or one of `kind` when it did not come to its end
     """
     if not HAS_SANDBOX:
@@ -97,6 +98,7 @@ def run_in_sandbox(
                 error_class = getattr(errors, str(name), None)
                 if not (isinstance(error_class, type) and issubclass(error_class, VfplanError)):
                     error_class = InputError
+                details["where"] = details["where"] or where
                 raise error_class(str(message), **details)
             else:
                 return

@@ -99,12 +99,6 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
         file.writelines(parts)
 
 
-def require_same(read: object, written: object) -> None:
-    """Raise `OSError` where a file does not read back as it was written."""
-    if read != written:
-        raise OSError(errno.EIO, "it reads back otherwise than it was written")
-
-
 @contextmanager
 def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[BinaryIO]:
     """A file to fill: it gets its name when the block ends well, and is removed otherwise.
@@ -195,10 +189,9 @@ def not_written(path: Path | None, error: OSError) -> OutputError:
     """The error of an output that the system does not let write."""
     return OutputError(
         f"cannot be written: {error.strerror or error}. Check the folder and its free space",
-        where=None if path is None else str(path),
-        code="output-not-written",
+        where=None if path is None else str(path), code="output-not-written",
         numbers={"errno": error.errno},
-    )
+    )  # fmt: skip
 
 
 def put_back(target: Path, old: Path | None) -> None:

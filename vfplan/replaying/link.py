@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import arc_lengths, runs
+from vfplan.geometry.lines import arc_lengths, interpolated, runs
 from vfplan.replaying.clearance import row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Array, Largest, LongestRun, Session, interpolated
+from vfplan.session.session import Array, Largest, LongestRun, Session
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vfplan.errors import MissingExtra, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry import UNIT_ROUNDED
-from vfplan.io.files import opened_file
+from vfplan.io.files import naming_place, opened_file
 from vfplan.session.channels import Bag, library, mcap_reader, opened_bag
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples
 
@@ -124,16 +124,16 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     senders: dict[Sender, array[int]] = {}
     with opened_bag(path) as bag:
         is_cut = any(part.is_cut for part in bag.parts)
-        ros = replace(ros, topic=_choose_topic(bag, ros, path.name))
+        ros = replace(ros, topic=_choose_topic(bag, ros))
         for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
             if not k:
-                ros = replace(ros, field=_choose_field(message, ros, path.name))
+                ros = replace(ros, field=_choose_field(message, ros))
             senders.setdefault(sender, array("q")).extend(stamps)
             if k % BLOCK == BLOCK - 1:
                 yield []
     if not senders:
         message = f"topic {ros.topic!r} has no messages. Choose another"
-        raise SessionError(message, where=path.name, code="topic-empty")
+        raise SessionError(message, code="topic-empty")
     # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
     if ros.frame in FRAMES and all(sender.frame != ros.frame for sender in senders):
         ros = replace(ros, frame=None)
@@ -142,11 +142,11 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     stamped = all(header.min() > 0 for header, _ in chosen.values())
     if ros.time == "header" and not stamped:
         message = f"not every message of {ros.topic!r} has a time of its own. Give --time log"
-        raise SessionError(message, where=path.name, code="no-header-time")
+        raise SessionError(message, code="no-header-time")
     ros = replace(ros, time=ros.time or ("header" if stamped else "log"))
     column = int(ros.time == "log")
     spans = {s: (int(t[column].min()), int(t[column].max())) for s, t in chosen.items()}
-    _check_senders(ros.topic, senders, spans, path.name)
+    _check_senders(ros.topic, senders, spans)
 
     start = min(span[0] for span in spans.values())
     notes = {
@@ -178,7 +178,7 @@ def is_chosen(sender: Sender, ros: RosOptions) -> bool:
 
 
 def _check_senders(
-    topic: str | None, senders: dict[Sender, Any], spans: dict[Sender, tuple[int, int]], where: str
+    topic: str | None, senders: dict[Sender, Any], spans: dict[Sender, tuple[int, int]]
 ) -> None:
     """Refuse a topic whose chosen messages are not of one tool.
 
@@ -190,7 +190,7 @@ def _check_senders(
             f"no message of {topic!r} is of this sender and these frames. Choose one of "
             f"{'; '.join(map(str, senders))}"
         )
-        raise SessionError(message, where=where, code="frame-missing")
+        raise SessionError(message, code="frame-missing")
     ordered = sorted(chosen, key=spans.__getitem__)
     meet = any(
         one.number != two.number and spans[two][0] <= spans[one][1]
@@ -203,7 +203,7 @@ def _check_senders(
             f"{told}. Choose one with --sender {chosen[0].number}"
         )
         numbers = {"connections": len({sender.number for sender in chosen})}
-        raise SessionError(message, where=where, code="several-connections", numbers=numbers)
+        raise SessionError(message, code="several-connections", numbers=numbers)
     for name, values in (
         ("--frame", [sender.frame for sender in chosen]),
         ("--child-frame", [sender.child_frame for sender in chosen]),
@@ -213,7 +213,7 @@ def _check_senders(
                 f"the frame changes within topic {topic!r}: {told}. Choose one with {name} "
                 f"{shlex.quote(values[0])}"
             )
-            raise SessionError(message, where=where, code="frame-changes")
+            raise SessionError(message, code="frame-changes")
 
 
 def _messages(bag: Bag, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
@@ -249,9 +249,9 @@ def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[S
                 value = _value_at(message, ros.field or "")
             except AttributeError:
                 text = f"a message at {recorded} ns has no {ros.field!r}. Choose another field"
-                raise SessionError(text, where=path.name, code="field-missing") from None
+                raise SessionError(text, code="field-missing") from None
             name = (ros.field or "").rpartition(".")[2]
-            hips.append(tip_position(value, tip, factor, path.name, name, ros.row_major))
+            hips.append(tip_position(value, tip, factor, name, ros.row_major))
             if len(times) == BLOCK:
                 yield np.array(times), np.array(hips)
                 times, hips = [], []
@@ -260,9 +260,8 @@ def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[S
 
 
 def tip_position(
-    value: Any, tip: Array | None, factor: float, where: str, name: str = "",
-    row_major: bool = False,
-) -> Array:  # fmt: skip
+    value: Any, tip: Array | None, factor: float, name: str = "", row_major: bool = False
+) -> Array:
     """(3,) position of the tip [m] from a point, a pose, a transform or a 4 x 4 matrix.
 
     `factor` turns the message's lengths into metres; `tip` is in metres; `name` is the field's.
@@ -283,30 +282,30 @@ def tip_position(
                 f"16 numbers have the last row {matrix[3].tolist()}, read {form}-major, where a "
                 f"transform has 0, 0, 0, 1. Read it {other} --row-major, or choose another field"
             )
-            raise SessionError(message, where=where, code="not-a-transform")
+            raise SessionError(message, code="not-a-transform")
         position = matrix[:3, 3]
         rotation = matrix[:3, :3]
     elif hasattr(value, "position"):
-        position = _coordinates(value.position, where, "position")
+        position = _coordinates(value.position, "position")
         turn = getattr(value, "orientation", None)
     elif hasattr(value, "translation"):
-        position = _coordinates(value.translation, where, "translation")
+        position = _coordinates(value.translation, "translation")
         turn = getattr(value, "rotation", None)
     else:
-        position = _coordinates(value, where, name)
+        position = _coordinates(value, name)
     if tip is None:
         return position * factor
     if turn is not None:
-        rotation = _rotation_matrix(turn, where)
+        rotation = _rotation_matrix(turn)
     if rotation is None:
         message = (
             "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
         )
-        raise SettingError(message, where=where, code="tip-without-orientation")
+        raise SettingError(message, code="tip-without-orientation")
     return position * factor + rotation @ tip
 
 
-def _coordinates(value: Any, where: str, name: str) -> Array:
+def _coordinates(value: Any, name: str) -> Array:
     """(3,) the numbers of a place; what only looks like one is refused by its name."""
     kind = _type_name(value)
     meaning = NO_PLACES.get(kind) if name not in PLACE_FIELDS else None
@@ -316,14 +315,14 @@ def _coordinates(value: Any, where: str, name: str) -> Array:
         return np.array([value.x, value.y, value.z], float)
     what = f", {meaning}," if meaning else ""
     message = f"{name or 'the message'} is {kind}{what} and no position. Choose another field"
-    raise SessionError(message, where=where, code="no-position")
+    raise SessionError(message, code="no-position")
 
 
 def _type_name(value: Any) -> str:
     return getattr(value, "__msgtype__", type(value).__name__).rpartition("/")[2]
 
 
-def _rotation_matrix(quaternion: Any, where: str) -> Array:
+def _rotation_matrix(quaternion: Any) -> Array:
     """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
     from scipy.spatial.transform import Rotation
 
@@ -334,7 +333,7 @@ def _rotation_matrix(quaternion: Any, where: str) -> Array:
             f"a quaternion has length {length:.6g}. Record it with length 1, or leave --tool-tip "
             "out"
         )
-        raise SessionError(message, where=where, code="quaternion-not-unit")
+        raise SessionError(message, code="quaternion-not-unit")
     return Rotation.from_quat(xyzw).as_matrix()
 
 
@@ -347,7 +346,7 @@ def _value_at(message: Any, field: str) -> Any:
     return message
 
 
-def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
+def _choose_field(message: Any, ros: RosOptions) -> str:
     """The field that holds a position: the one that is named, or the first of `FIELDS`.
 
     Raises SessionError: why the first field that might hold one does not
@@ -363,7 +362,7 @@ def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
             name = f"{name}.pose"
             value = value.pose
         try:
-            tip_position(value, None, 1.0, where, name.rpartition(".")[2], ros.row_major)
+            tip_position(value, None, 1.0, name.rpartition(".")[2], ros.row_major)
             return name
         except SessionError as error:
             reason = reason or (error if name else None)
@@ -373,16 +372,16 @@ def _choose_field(message: Any, ros: RosOptions, where: str) -> str:
         text = (
             f"{_type_name(message)} holds {len(message.poses)} poses. Choose one: --field poses.0"
         )
-        raise SessionError(text, where=where, code="several-poses")
+        raise SessionError(text, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
     text = (
         f"{_type_name(message)} holds no position: no field {ros.field or ''!r} is a point, a pose,"
         f" a transform or 16 numbers. Choose one of {present}"
     )
-    raise SessionError(text, where=where, code="field-missing")
+    raise SessionError(text, code="field-missing")
 
 
-def _choose_topic(bag: Bag, ros: RosOptions, where: str) -> str:
+def _choose_topic(bag: Bag, ros: RosOptions) -> str:
     """The topic that is named, or the only one whose first message holds a position."""
     present = bag.topics
     if ros.topic in present:
@@ -391,7 +390,7 @@ def _choose_topic(bag: Bag, ros: RosOptions, where: str) -> str:
     for topic in present if ros.topic is None else ():
         try:
             for *_, message in _messages(bag, replace(ros, topic=topic)):
-                _choose_field(message, ros, where)
+                _choose_field(message, ros)
                 topics.append(topic)
                 break
         except SessionError as error:
@@ -405,14 +404,14 @@ def _choose_topic(bag: Bag, ros: RosOptions, where: str) -> str:
         return topics[0]
     if topics:
         message = f"several topics hold positions: {', '.join(topics)}. Choose one with --topic"
-        raise SessionError(message, where=where, code="several-topics")
+        raise SessionError(message, code="several-topics")
     if reasons:
         raise reasons[0]
     message = (
         f"there is no topic {ros.topic or 'with a position'}. Choose one of "
         f"{', '.join(present) or 'none'}"
     )
-    raise SessionError(message, where=where, code="topic-missing")
+    raise SessionError(message, code="topic-missing")
 
 
 # A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes.
@@ -521,7 +520,7 @@ class McapWriter:
         self.close()
 
 
-def has_our_topic(stream: BinaryIO, name: str) -> Iterator[list[bool]]:
+def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
     """Yield whether an MCAP file has our channel, and whether it was cut off.
 
     A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
@@ -537,14 +536,14 @@ def has_our_topic(stream: BinaryIO, name: str) -> Iterator[list[bool]]:
         yield [False, is_cut]
 
 
-def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`.
 
     A controller that begins again with an earlier time goes on after the time that passed between
     the two ticks' receipts.
     """
     last, shift = (np.empty(0), np.empty(0)), 0.0
-    for ticks, received in blocks(stream, name):
+    for ticks, received in blocks(stream):
         time = np.concatenate((last[0], ticks["t"]))
         log = np.concatenate((last[1], received))
         last = time[-1:], log[-1:]
@@ -558,11 +557,11 @@ def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
 
 def read_ticks(path: Path) -> NDArray[np.void]:
     """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
-    with opened_file(path, SessionError) as stream:
-        return np.concatenate([np.zeros(0, TICK), *(one for one, _ in blocks(stream, path.name))])
+    with opened_file(path, SessionError) as stream, naming_place(path.name):
+        return np.concatenate([np.zeros(0, TICK), *(one for one, _ in blocks(stream))])
 
 
-def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Array]]:
+def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
     """Yield (n,) of `TICK`, and when they were received [s]; of a cut recording its whole part.
 
     Raises SessionError: damaged, or of another layout
@@ -578,7 +577,7 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Arra
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
             if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
-                raise SessionError(message, where=name, code="layout-unknown")
+                raise SessionError(message, code="layout-unknown")
             messages.append(message.data[4:] + PADDING)
             received.append(message.log_time)
             count += 1
@@ -590,6 +589,6 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[tuple[NDArray[np.void], Arra
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
         if not is_cut or not count:
             message = f"cannot be read as MCAP: {error}. Record or copy it again"
-            raise SessionError(message, where=name, code="mcap-broken") from None
+            raise SessionError(message, code="mcap-broken") from None
     if messages:
         yield block()

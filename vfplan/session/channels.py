@@ -137,15 +137,12 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     try:
         with ExitStack() as stack:
             yield Bag([open_part(part, stack) for part in bag_parts(path)])
-    except (SettingError, MissingExtra, GeneratorExit):
-        raise
-    except SessionError as error:
-        error.where = error.where or path.name
+    except (SessionError, SettingError, MissingExtra, GeneratorExit):
         raise
     except Exception as error:  # Each module of rosbags has its own class, and others come through.
         reason = (str(error) or type(error).__name__).rstrip(".")
         message = f"cannot be read as a ROS bag: {reason}. Record or copy it again"
-        raise SessionError(message, where=path.name, code="bag-broken") from None
+        raise SessionError(message, code="bag-broken") from None
 
 
 def open_part(path: Path, stack: ExitStack) -> Part:
@@ -232,7 +229,6 @@ def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
 def library(name: str) -> ModuleType | Any:
     """A module of rosbags or mcap; raises `MissingExtra` without it."""
     package = name.partition(".")[0]
-    extra = {"rosbags": "ros", "mcap": "live"}[package]
-    what = {"rosbags": "ROS bags need", "mcap": "MCAP needs"}[package]
+    extra, what = {"rosbags": ("ros", "ROS bags need"), "mcap": ("live", "MCAP needs")}[package]
     with requires_extra(f"{what} the package {package}", extra):
         return importlib.import_module(name)

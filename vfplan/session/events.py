@@ -246,10 +246,8 @@ def as_the_loop_saw(
     """
     if isinstance(poses, str | Path):
         poses = read_poses(poses)
-    if isinstance(events, str | Path):
-        events = read_events(events)
     if events is not None:
-        events = list(events)
+        events = read_events(events) if isinstance(events, str | Path) else list(events)
     if Path(session).suffix.lower() != ".csv" or (poses is None and events is None):
         return poses, events
     file = OpenedFile(Path(session), SessionError)

@@ -91,7 +91,7 @@ def open_session(
     # One that is still written, or was cut off, ends in .part.
     is_our_mcap = is_cut = False
     if name.endswith((".mcap", ".mcap.part")):
-        is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", name, **source)
+        is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", **source)
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, factor, units, frame, ros, skip_unordered)
     if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
@@ -112,13 +112,11 @@ def open_session(
         raise SessionError(message, where=name, code="matlab-file")
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
-        read = functools.partial(
-            run_in_sandbox, "vfplan.session.bags:read_hips", name, factor, **source
-        )
+        read = functools.partial(run_in_sandbox, "vfplan.session.bags:read_hips", factor, **source)
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
         kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
-        length, statements = run_once(f"vfplan.session.read:{kind}_header", name, **source)
+        length, statements = run_once(f"vfplan.session.read:{kind}_header", **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
         expected = {"units": units, "frame": frame, "time unit": "s"}
         for statement, value, place in statements:
@@ -129,7 +127,7 @@ def open_session(
                 )
                 raise SessionError(message, where=name, code="units-or-frame-differ")
         read = functools.partial(
-            run_in_sandbox, f"vfplan.session.read:read_{kind}", name, factor, **source
+            run_in_sandbox, f"vfplan.session.read:read_{kind}", factor, **source
         )
     else:
         notes["format"] = "csv"
@@ -148,11 +146,9 @@ def open_session(
             for rows in table.blocks(columns):
                 yield rows[:, 0].copy(), rows[:, 1:] * factor
 
-    mended: dict[str, int] = {}
-    read = functools.partial(
-        _read_unchanged, read, file.require_unchanged, mended, name, skip_unordered
+    return _stream(
+        read, file.require_unchanged, skip_unordered, name, frame, file.sha256(), notes, length
     )
-    return SessionStream(read, name, frame, file.sha256(), {**notes, "mended": mended}, length)
 
 
 def _open_bag(
@@ -178,19 +174,22 @@ def _open_bag(
 
     job = "vfplan.session.bags:read_bag"
     read = functools.partial(run_in_sandbox, job, place, factor, *chosen, **told)
+    notes |= {"format": "ros", "units": units}
+    return _stream(read, require_unchanged, skip, name, frame, sha256, notes)
+
+
+def _stream(
+    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None], skip: bool,
+    name: str, frame: str, sha256: str, notes: dict[str, object], length: int | None = None,
+) -> SessionStream:  # fmt: skip
+    """Samples in order; a file that no longer has the digest that was taken is refused."""
     mended: dict[str, int] = {}
-    read = functools.partial(_read_unchanged, read, require_unchanged, mended, name, skip)
-    notes |= {"format": "ros", "units": units, "mended": mended}
-    return SessionStream(read, name, frame, sha256, notes)
 
+    def samples() -> Iterator[Samples]:
+        yield from in_order(read(), mended, name, skip=skip)
+        require_unchanged()
 
-def _read_unchanged(
-    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None],
-    mended: dict[str, int], name: str, skip: bool,
-) -> Iterator[Samples]:  # fmt: skip
-    """Read to the end, in order, and refuse a file that no longer has the digest that was taken."""
-    yield from in_order(read(), mended, name, skip=skip)
-    require_unchanged()
+    return SessionStream(samples, name, frame, sha256, {**notes, "mended": mended}, length)
 
 
 NAMES = ("time", "hip")
@@ -198,23 +197,22 @@ NAMES = ("time", "hip")
 FIXTURE_FORMAT = "vfplan-fixture"
 
 
-def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
+def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
     """The length T, and what the file's attributes state.
 
     Yields T, and a list of (what, value, place). "units" and "frame" are attributes of the root or
         of `hip`, "time unit" is one of `time`. Attributes `unit` and `units` mean the same.
     Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
     """
-    with opened_hdf5(stream, name) as file:
+    with opened_hdf5(stream) as file:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
             message = (
                 "is a fixture, not a recording of positions. Give the fixture first, and the "
                 "recording after it"
             )
-            raise SessionError(message, where=name, code="fixture-as-session")
-        time = plain_dataset(file, "time", name)
-        hip = plain_dataset(file, "hip", name)
-        length = _check_shapes(time, hip, name)
+            raise SessionError(message, code="fixture-as-session")
+        time, hip = plain_datasets(file, NAMES)
+        length = _check_shapes(time, hip)
         lengths = {"units": "units", "unit": "units", "frame": "frame"}
         times = {"units": "time unit", "unit": "time unit"}
         statements = [
@@ -226,25 +224,24 @@ def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     yield [length, statements]
 
 
-def read_hdf5(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time."""
-    with opened_hdf5(stream, name) as file:
-        time = plain_dataset(file, "time", name)
-        hip = plain_dataset(file, "hip", name)
+    with opened_hdf5(stream) as file:
+        time, hip = plain_datasets(file, NAMES)
         for start in range(0, len(time), BLOCK):
             rows = slice(start, start + BLOCK)
             yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
 
 
-def npz_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
+def npz_header(stream: BinaryIO) -> Iterator[list[Any]]:
     """As `hdf5_header`; an archive has no attributes."""
-    with _npz_members(stream, name) as (time, hip):
-        yield [_check_shapes(time, hip, name), []]
+    with _npz_members(stream) as (time, hip):
+        yield [_check_shapes(time, hip), []]
 
 
-def read_npz(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
-    with _npz_members(stream, name) as (time, hip):
+    with _npz_members(stream) as (time, hip):
         length = time.shape[0]
         for start in range(0, length, BLOCK):
             count = min(BLOCK, length - start)
@@ -253,44 +250,41 @@ def read_npz(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
 
 
 @contextmanager
-def opened_hdf5(
-    stream: BinaryIO, name: str, kind: type[InputError] = SessionError
-) -> Iterator[h5py.File]:
+def opened_hdf5(stream: BinaryIO, kind: type[InputError] = SessionError) -> Iterator[h5py.File]:
     """An open HDF5 file; errors of libhdf5 inside become errors of the `kind` given."""
     try:
         with h5py.File(stream, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         message = f"cannot be read as HDF5: {error}. Write the file again"
-        raise kind(message, where=name, code="hdf5-broken") from None
+        raise kind(message, code="hdf5-broken") from None
 
 
-def plain_dataset(
-    file: h5py.Group,
-    name: str,
-    where: str,
-    names: Iterable[str] = NAMES,
-    kind: type[InputError] = SessionError,
-) -> h5py.Dataset:
-    """The dataset of that name; `names` are all that are wanted, for the message.
+def plain_datasets(
+    file: h5py.Group, names: Iterable[str], kind: type[InputError] = SessionError
+) -> list[h5py.Dataset]:
+    """The datasets of these names.
 
     Raises an error of the `kind` given: there is none, or its data are in another file
     """
     wanted = f"Give {', '.join(names)}"
-    # A link to another file is never followed: a session is one file.
-    link = file.get(name, getlink=True)
-    if isinstance(link, h5py.SoftLink):
-        message = f"{name!r} is a link, and none is followed. Store the data under that name"
-        raise kind(message, where=where, code="dataset-odd")
-    if not isinstance(link, h5py.HardLink):
-        present = ", ".join(sorted(file)) or "nothing"
-        message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
-        raise kind(message, where=where, code="dataset-missing")
-    dataset = file[name]
-    is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
-    if not is_plain or dataset.external or dataset.is_virtual:
-        raise kind(f"{name!r} is not a plain dataset. {wanted}", where=where, code="dataset-odd")
-    return dataset
+    datasets = []
+    for name in names:
+        # A link to another file is never followed: a session is one file.
+        link = file.get(name, getlink=True)
+        if isinstance(link, h5py.SoftLink):
+            message = f"{name!r} is a link, and none is followed. Store the data under that name"
+            raise kind(message, code="dataset-odd")
+        if not isinstance(link, h5py.HardLink):
+            present = ", ".join(sorted(file)) or "nothing"
+            message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
+            raise kind(message, code="dataset-missing")
+        dataset = file[name]
+        is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
+        if not is_plain or dataset.external or dataset.is_virtual:
+            raise kind(f"{name!r} is not a plain dataset. {wanted}", code="dataset-odd")
+        datasets.append(dataset)
+    return datasets
 
 
 def plain_attribute(value: Any) -> Any:
@@ -300,34 +294,33 @@ def plain_attribute(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _check_shapes(time: Any, hip: Any, where: str) -> int:
+def _check_shapes(time: Any, hip: Any) -> int:
     """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
     if len(time.shape) != 1 or tuple(hip.shape) != (*time.shape, 3):
         message = (
             f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)"
         )
-        raise SessionError(message, where=where, code="shape-wrong")
+        raise SessionError(message, code="shape-wrong")
     for name, array in (("time", time), ("hip", hip)):
         if array.dtype.kind not in "fiu":
             message = f"{name} has type {array.dtype}. Give real numbers"
-            raise SessionError(message, where=where, code="type-wrong")
+            raise SessionError(message, code="type-wrong")
     return int(time.shape[0])
 
 
 class _NpzMember:
     """One array of an archive, read from its beginning on."""
 
-    def __init__(self, stream: IO[bytes], name: str, where: str) -> None:
+    def __init__(self, stream: IO[bytes], name: str) -> None:
         try:
             self.shape, by_columns, self.dtype = npy_header(stream)
         except ValueError as error:
             message = f"cannot be read as .npz: {name}: {error}. Save the arrays again"
-            raise SessionError(message, where=where, code="npz-broken") from None
+            raise SessionError(message, code="npz-broken") from None
         if by_columns and len(self.shape) > 1:
             message = f"{name} is stored by columns. Save it in C order"
-            raise SessionError(message, where=where, code="order-wrong")
+            raise SessionError(message, code="order-wrong")
         self._stream = stream
-        self._where = where
 
     def read_numbers(self, count: int) -> Array:
         """The next `count` numbers."""
@@ -335,12 +328,12 @@ class _NpzMember:
         data = self._stream.read(size)
         if len(data) != size:
             message = "ends before its last sample. Copy the file again"
-            raise SessionError(message, where=self._where, code="file-cut")
+            raise SessionError(message, code="file-cut")
         return np.frombuffer(data, self.dtype).astype(np.float64)
 
 
 @contextmanager
-def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _NpzMember]]:
+def _npz_members(stream: BinaryIO) -> Iterator[list[_NpzMember]]:
     try:
         with zipfile.ZipFile(stream) as archive:
             present = sorted(name.removesuffix(".npy") for name in archive.namelist())
@@ -350,12 +343,11 @@ def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _Np
                         f"has no array {name!r} (it holds "
                         f"{', '.join(present)[:80] or 'nothing'}). Save time and hip"
                     )
-                    raise SessionError(message, where=where, code="dataset-missing")
-            time = _NpzMember(archive.open("time.npy"), "time", where)
-            yield time, _NpzMember(archive.open("hip.npy"), "hip", where)
+                    raise SessionError(message, code="dataset-missing")
+            yield [_NpzMember(archive.open(f"{name}.npy"), name) for name in NAMES]
     except (SessionError, MemoryError, GeneratorExit):
         raise
     except Exception as error:
         # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
         message = f"cannot be read as .npz: {error}. Save the arrays again"
-        raise SessionError(message, where=where, code="npz-broken") from None
+        raise SessionError(message, code="npz-broken") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Iterator, Sequence
@@ -14,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VersionError
-from vfplan.io.files import OpenedFile
+from vfplan.io.files import OpenedFile, naming_place
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
 from vfplan.io.writing import whole_file
-from vfplan.session.read import opened_hdf5, plain_attribute, plain_dataset
+from vfplan.session.read import opened_hdf5, plain_attribute, plain_datasets
 from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 
 # A dataclass of arrays, a row a tick.
@@ -101,15 +102,14 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         error.message += ", or give a result of `vfplan replay -o`"
         error.where = where
         raise
-    answers = run_in_sandbox(
-        "vfplan.session.result:stored_ticks", where, group, file=file, where=where
-    )
+    answers = run_in_sandbox("vfplan.session.result:stored_ticks", group, file=file, where=where)
     attrs = next(answers)
     blocks = []
     count, last_time = 0, -np.inf
     for arrays in answers:
         block = TickBlock(*arrays)
-        check_values(block, count, last_time, where)
+        with naming_place(where):
+            check_values(block, count, last_time)
         blocks.append(block)
         count, last_time = count + len(block), block.time[-1]
     file.require_unchanged()
@@ -119,53 +119,49 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     return concatenate_ticks(blocks), attrs
 
 
-def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
+def stored_ticks(stream: BinaryIO, group: str) -> Iterator[Any]:
     """A result's root attributes, then blocks of its datasets, in the order of `TickBlock`.
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
     """
-    with opened_hdf5(stream, where, InputError) as file:
+    with opened_hdf5(stream, InputError) as file:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
             message = (
                 f"format is {attrs.get('format')!r}, not {RESULT_FORMAT!r}. Give a result of "
                 "vfplan replay"
             )
-            raise InputError(message, where=where, code="not-a-result")
+            raise InputError(message, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
             raise VersionError(
                 f"the result is of version {version}, and this program reads "
-                f"{RESULT_VERSION}. Replay the session again",
-                where=where,
+                f"{RESULT_VERSION}. Replay the session again"
             )
         yield attrs
 
         if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
             message = f"has no group {group!r}. Replay the session again"
-            raise InputError(message, where=where, code="group-missing")
-        place = file[group] if group else file
-        datasets = []
-        for name, (columns, _, _) in TABLE.items():
-            dataset = plain_dataset(place, name, where, TABLE, InputError)
-            datasets.append(dataset)
+            raise InputError(message, code="group-missing")
+        datasets = plain_datasets(file[group] if group else file, TABLE, InputError)
+        for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
             if dataset.shape != (*datasets[0].shape[:1], *columns):
                 wanted = ", ".join(map(str, ("T", *columns)))
                 message = (
                     f"{name} has shape {dataset.shape}, not ({wanted}). Replay the session again"
                 )
-                raise InputError(message, where=where, code="shape-wrong")
+                raise InputError(message, code="shape-wrong")
             if dataset.dtype.kind not in "fiu":
                 message = (
                     f"{name} has type {dataset.dtype}, and no real numbers. Replay the "
                     "session again"
                 )
-                raise InputError(message, where=where, code="type-wrong")
+                raise InputError(message, code="type-wrong")
         for start in range(0, len(datasets[0]), BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
-def check_values(block: TickBlock, first: int, last_time: float, where: str) -> None:
+def check_values(block: TickBlock, first: int, last_time: float) -> None:
     """Refuse values that no replay gives, because a picture of them would show something else.
 
     first: number of the block's first tick
@@ -186,15 +182,13 @@ def check_values(block: TickBlock, first: int, last_time: float, where: str) -> 
             raise InputError(
                 f"{name} of tick {first + bad} is {rows[bad].tolist()}, and only {allowed} "
                 "can be. Replay the session again",
-                where=where,
-                code="value-invalid",
-                numbers={"tick": first + bad},
-            )
+                code="value-invalid", numbers={"tick": first + bad},
+            )  # fmt: skip
     increases = np.diff(block.time, prepend=last_time) > 0
     if not increases.all():
         tick = first + int(np.argmin(increases))
         message = f"time does not increase at tick {tick}. Replay the session again"
-        raise InputError(message, where=where, code="time-not-increasing", numbers={"tick": tick})
+        raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
 
 
 def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
@@ -356,7 +350,7 @@ class CsvWriter(WholeFileWriter):
         self._file.write("".join(lines).encode("ascii"))
 
 
-class FailureTolerantFile:
+class FailureTolerantFile(io.RawIOBase):
     """A file for libhdf5, which crashes when a write fails while it closes a file.
 
     From the first failed write on, what is written stays in memory, so that libhdf5 can come to
@@ -406,21 +400,9 @@ class FailureTolerantFile:
         self._position += len(view)
         return len(view)
 
-    def read(self, size: int) -> bytes:
-        """Read at the position, as for any file."""
-        data = bytearray(size)
-        self.readinto(memoryview(data))
-        return bytes(data)
-
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, from the beginning or from the end."""
-        if whence == os.SEEK_END:
-            offset += self._size
-        self._position = offset
-        return self._position
-
-    def tell(self) -> int:
-        """The position."""
+        """Move the position, from the beginning, from where it is or from the end."""
+        self._position = offset + (0, self._position, self._size)[whence]
         return self._position
 
     def truncate(self, size: int) -> int:
@@ -432,6 +414,3 @@ class FailureTolerantFile:
                 self._failure = error
         self._size = size
         return size
-
-    def flush(self) -> None:
-        """Nothing waits to be written."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_LISTED
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
+from vfplan.geometry.lines import interpolated
 
 Array = NDArray[np.float64]
 
@@ -346,10 +347,8 @@ def in_order(
             f"time does not increase: {first[1]!r} s at sample {first[0]} follows {first[2]!r} s. "
             f"Give each sample a later time than the one before, or --skip-unordered to leave "
             f"{doubled} of {count} samples out",
-            where=where,
-            code="time-not-increasing",
-            numbers={"sample": first[0]},
-        )
+            where=where, code="time-not-increasing", numbers={"sample": first[0]},
+        )  # fmt: skip
 
 
 def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
@@ -381,21 +380,14 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
                 f"time does not increase: {float(with_last[k + 1])!r} s at sample {count + k} "
                 f"follows {float(with_last[k])!r} s. Give each sample a later time than the one "
                 "before",
-                where=where,
-                code="time-not-increasing",
-                numbers={"sample": count + k},
-            )
+                where=where, code="time-not-increasing", numbers={"sample": count + k},
+            )  # fmt: skip
         count += len(time)
         last_time = time[-1]
         yield time, hip
     if count < 2:
         message = f"the session has too few samples: {count}. Give at least 2"
         raise SessionError(message, where=where, code="too-few-samples", numbers={"samples": count})
-
-
-def interpolated(wanted: Array, at: Array, places: Array) -> Array:
-    """(n, 3) places at the wanted parameters (n,), on straight lines between places (m, 3)."""
-    return np.column_stack([np.interp(wanted, at, column) for column in places.T])
 
 
 def resampled(session: SessionSource, rate_hz: float) -> SessionStream:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -205,14 +205,12 @@ def report_of(
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
     structures = [
-        {"number": one.number, "name": one.name, "chosen": one.number == contours.chosen}
-        for one in contours.structures
+        asdict(one) | {"chosen": one.number == contours.chosen} for one in contours.structures
     ]
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
-    a, b, c = np.moveaxis(points[fixture.mesh], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return {
         "slices": sum(len(stack.outlines) for stack in sliced.stacks),

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle.dicom import crossings
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP
+from vfplan.surface.outline import area
 
 if TYPE_CHECKING:
     from vfplan.surface.build import Surface
@@ -81,18 +83,8 @@ def cut_pieces(result: Surface, z: float) -> list[Array]:
     """(2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
     local = result.fixture.points @ result.sliced.R_slice_patient.T
     # The surface has corners on the slice itself; a nanometre beyond, it is cut between corners.
-    height = local[:, 2] - (z + 1e-9)
-    is_above = height > 0
-    above_count = is_above[result.fixture.mesh].sum(axis=1)
-    pieces = []
-    for triangle in result.fixture.mesh[(above_count > 0) & (above_count < 3)]:
-        ends = []
-        for start, end in zip(triangle, np.roll(triangle, -1), strict=True):
-            if is_above[start] != is_above[end]:
-                t = height[start] / (height[start] - height[end])
-                ends.append(local[start, :2] + t * (local[end, :2] - local[start, :2]))
-        pieces.append(1e3 * np.array(ends))
-    return pieces
+    pieces = crossings(local[result.fixture.mesh], 2, z + 1e-9)
+    return list(1e3 * pieces[:, :, :2])
 
 
 def draw_from_side(axes: Any, result: Surface) -> None:
@@ -114,7 +106,7 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
-        for ring in outline.outer_rings:
+        for ring in [ring for ring in outline.rings if area(ring) > 0]:  # No holes.
             line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
             following = np.roll(line, -1, axis=0)
             # Only what faces the eye: a ring runs anticlockwise round what is inside.

@@ -8,7 +8,6 @@ triangle is a needle, and edges opposite wide corners are flipped last.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,17 +46,6 @@ class LevelSurface:
     distance_max_m: float
 
 
-class GridMesh(NamedTuple):
-    """Triangles whose corners lie on the edges of a grid."""
-
-    # (N, 3) corners [m].
-    points: Array
-    # (N,) whether each lies in a plane of the grid across the slices' normal.
-    in_plane: Flags
-    # (K, 3) rows of `points`.
-    triangles: Triangles
-
-
 def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     """The surface on which a stack's function is 0.
 
@@ -87,19 +75,16 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
         raise CurveError(
             f"the structure is thinner than the grid of {1e3 * step:.2g} mm, about "
             f"{1e3 * inner:.2g} mm, and would vanish. Give a smaller --tolerance.",
-            code="structure-thin",
-            numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
-        )
+            code="structure-thin", numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
+        )  # fmt: skip
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
     nodes = nodes.astype(np.float64)
-    mesh = snapped(nodes, triangles, axes)
+    places, in_plane, triangles = snapped(nodes, triangles, axes)
 
     ends = (axes[2][0], axes[2][-1])
-    height = mesh.points[:, 2]
-    on_end = (height == ends[0]) | (height == ends[1])
-    on_cap = on_end & ~mesh.in_plane
-    points, distance_max = moved_onto_level(stack, mesh.points, on_end, on_cap, step, ends)
-    return LevelSurface(points, without_wide_corners(points, mesh.triangles), distance_max)
+    on_end = np.isin(places[:, 2], ends)
+    points, distance_max = moved_onto_level(stack, places, on_end, on_end & ~in_plane, step, ends)
+    return LevelSurface(points, without_wide_corners(points, triangles), distance_max)
 
 
 def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
@@ -121,9 +106,8 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
         raise SettingError(
             f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure; at most "
             f"{MAX_NODES:.3g} are taken. Give a larger --tolerance.",
-            code="surface-too-fine",
-            numbers={"nodes": nodes, "nodes_max": MAX_NODES},
-        )
+            code="surface-too-fine", numbers={"nodes": nodes, "nodes_max": MAX_NODES},
+        )  # fmt: skip
     gaps = zip(places, places[1:], pieces, strict=False)
     cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
     z = np.concatenate([*cuts, places[-1:]])
@@ -175,12 +159,15 @@ def block_middles(axis: Array) -> Array:
     return axis[np.minimum(first + BLOCK // 2, len(axis) - 1)]
 
 
-def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]) -> GridMesh:
+def snapped(
+    nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
+) -> tuple[Array, Flags, Triangles]:
     """Triangles of marching cubes with corners near one node as one.
 
     nodes: (N, 3) corners in units of the grid
 
-    Triangles that this folds away go.
+    Corners [m], whether each lies in a plane of the grid across the slices' normal, and the
+    triangles without those that this folds away.
     """
     columns = [np.interp(nodes[:, k], np.arange(len(axis)), axis) for k, axis in enumerate(axes)]
     in_plane = nodes[:, 2] == np.rint(nodes[:, 2])
@@ -204,7 +191,7 @@ def snapped(nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
     is_same = (sorted_faces[order[1:]] == sorted_faces[order[:-1]]).all(axis=1)
     faces = np.delete(faces, order[np.r_[is_same, False] | np.r_[False, is_same]], axis=0)
     used, faces = np.unique(faces, return_inverse=True)
-    return GridMesh(middles[used], in_plane[used], faces.reshape(-1, 3).astype(np.int32))
+    return middles[used], in_plane[used], faces.reshape(-1, 3).astype(np.int32)
 
 
 def moved_onto_level(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, requires_extra
+from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
 if TYPE_CHECKING:
@@ -118,11 +119,6 @@ class Outline:
         rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
         return tuple(np.array(ring.coords)[:-1, :2] for ring in rings)
 
-    @property
-    def outer_rings(self) -> tuple[Array, ...]:
-        """Those that are no holes."""
-        return tuple(ring for ring in self.rings if area(ring) > 0)
-
     @cached_property
     def cut_rings(self) -> tuple[Array, ...]:
         """The same with corners at most `FINE_M` apart."""
@@ -157,7 +153,7 @@ def with_short_edges(ring: Array) -> Array:
     return ring[edge] + (number / pieces[edge])[:, None] * along[edge]
 
 
-def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
+def outline_of(rings: list[Array], z: float) -> tuple[Outline, int]:
     """The polygons that closed rings (M, 2) [m] of one slice bound.
 
     Also how many rings lie inside another and are taken for holes. Raises `CurveError` for a ring
@@ -167,13 +163,12 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
     with requires_extra("making a surface of outlines needs shapely", "surface"):
         from shapely import get_parts
 
-    polygons = [polygon_of(ring, where) for ring in rings]
-    polygons.sort(key=lambda polygon: -polygon.area)
+    polygons = sorted(map(polygon_of, rings), key=lambda polygon: -polygon.area)
     parts: list[Any] = []
     holes = 0
     for polygon in polygons:
         for part in parts:
-            if is_inside(polygon, part, where):
+            if is_inside(polygon, part):
                 parts.remove(part)
                 parts += get_parts(part.difference(polygon)).tolist()
                 holes += 1
@@ -183,7 +178,7 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, int]:
     return Outline(z, tuple(parts)), holes
 
 
-def polygon_of(ring: Array, where: str) -> Polygon:
+def polygon_of(ring: Array) -> Polygon:
     """One ring as a polygon; a keyhole's channel becomes a hole.
 
     Raises `CurveError` as `outline_of` does.
@@ -194,14 +189,13 @@ def polygon_of(ring: Array, where: str) -> Polygon:
     if len(ring) < 3:
         raise CurveError(
             f"an outline has {len(ring)} corners. Draw at least 3.",
-            where=where, code="outline-empty", numbers={"corners": len(ring)},
+            code="outline-empty", numbers={"corners": len(ring)},
         )  # fmt: skip
     ring = with_closed_channel(ring)
     ring_area = abs(area(ring))
     if not ring_area > 0:
-        raise CurveError(
-            "an outline encloses nothing. Remove or redraw it.", where=where, code="outline-empty"
-        )
+        text = "an outline encloses nothing. Remove or redraw it."
+        raise CurveError(text, code="outline-empty")
     polygon = Polygon(ring)
     if polygon.is_valid:
         return polygon
@@ -216,7 +210,7 @@ def polygon_of(ring: Array, where: str) -> Polygon:
         x, y = (1e3 * float(text) for text in place[:2])
         raise CurveError(
             f"an outline crosses itself at ({x:.1f}, {y:.1f}) mm. Redraw it.",
-            where=where, code="outline-crosses", numbers={"x_mm": x, "y_mm": y},
+            code="outline-crosses", numbers={"x_mm": x, "y_mm": y},
         )  # fmt: skip
     return largest
 
@@ -248,22 +242,20 @@ def with_closed_channel(ring: Array) -> Array:
     return without_repeated_corners(ring)
 
 
-def is_inside(piece: Polygon, part: Polygon, where: str) -> bool:
+def is_inside(piece: Polygon, part: Polygon) -> bool:
     """Whether a piece lies inside a part; refuses what crosses its border or is there twice."""
     if not part.intersects(piece):
         return False
     common = part.intersection(piece).area
     if abs(part.area - common) + abs(piece.area - common) < 1e-9 * part.area:
-        raise CurveError(
-            "the same outline is there twice. Remove one.", where=where, code="outline-doubled"
-        )
+        raise CurveError("the same outline is there twice. Remove one.", code="outline-doubled")
     if common > (1 - STRAY_SHARE) * piece.area:
         return True
     if common > STRAY_SHARE * piece.area:
         x, y = part.boundary.intersection(piece.boundary).centroid.coords[0]
         raise CurveError(
             f"two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one.",
-            where=where, code="outlines-cross", numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
+            code="outlines-cross", numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
         )  # fmt: skip
     return False
 
@@ -356,13 +348,8 @@ class Stack:
             weights = np.zeros((len(z), 4))
             weights[:, 1] = value_first
             weights[:, 2] = value_last
-            for column in range(4):
-                for share, at in ((slope_first, first), (slope_last, first + 1)):
-                    step = four[:, column] - at
-                    is_close = np.abs(step) <= 2
-                    weights[is_close, column] += (share * gap)[is_close] * slopes[
-                        at[is_close], step[is_close] + 2
-                    ]
+            weights += (slope_first * gap)[:, None] * slopes[first, 1:]
+            weights += (slope_last * gap)[:, None] * slopes[first + 1, :-1]
             return weights
 
         # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
@@ -465,7 +452,8 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
     with_holes = []
     for z, rings_of_slice in grouped_by_height(rings):
         place = slice_name(normal, z)
-        outline, holes = outline_of([ring[:, :2] for ring in rings_of_slice], z, place)
+        with naming_place(place):
+            outline, holes = outline_of([ring[:, :2] for ring in rings_of_slice], z)
         outlines.append(outline)
         if holes:
             with_holes.append(place)
@@ -478,9 +466,8 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
             "there is none."
         )
     remarks += branching_remarks(stacks, normal)
-    gaps_m = SlicedVolume(R_slice_patient, stacks, ()).gaps_m
-    if np.ptp(gaps_m) > SAME_M:
-        gaps_mm = 1e3 * gaps_m
+    gaps_mm = 1e3 * SlicedVolume(R_slice_patient, stacks, ()).gaps_m
+    if np.ptp(gaps_mm) > 1e3 * SAME_M:
         remarks.append(
             f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart. The surface is "
             "interpolated by their true places: check that no slice is missing."
@@ -555,9 +542,8 @@ def runs_of_slices(
     if len(outlines) < 2:
         raise CurveError(
             f"{len(outlines)} slice shows the structure. Give two at least.",
-            code="slices-too-few",
-            numbers={"slices": len(outlines), "slices_min": 2},
-        )
+            code="slices-too-few", numbers={"slices": len(outlines), "slices_min": 2},
+        )  # fmt: skip
     usual = float(np.median(np.diff([outline.z for outline in outlines])))
     for before, after in pairwise(outlines):
         gap = after.z - before.z
@@ -565,9 +551,8 @@ def runs_of_slices(
             raise CurveError(
                 f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
                 f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
-                code="slices-doubled",
-                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )
+                code="slices-doubled", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )  # fmt: skip
     widest = max_gap_m or WIDEST * usual
     runs = [[outlines[0]]]
     for before, after in pairwise(outlines):
@@ -580,9 +565,8 @@ def runs_of_slices(
                 f"slices are missing: {slice_name(normal, before.z)} and the next, at "
                 f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
                 "Add them, or give a larger --max-spacing to interpolate across.",
-                code="slices-missing",
-                numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )
+                code="slices-missing", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+            )  # fmt: skip
         runs[-1].append(after)
     for run in runs:
         if len(run) < 2:

@@ -28,6 +28,7 @@ from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_byte
 from vfplan.surface import volumes
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 from vfplan.surface.volumes import MAX_VOXEL_M, MIN_VOXEL_M
+from vfplan.vectors.curve import FINE_M, VectorDrawing, without_repeated_end
 
 Array = NDArray[np.float64]
 # Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132.
@@ -36,9 +37,6 @@ RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 SEGMENTATION_TYPES = ("BINARY", "FRACTIONAL", "LABELMAP")
 CLOSED_CONTOURS = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
-# Largest size of a file [bytes]; the contours in it are text. One of a whole pelvis has some ten
-# million.
-MAX_BYTES = MAX_TEXT_BYTES
 
 
 def read_contours(
@@ -64,42 +62,36 @@ def read_contours(
         A source is none of these, is damaged, or has no such structure.
     """
     first = sources[0]
-    where = str(first)
     are_curves = all(path.name.lower().endswith(".json") for path in sources)
     if len(sources) > 1 and not are_curves:
         raise InputError(
             f"is one of {len(sources)} sources. Give one; several are read of .mrk.json alone.",
             where=str(sources[1]), code="source-several", numbers={"sources": len(sources)},
         )  # fmt: skip
-    if structure is not None and (are_curves or first.is_dir()):
-        raise InputError(
-            f"holds drawn curves, which have no names. Leave --structure {structure!r} out.",
-            where=where, code="structure-unknown",
-        )  # fmt: skip
-    if first.is_dir():
-        return read_drawn_slices(first, colour)
-    if are_curves:
-        return read_slicer_curves(sources, curve_type)
-    if curve_type is not None:
-        raise InputError(
-            "is no curve of Slicer. Leave --curve-type out.",
-            where=where, code="setting-without-effect",
-        )  # fmt: skip
-
-    with opened_file(first) as file:
-        head = file.read(HEAD_BYTES)
-    with naming_place(where):
+    with naming_place(first):
+        if structure is not None and (are_curves or first.is_dir()):
+            text = f"holds drawn curves, which have no names. Leave --structure {structure!r} out."
+            raise InputError(text, code="structure-unknown")
+        if first.is_dir():
+            return read_drawn_slices(first, colour)
+        if are_curves:
+            return read_slicer_curves(sources, curve_type)
+        if curve_type is not None:
+            text = "is no curve of Slicer. Leave --curve-type out."
+            raise InputError(text, code="setting-without-effect")
+        with opened_file(first) as file:
+            head = file.read(HEAD_BYTES)
         if head.startswith(b"NRRD"):
             return volumes.read_label_map(first, "nrrd", structure)
         if first.name.lower().endswith((".nii", ".nii.gz")):
             return volumes.read_label_map(first, "nifti", structure)
         if begins_like_dicom(head):
             return read_dicom_contours(first, structure)
-    raise InputError(
-        "is no source of outlines. Give RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, .mrk.json "
-        "or a folder of drawn slices.",
-        where=where, code="source-unknown",
-    )  # fmt: skip
+        raise InputError(
+            "is no source of outlines. Give RTSTRUCT, DICOM SEG, .seg.nrrd, .nii, .nii.gz, "
+            ".mrk.json or a folder of drawn slices.",
+            code="source-unknown",
+        )
 
 
 def read_dicom_contours(path: Path, structure: str | None) -> Contours:
@@ -113,11 +105,11 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     MissingExtra
         pydicom is not installed.
     """
-    where = str(path)
-    data, digest = read_bytes(path, MAX_BYTES)
-    refuse_costly(data, where)
+    data, digest = read_bytes(path, MAX_TEXT_BYTES)
+    refuse_costly(data, str(path))
+    file = io.BytesIO(data)
     with open_dataset(
-        io.BytesIO(data), where, InputError, extra="surface", needs_preamble=False
+        file, str(path), InputError, extra="surface", needs_preamble=False
     ) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
@@ -168,9 +160,8 @@ def contours_of_rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str
             f"structure {chosen.number} has no closed contour and {others} that are open or single "
             "points. Choose another with --structure, draw its outlines, or take an open one as a "
             "curve: vfplan extract SLICE --curve FILE.",
-            code="structure-empty",
-            numbers={"structure": chosen.number, "others": others},
-        )
+            code="structure-empty", numbers={"structure": chosen.number, "others": others},
+        )  # fmt: skip
     kinds = ((others, "open or single points", "Close"), (broken, "closed, of two points", "Draw"))
     remarks = tuple(
         f"{number} contours are {kind} and are left out. {verb} them if they are outlines."
@@ -191,8 +182,7 @@ def ring_of_contour(contour: Any) -> Array:
             "a contour is not made of triples of finite numbers. Export the structure again.",
             code="outline-not-finite",
         )
-    points = numbers.reshape(-1, 3) * 1e-3
-    return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
+    return without_repeated_end(numbers.reshape(-1, 3) * 1e-3)[0]
 
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
@@ -239,9 +229,8 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     if not rings:
         raise InputError(
             f"segment {chosen.number} has no pixels. Choose another with --structure.",
-            code="structure-empty",
-            numbers={"structure": chosen.number},
-        )
+            code="structure-empty", numbers={"structure": chosen.number},
+        )  # fmt: skip
 
     heights = corners @ normal
     is_empty = np.abs(heights[sorted(drawn)] - heights[:, None]).min(axis=1) > SAME_M
@@ -261,31 +250,26 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     count = int(dataset.get("NumberOfFrames") or 1)
     # A pixel takes a byte or more, and a thousand frames of 512 x 512 have fewer pixels.
-    if not 0 < rows * columns * count <= MAX_BYTES:
+    if not 0 < rows * columns * count <= MAX_TEXT_BYTES:
         raise InputError(
-            f"says that it has {count} frames of {rows} x {columns}; {MAX_BYTES} pixels are "
+            f"says that it has {count} frames of {rows} x {columns}; {MAX_TEXT_BYTES} pixels are "
             "allowed in all. Export a part of it.",
-            code="volume-too-large",
-            numbers={"frames": count, "rows": rows, "columns": columns},
+            code="volume-too-large", numbers={"frames": count, "rows": rows, "columns": columns},
+        )  # fmt: skip
+    corners, all_axes = map(
+        np.array, zip(*(frame_place(dataset, k) for k in range(count)), strict=True)
+    )
+    axes = all_axes[0]
+    differs = np.abs(all_axes - axes).max(axis=(1, 2)) > 1e-12
+    if differs.any():
+        raise InputError(
+            f"frame {differs.argmax() + 1} differs from the first in orientation or pixel spacing. "
+            "Export parallel frames of one size.",
+            code="volume-unsupported",
         )
-    corners = []
-    axes = None
-    members = []
-    for k in range(count):
-        corner, frame_axes = frame_place(dataset, k)
-        corners.append(corner)
-        if axes is None:
-            axes = frame_axes
-        if np.abs(frame_axes - axes).max() > 1e-12:
-            raise InputError(
-                f"frame {k + 1} differs from the first in orientation or pixel spacing. Export "
-                "parallel frames of one size.",
-                code="volume-unsupported",
-            )
-        number = group_value(dataset, "SegmentIdentificationSequence", "ReferencedSegmentNumber", k)
-        if number is None or int(number) == segment:
-            members.append(k)
-    corners = np.array(corners)
+    names = "SegmentIdentificationSequence", "ReferencedSegmentNumber"
+    numbers = [group_value(dataset, *names, k) for k in range(count)]
+    members = [k for k, number in enumerate(numbers) if number is None or int(number) == segment]
     normal = plane_normal(axes)
     normal /= np.linalg.norm(normal)
 
@@ -334,11 +318,11 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
     from vfplan.markers.correspondences import lps_points, markups_of
-    from vfplan.vectors.curve import FINE_M, VectorDrawing
 
     rings = []
     difference_m = 0.0
     digest = hashlib.sha256()
+    joined = "straight" if curve_type == "linear" else "slicer"
     for path in paths:
         where = str(path)
         data = read_whole(path, MAX_TEXT_BYTES, InputError)
@@ -349,9 +333,8 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
             if types != {"ClosedCurve"}:
                 types.discard("ClosedCurve")
                 content = repr(min(types)[:32]) if types else "nothing"
-                raise InputError(
-                    f"holds {content}. Give closed curves.", where=where, code="curve-not-closed"
-                )
+                text = f"holds {content}. Give closed curves."
+                raise InputError(text, where=where, code="curve-not-closed")
             curves = [lps_points(markup, where) for markup in markups]
         except UnicodeDecodeError:
             text = "is not UTF-8 text. Save the markups from Slicer as .mrk.json."
@@ -364,9 +347,7 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
             if len(points) < 3:
                 text = f"a curve has {len(points)} points. Give at least 3."
                 raise InputError(text, where=where, code="outline-empty")
-            curve = VectorDrawing(
-                points, True, "straight" if curve_type == "linear" else "slicer", ""
-            )
+            curve = VectorDrawing(points, True, joined, "")
             if curve_type is None:
                 difference_m = max(difference_m, curve.distance_from_straight())
             rings.append(curve.stroke(FINE_M).points)
@@ -396,7 +377,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     if not 2 <= len(files) <= MAX_TIFF_PARTS:
         raise InputError(
             f"holds {len(files)} files. Give 2 to {MAX_TIFF_PARTS} slices.",
-            where=str(folder), code="slices-too-few",
+            code="slices-too-few",
             numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_TIFF_PARTS},
         )  # fmt: skip
     rings = []
@@ -432,7 +413,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     if not rings:
         raise CurveError(
             f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
-            where=str(folder), code="structure-empty", numbers={"slices": len(files)},
+            code="structure-empty", numbers={"slices": len(files)},
         )  # fmt: skip
     remark = (
         f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import logging
 import os
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -174,9 +175,8 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     if not rings:
         raise CurveError(
             f"structure {chosen.number} has no voxels. Choose another with --structure.",
-            code="structure-empty",
-            numbers={"structure": chosen.number},
-        )
+            code="structure-empty", numbers={"structure": chosen.number},
+        )  # fmt: skip
     return Contours(
         tuple(rings), structures, chosen.number, {},
         normal=normal / np.linalg.norm(normal),
@@ -230,9 +230,9 @@ def library_errors(message: str) -> Iterator[None]:
 
 def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
     """The outlines of a structure of a label map, "nrrd" or "nifti"; raises as its reader does."""
-    file, where = OpenedFile(path), str(path)
+    file = OpenedFile(path)
     job = "vfplan.surface.volumes:outlines"
-    answers = run_in_sandbox(job, kind, structure, file=file, where=where)
+    answers = run_in_sandbox(job, kind, structure, file=file, where=str(path))
     structures, chosen, normal, empty, remarks = next(answers)
     return Contours(
         tuple(ring for (ring,) in answers), tuple(Structure(*each) for each in structures),
@@ -299,15 +299,11 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         from nrrd.reader import _determine_datatype
 
     # An empty line ends the header.
-    end = data.find(b"\n\n", 0, MAX_SETTINGS_BYTES) + 2
-    if end < 2:
-        end = data.find(b"\r\n\r\n", 0, MAX_SETTINGS_BYTES) + 4
-        if end < 4:
-            raise InputError(
-                "has no NRRD header that ends. Export it again.", code="volume-unreadable"
-            )
+    end = re.search(rb"\n\n|\r\n\r\n", data[:MAX_SETTINGS_BYTES])
+    if end is None:
+        raise InputError("has no NRRD header that ends. Export it again.", code="volume-unreadable")
     with library_errors("its NRRD header cannot be read"):
-        header = dict(nrrd.read_header(io.BytesIO(data[:end])))
+        header = dict(nrrd.read_header(io.BytesIO(data[: end.end()])))
     if "data file" in header or "datafile" in header:
         raise InputError(
             "its voxels are in another file. Save it from Slicer as one .seg.nrrd.",
@@ -333,15 +329,14 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
     require_size(size, len(data))
-    voxels = data[end:]
+    voxels = data[end.end() :]
     if compression := COMPRESSIONS[encoding]:
         voxels = decompress(voxels, compression, size)
     if len(voxels) != size:
         raise InputError(
             f"holds {len(voxels)} bytes of voxels, and its header says {size}. Export it again.",
-            code="volume-unreadable",
-            numbers={"bytes": len(voxels), "bytes_wanted": size},
-        )
+            code="volume-unreadable", numbers={"bytes": len(voxels), "bytes_wanted": size},
+        )  # fmt: skip
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
     places = {}
@@ -357,9 +352,8 @@ def require_size(size: int, file_bytes: int) -> None:
         raise InputError(
             f"says that it holds {size} bytes of voxels; {largest} are allowed in a file of its "
             "length. Export a part of it, packed by gzip.",
-            code="volume-too-large",
-            numbers={"bytes": size, "bytes_max": largest},
-        )
+            code="volume-too-large", numbers={"bytes": size, "bytes_max": largest},
+        )  # fmt: skip
     raise_limits(BYTES_PER_VOXEL * size, size // VOXELS_PER_SECOND)
 
 
@@ -441,25 +435,19 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     if is_packed:
         data = decompress(data, "gzip", max_bytes)
     kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
-    log = logging.getLogger("nibabel.global")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with library_errors("cannot be read as NIfTI"):
-            image = kind.from_bytes(data)
-            shape = tuple(int(n) for n in image.shape)
-            size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
-            if size > len(data):
-                raise InputError(
-                    f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
-                    "Export it again.",
-                    code="volume-unreadable",
-                    numbers={"bytes": len(data), "bytes_wanted": size},
-                )
-            labels = np.asanyarray(image.dataobj)
-            T_lps_voxel = nifti_place(image)
-    finally:
-        log.setLevel(level)
+    logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
+    with library_errors("cannot be read as NIfTI"):
+        image = kind.from_bytes(data)
+        shape = tuple(int(n) for n in image.shape)
+        size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
+        if size > len(data):
+            raise InputError(
+                f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
+                "Export it again.",
+                code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
+            )  # fmt: skip
+        labels = np.asanyarray(image.dataobj)
+        T_lps_voxel = nifti_place(image)
     if labels.ndim == 4 and labels.shape[3] == 1:
         labels = labels[..., 0]
     if labels.ndim != 3:
@@ -522,9 +510,8 @@ def nifti_place(image: Any) -> NDArray:
             raise InputError(
                 f"its two places in the patient (sform, qform) are {1e3 * distance:.3g} mm "
                 f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
-                code="volume-places-differ",
-                numbers={"distance_mm": 1e3 * distance},
-            )
+                code="volume-places-differ", numbers={"distance_mm": 1e3 * distance},
+            )  # fmt: skip
     T_lps_voxel = np.array(sform if sform_code else qform, dtype=float)
     T_lps_voxel[:3] *= np.array([-metres, -metres, metres])[:, None]
     return checked_place(T_lps_voxel)

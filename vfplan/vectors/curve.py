@@ -19,7 +19,7 @@ from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
-from vfplan.geometry.lines import arc_lengths, ring_of, step_lengths
+from vfplan.geometry.lines import arc_lengths, interpolated, ring_of, step_lengths
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -86,13 +86,12 @@ class VectorDrawing:
             raise CurveError(
                 f"is a curve of {steps:.3g} points, and at most {MAX_POINTS} fit into a "
                 "bundle. Give a shorter one",
-                code="vector-too-long",
-                numbers={"points": float(steps), "points_max": MAX_POINTS},
-            )
+                code="vector-too-long", numbers={"points": float(steps), "points_max": MAX_POINTS},
+            )  # fmt: skip
         line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
         arc = arc_lengths(line, False)
         even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
-        line = _interpolate(even, arc, line)
+        line = interpolated(even, arc, line)
         return Stroke(line[:-1] if self.closed else line, self.closed)
 
     def distance_from_straight(self) -> float:
@@ -110,7 +109,7 @@ class VectorDrawing:
         ring = ring_of(self.points, self.closed)
         numbers = np.arange(len(ring))
         if self.joined == "straight" or len(ring) < 3:
-            return _interpolate(parameters, numbers, ring)
+            return interpolated(parameters, numbers, ring)
         from scipy.interpolate import CubicSpline
 
         ends = "periodic" if self.closed else "clamped"
@@ -157,9 +156,8 @@ def distinct_points(points: NDArray, closed: bool) -> NDArray:
     if len(points) < wanted:
         raise CurveError(
             f"holds {len(points)} different points. Give at least {wanted}",
-            code="too-few-points",
-            numbers={"points": len(points), "points_min": wanted},
-        )
+            code="too-few-points", numbers={"points": len(points), "points_min": wanted},
+        )  # fmt: skip
     return points
 
 
@@ -204,14 +202,6 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
     return meets
 
 
-def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.float64]:
-    return np.column_stack([np.interp(at, knots, column) for column in points.T])
-
-
-# The types of graphic that are lines, and what joins their points.
-JOINED: dict[str, Joined] = {"POLYLINE": "straight", "INTERPOLATED": "spline"}
-
-
 @dataclass(frozen=True, eq=False)
 class Annotation:
     """One graphic that was drawn on an image.
@@ -253,39 +243,17 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
     lines = []
     others = []
     with open_dataset(file, where, ImageError) as dataset:
-        # Where an annotation names no images, those of the whole presentation state are meant.
-        images_of_series: dict[str, list[int]] = {}
-        for series in dataset.get("ReferencedSeriesSequence") or ():
-            images_of_series |= referenced_images(series)
-        for item in dataset.get("GraphicAnnotationSequence") or ():
-            drawn_on = referenced_images(item) or images_of_series
-            layer = str(item.get("GraphicLayer", ""))[:32]
-            for graphic in item.get("GraphicObjectSequence") or ():
-                kind = str(graphic.get("GraphicType", ""))[:16]
-                units = str(graphic.get("GraphicAnnotationUnits", ""))[:16]
-                count = graphic.get("NumberOfGraphicPoints", 0)
-                name = f"{kind} of {count} points, layer {layer!r}"
-                if kind not in JOINED or units != "PIXEL":
-                    others.append(f"{name}, in {units} units")
-                    continue
-                coordinates = np.array(graphic.GraphicData, np.float64)
-                if len(coordinates) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
-                    raise CurveError(
-                        f"{name} has {len(coordinates)} coordinates, and two a point are wanted. "
-                        "Export the presentation state again.",
-                        code="vector-unreadable",
-                    )
-                head = {"name": name, "drawn_on": drawn_on, "joined": JOINED[kind]}
-                lines.append(({"is_line": True, **head}, coordinates.reshape(-1, 2)))
-        for kind, name, drawn_on, values, width in (*report_curves(dataset), *contours(dataset)):
+        everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
+        for kind, name, drawn_on, values, width in everything:
             if kind not in OPEN and kind not in CLOSED:
                 others.append(name)
                 continue
             points = np.array(values, np.float64).reshape(-1, width)
             if kind in CLOSED:
                 points = np.vstack([points, points[:1]])
-            head = {"name": name, "drawn_on": drawn_on, "joined": "straight"}
-            lines.append(({"is_line": True, **head}, points * (1e-3 if width == 3 else 1.0)))
+            joined = "spline" if kind == "INTERPOLATED" else "straight"
+            head = {"is_line": True, "name": name, "drawn_on": drawn_on, "joined": joined}
+            lines.append((head, points * (1e-3 if width == 3 else 1.0)))
         modality = str(dataset.get("Modality", ""))[:16]
     if not lines:
         content = "; ".join(others[:6]) or f"no drawing ({modality})"
@@ -300,11 +268,38 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
         yield {"is_line": False, "name": name, "drawn_on": {}}
 
 
-# Lines of reports and contours of structures that are open or closed.
-OPEN = ("POLYLINE", "OPEN_PLANAR", "OPEN_NONPLANAR")
+# Lines of presentation states and reports, and contours of structures, that are open or closed.
+OPEN = ("POLYLINE", "INTERPOLATED", "OPEN_PLANAR", "OPEN_NONPLANAR")
 CLOSED = ("POLYGON", "CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 # A kind, a name, the images that it is drawn on, coordinates [px or mm], and how many a point has.
 Drawn = tuple[str, str, dict[str, list[int]], Any, int]
+
+
+def graphics(dataset: Any) -> Iterator[Drawn]:
+    """The graphics of a presentation state; one that is no line in pixels is of no kind."""
+    # Where an annotation names no images, those of the whole presentation state are meant.
+    images_of_series: dict[str, list[int]] = {}
+    for series in dataset.get("ReferencedSeriesSequence") or ():
+        images_of_series |= referenced_images(series)
+    for item in dataset.get("GraphicAnnotationSequence") or ():
+        drawn_on = referenced_images(item) or images_of_series
+        layer = str(item.get("GraphicLayer", ""))[:32]
+        for graphic in item.get("GraphicObjectSequence") or ():
+            kind = str(graphic.get("GraphicType", ""))[:16]
+            units = str(graphic.get("GraphicAnnotationUnits", ""))[:16]
+            count = int(graphic.get("NumberOfGraphicPoints") or 0)
+            name = f"{kind} of {count} points, layer {layer!r}"
+            if kind not in ("POLYLINE", "INTERPOLATED") or units != "PIXEL":
+                yield "", f"{name}, in {units} units", drawn_on, (), 2
+                continue
+            values = graphic.GraphicData
+            if len(values) != 2 * count:
+                raise CurveError(
+                    f"{name} has {len(values)} coordinates, and two a point are wanted. "
+                    "Export the presentation state again.",
+                    code="vector-unreadable",
+                )
+            yield kind, name, drawn_on, values, 2
 
 
 def report_curves(item: Any) -> Iterator[Drawn]:
@@ -341,10 +336,8 @@ def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> d
     return images
 
 
-def read_presentation(
-    data: bytes, number: int | None, where: str
-) -> tuple[Annotation, tuple[str, ...]]:
-    """The one line of a DICOM presentation state, or number `number` from 1, and warnings.
+def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
+    """The one line of a DICOM presentation state, or number `number` from 1.
 
     Raises `CurveError` where there is no such line, or several and none was chosen.
     """
@@ -359,28 +352,21 @@ def read_presentation(
     if number is None and len(annotations) > 1:
         raise CurveError(
             f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
-            code="vector-several",
-            numbers=numbers,
-        )
+            code="vector-several", numbers=numbers,
+        )  # fmt: skip
     if number is not None and number > len(lines):
         raise CurveError(
             f"holds no curve number {number}. Choose one of these: {listed}",
-            code="vector-number",
-            numbers=numbers,
-        )
-    if len(annotations) == 1:
-        return lines[0], ()
+            code="vector-number", numbers=numbers,
+        )  # fmt: skip
     chosen = (number or 1) - 1
-    warning = (
-        f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with --stroke N "
-        "where it is the wrong one"
-    )
-    return lines[chosen], (warning,)
-
-
-def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
-    """A line of a DICOM presentation state."""
-    drawn, warnings = read_presentation(data, number, where)
+    warnings = ()
+    if len(annotations) > 1:
+        warnings = (
+            f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with "
+            "--stroke N where it is the wrong one",
+        )
+    drawn = lines[chosen]
     points, closed = without_repeated_end(drawn.points)
     points = distinct_points(points, closed)
     curve = VectorDrawing(points, closed, drawn.joined, "", warnings, drawn.drawn_on)

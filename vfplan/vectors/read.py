@@ -175,7 +175,7 @@ def read_by_suffix(
     data: bytes, suffix: str, origin: PixelOrigin | None, where: str
 ) -> VectorDrawing:
     """A curve of any other file, by how its name ends."""
-    if suffix == ".roi" or is_roi(data):
+    if suffix == ".roi" or data.startswith(b"Iout"):
         points, closed, warnings = read_roi(data, origin, where)
         return VectorDrawing(distinct_points(points, closed), closed, "straight", "", warnings)
     text = decode_text(data, where, CurveError)
@@ -198,9 +198,8 @@ def read_markups(text: str, where: str) -> VectorDrawing:
         listed = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"
         raise CurveError(
             f"holds {listed}. Give one Curve or ClosedCurve",
-            code="vector-several",
-            numbers={"curves": len(curves)},
-        )
+            code="vector-several", numbers={"curves": len(curves)},
+        )  # fmt: skip
     closed = SLICER_CURVES[curves[0]["type"]]
     return slicer_curve(lps_points(curves[0], where), closed)
 
@@ -247,11 +246,6 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
         points = 1e3 * METRES[unit.lower()] * points
         return VectorDrawing(points, closed, "straight", "", measured_from=origin)
     return VectorDrawing(_from_centres(points, origin), closed, "straight", "")
-
-
-def is_roi(data: bytes) -> bool:
-    """Whether the bytes begin as an ImageJ selection does."""
-    return data[:4] == b"Iout"
 
 
 def read_roi(
@@ -338,9 +332,8 @@ def origin_of_line(
     if version < UNCLEAR_FORMAT:
         raise CurveError(
             f"is of an ImageJ before 1.52i (format {version}). {NAME_ORIGIN}",
-            code="origin-unknown",
-            numbers={"format": version},
-        )
+            code="origin-unknown", numbers={"format": version},
+        )  # fmt: skip
     warning = (
         f"{where}: is taken to count from the centres of pixels. Had an ImageJ before 1.52u "
         f"(March 2020) written it, it would lie half a pixel off. {NAME_ORIGIN}"
