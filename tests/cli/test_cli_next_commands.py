@@ -101,7 +101,7 @@ CALLS = (
     (0, "review elbow.png px.csv robot.csv --sheet-out sheet.png"),
     (0, "review p.h5 --sheet-out sheet-2.png"),
     (0, "accept p.h5 --by A --digest {} -o approved.h5"),
-    (3, "sign approved.h5 --key k.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
+    (3, "sign approved.h5 --key k3.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
     (0, "keygen -o k2.key"), (0, "review approved.h5 --sheet-out sheet-3.png"),
     (0, "sign approved.h5 --key k.key --case C1 -o b.h5"), (0, "verify b.h5 --keys k.pub"),
     (0, "info p.h5"), (0, "info approved.h5"), (0, "info b.h5"), (0, "validate p.h5"),
@@ -117,6 +117,7 @@ def test_every_command_that_is_printed_runs_as_pasted(vfplan_cli, tmp_path):
     (tmp_path / "session.csv").write_bytes((ROOT / "samples/elbow_session.csv").read_bytes())
     two_candidates(tmp_path / "two.png")
     photographed(tmp_path)
+    vfplan_cli("keygen", "-o", "k.key", cwd=tmp_path)
     failed = []
     for code, call in CALLS:
         if "{}" in call:
