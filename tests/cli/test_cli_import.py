@@ -88,7 +88,7 @@ def test_what_a_mesh_leaves_unused_and_what_takes_long_ticks_is_said(vfplan_cli,
     run = vfplan_cli("import", tmp_path / "a.ply", "--units", "m", "-q", "-o", tmp_path / "a.h5")
     assert "left out: 2 points of no triangle" in run.stderr
     assert "us are given" not in run.stderr
-    np.save(tmp_path / "c.npy", np.random.default_rng(1).uniform(0, 1, (100_000, 3)))
+    np.save(tmp_path / "c.npy", np.random.default_rng(1).uniform(0, 1, (400_000, 3)))
     run = vfplan_cli("import", tmp_path / "c.npy", "--units", "cm", "-q", "-o", tmp_path / "c.h5")
     assert "a tick may take" in run.stderr
 
