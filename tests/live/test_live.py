@@ -4,6 +4,7 @@ import errno
 import itertools
 import json
 import resource
+import signal
 import socket
 import struct
 import subprocess
@@ -22,6 +23,7 @@ from refusals import refuses
 from vfplan.cli.main import cli
 
 import vfplan
+from vfplan.engine.moving import matrices
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.live import server as igtl
@@ -30,6 +32,7 @@ from vfplan.live.server import Server, static_messages
 from vfplan.live.sources import PositionStream, Ticks, decode, host_and_port, stream_udp
 from vfplan.session import bags as mcapfile
 from vfplan.session.bags import TICK, McapWriter, read_ticks
+from vfplan.session.events import read_poses
 from vfplan.session.read import open_session
 
 needs_mcap = pytest.mark.skipif(find_spec("mcap") is None, reason="needs vfplan[live]")
@@ -577,3 +580,107 @@ def test_the_reference_library_reads_it(server, feed, reference_client):
     assert len(forces) == 10
     assert all(line.split(" ", 2)[2] in known for line in forces)
     assert [device for device, _ in static_messages(fixture)] == ["vfplan_cloud", "vfplan_contact"]
+
+
+def turned(angle, place_mm):
+    """(4, 4) a turn about (1, 2, 2) / 3, by Rodrigues' formula, and a place [mm]."""
+    axis = np.array([1, 2, 2]) / 3
+    cross = np.cross(axis, np.eye(3)).T
+    pose = np.eye(4)
+    pose[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    pose[:3, 3] = place_mm
+    return pose
+
+
+@pytest.fixture
+def tracker(monkeypatch):
+    """A server of the protocol's Python library, with a function that sends a transform."""
+    pyigtl = pytest.importorskip("pyigtl", reason="needs pip install pyigtl")
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # which it would catch
+    server = pyigtl.OpenIGTLinkServer(port=free_port(socket.SOCK_STREAM), local_server=True)
+
+    def send(matrix, time_s, device="Body", status=None):
+        sent = pyigtl.TransformMessage(matrix, time_s, device)
+        if status is not None:
+            sent.header_version, sent.metadata = 2, {"TransformStatus": status}
+        waits_until(server.is_connected)
+        server.send_message(sent)
+
+    yield server.port, send
+    server.stop()
+
+
+def waits_until(is_so):
+    ends = time.monotonic() + 20
+    while not is_so():
+        assert time.monotonic() < ends
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("is_ras", [False, True])
+def test_a_trackers_poses_arrive_as_the_protocols_library_sends_them(is_ras, tracker):
+    port, send = tracker
+    frame = vfplan.MovingFrame()
+    address, take = f"igtl://127.0.0.1:{port}/Body", lambda t, pose: frame.pose(t - 1e9, pose)
+    receiver = igtl.PoseReceiver(address, is_ras=is_ras, take=take)
+    send(turned(0.5, (10, -20, 30)), 1e9 + 0.25)
+    send(turned(0.1, (0, 0, 0)), 1e9, "Probe")
+    send(turned(0.6, (10, -20, 31)), 1e9 + 0.5, status="OK")
+    send(turned(0.6, (10, -20, 31)), 1e9 + 0.6, status="INVALID")
+    send(np.diag([2, 2, 2, 1.0]), 1e9 + 0.75)
+    waits_until(lambda: receiver.left_out.total() == 2)
+    receiver.close()
+    assert [time_s - 1e9 for time_s, *_ in receiver.poses] == pytest.approx([0.25, 0.5], abs=1e-6)
+    signs = np.diag([-1, -1, 1, 1] if is_ras else [1, 1, 1, 1])
+    true = [turned(0.5, (0.01, -0.02, 0.03)), turned(0.6, (0.01, -0.02, 0.031))]
+    got = [pose for *_, pose in receiver.poses]
+    np.testing.assert_allclose(got, signs @ true @ signs, atol=1e-6)
+    assert (len(receiver.left_out), receiver.other_devices) == (2, {"Probe"})
+    assert frame.refused == 0
+    np.testing.assert_allclose(frame.at(0.3), got[0], atol=1e-6)
+
+
+def test_a_damaged_transform_is_none():
+    body = igtl.transform("Body", 1.5, np.ones(3))[58:]
+    with refuses(InputError, "transform-damaged"):
+        igtl.decode_transform(body[:-1] + b"!", 1, igtl.crc64(body))
+    with refuses(InputError, "transform-size"):
+        igtl.decode_transform(body[:-4], 1, igtl.crc64(body[:-4]))
+    with refuses(InputError, "transform-not-rigid"):
+        igtl.decode_transform(bytes(48), 1, igtl.crc64(bytes(48)))
+    with refuses(InputError, "address-unusable"):
+        igtl.PoseReceiver(f"igtl://127.0.0.1:{free_port(socket.SOCK_STREAM)}/Body")
+
+
+def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkeypatch):
+    """On the loop's clock, which the ticks carry; the replay takes the file."""
+    pytest.importorskip("mcap", reason="needs vfplan[live]")
+    port, send = tracker
+    fixture, poses, recorded = (tmp_path / name for name in ("f.h5", "p.csv", "r.mcap"))
+    vfplan.write_fixture(bundles.small(), fixture)
+    begun = time.time()
+
+    def ticks(address):
+        for k in range(5):
+            send(turned(k, (k, 0, 0)), time.time())
+            part = made(100)
+            part["index"] += 100 * k
+            part["hip"] = 5
+            part["t"] = time.time() - begun + 7 + np.arange(-99, 1) / 1e4
+            yield Ticks(part)
+            time.sleep(0.05)
+
+    monkeypatch.setattr(sources, "stream_udp", ticks)
+    words = ["live", fixture, "udp://127.0.0.1:5", "--mcap", recorded, "--poses-out", poses,
+             "--poses-from", f"igtl://127.0.0.1:{port}/Body", "--json"]  # fmt: skip
+    run = CliRunner().invoke(cli, [*map(str, words)])
+    assert run.exit_code == 0, run.output
+    assert json.loads(run.stdout)["poses"] == 5
+    got = read_poses(poses)
+    assert got.time[0] == pytest.approx(7, abs=0.2)
+    assert ((got.arrived - got.time) < 0.2).all()
+    true = [turned(k, (k / 1e3, 0, 0)) for k in range(5)]
+    np.testing.assert_allclose(matrices(got.pose), true, atol=1e-6)
+    replayed = CliRunner().invoke(cli, ["replay", str(fixture), str(recorded), "--poses",
+                                        str(poses), "--rule", "robust", "--json"])  # fmt: skip
+    assert json.loads(replayed.stdout)["poses_refused"] == 0, replayed.output
