@@ -412,6 +412,38 @@ def test_what_a_hook_adds_does_not_keep_the_loop_alive(bad, loop):
     assert np.abs(np.diff(torques, axis=0)).max() <= 0.95 + 1e-9
 
 
+def test_the_loop_of_the_panda_stops_as_the_other(loop, call, monkeypatch, tmp_path):
+    """Over a stand-in of panda-python 1.1.1, by its stubs."""
+    arm, ended = loop.arm, []
+    model = SimpleNamespace(zero_jacobian=lambda frame, state: arm.jacobian.T.ravel().tolist())
+    panda = SimpleNamespace(
+        recover=lambda: None, get_robot=lambda: arm, get_model=lambda: model,
+        get_state=lambda: arm.read_in_loop()[0], start_controller=lambda controller: None,
+        stop_controller=lambda: ended.append(1),
+        create_context=lambda frequency: SimpleNamespace(ok=lambda: not ended),
+    )  # fmt: skip
+    keep = SimpleNamespace(set_control=lambda torque: arm.torques.append(torque))
+    controllers = SimpleNamespace(AppliedTorque=lambda damping, filter_coeff: keep)
+    library = SimpleNamespace(RealtimeConfig=SimpleNamespace(kEnforce="enforce"),
+                              Frame=SimpleNamespace(kEndEffector=8))  # fmt: skip
+    stand_in = SimpleNamespace(Panda=lambda host, realtime_config: panda,
+                               controllers=controllers, libfranka=library)  # fmt: skip
+    monkeypatch.setitem(sys.modules, "panda_py", stand_in)
+    import panda_loop
+
+    monkeypatch.setattr(loop, "ARM", "franka")
+    monkeypatch.setitem(sys.modules, "pylibfranka", panda_loop)
+
+    def lose():
+        arm.state.O_T_EE[12] = float("nan")
+
+    press_until_tick_5(loop, lose)
+    said, torques = call(stored(tmp_path, bundles.small()), *SHORT, code=1)
+    assert "the arm's position was not finite" in said
+    assert fades(torques, 21)
+    assert (ended, max(max(row) for row in arm.thresholds)) == ([1], 40)
+
+
 def test_thresholds_tip_and_kernel_are_options_with_safe_defaults(loop, call, tmp_path):
     path = stored(tmp_path, bundles.small())
     call(path, *SHORT)
