@@ -10,7 +10,6 @@ import pytest
 import vector_files
 from click.testing import CliRunner
 from conftest import ROOT
-from slicer_files import mrk
 from vfplan.cli.main import cli
 
 import vfplan
@@ -22,22 +21,19 @@ def test_a_drawn_curve_and_two_lists_become_a_plan(tmp_path, monkeypatch):
 
     rng = np.random.default_rng(1)
     marks = np.array([[-30, 20, 12], [40, 15, 16], [0, 70, 13], [20, 30, 10], [-35, 60, 17.0]])
-    turn, shift = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]), np.array([500, 200, 100.0])
-    touched = marks @ turn.T + shift + rng.normal(0, 0.01, marks.shape)
+    shift = np.array([500, 200, 100.0])
+    touched = marks + shift + rng.normal(0, 0.01, marks.shape)
     files = [vector_files.slicer(tmp_path, vector_files.RING_MM, "ClosedCurve")]
     for name, places, axes in (("m", marks, "LPS"), ("r", touched * [-1, -1, 1], "RAS")):
-        files.append(tmp_path / f"{name}.mrk.json")
-        points = [(f"F-{k}", place, "defined") for k, place in enumerate(places.tolist())]
-        files[-1].write_text(mrk(points, coordinateSystem=axes))
+        words = tmp_path, places, "Fiducial", f"{name}.mrk.json"
+        files.append(vector_files.slicer(*words, coordinateSystem=axes))
     words, bundle = plan_words(*files, tmp_path)
     run = CliRunner().invoke(cli, words[1:])
     assert run.exit_code == 0, run.output
-    ring = (1e3 * vfplan.read_fixture(bundle).points - shift) @ turn
+    ring = 1e3 * vfplan.read_fixture(bundle).points - shift
     assert np.abs(np.hypot(ring[:, 0], ring[:, 1]) - 10).max() < 0.05
-    for bad in (files[0], files[1]):
-        files[1].write_text(mrk([], coordinateUnits="m"))
-        with pytest.raises(ValueError, match=r"\.json "):
-            plan_words(*files[:2], bad, tmp_path)
+    with pytest.raises(ValueError, match="no single fiducial list"):
+        plan_words(*files[:2], files[0], tmp_path)
 
 
 def test_everything_gets_its_look(monkeypatch):

@@ -271,9 +271,8 @@ class Server:
             self._clients.discard(client)
 
     def _send_static(self, client: socket.socket) -> None:
-        now = time.time()
         for device, make_message in self._static:
-            client.sendall(make_message(device, now))
+            client.sendall(make_message(device, time.time()))
 
     def _answer_requests(self, client: socket.socket, unread: bytes) -> bytes:
         """Send what does not move again if GET_POLYDATA came; returns the unread input."""
@@ -313,8 +312,7 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
             lines.append(np.append(line, line[0]) if closed else line)
     points_mm = fixture.points * TO_RAS
     cloud = functools.partial(polydata, points_mm=points_mm, lines=lines, triangles=fixture.mesh)
-    radius_m = fixture.contact_radius + fixture.point_radius
-    points, faces = ball(1e3 * radius_m)
+    points, faces = ball(1e3 * (fixture.contact_radius + fixture.point_radius))
     sphere = functools.partial(polydata, points_mm=points, triangles=faces)
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
 
@@ -426,14 +424,12 @@ def decode_transform(body: bytes, version: int, crc: int) -> Array:
     if end - start != 48:
         raise InputError("it has no 48 bytes. Check which program sends", code="transform-size")
     if b"TransformStatus" in body[end:] and b"TransformStatusOK" not in body[end:]:
-        message = "the tracker calls it not valid. Check that it sees the body"
-        raise InputError(message, code="transform-not-valid")
+        raise InputError("the tracker calls it not valid", code="transform-not-valid")
     matrix = np.eye(4)
     matrix[:3] = np.frombuffer(body, ">f4", 12, start).reshape(4, 3).T
     matrix[:3, 3] *= 1e-3
     if not is_rigid(matrix):
-        message = "it is not rigid. Send a pose without scale or shear"
-        raise InputError(message, code="transform-not-rigid")
+        raise InputError("it is not rigid. Send it without scale", code="transform-not-rigid")
     return matrix
 
 

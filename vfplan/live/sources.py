@@ -160,10 +160,9 @@ def host_and_port(address: str, scheme: str = "udp") -> tuple[str, int, str]:
         host, port, device = parts.hostname, parts.port, unquote(parts.path.strip("/"))
     except ValueError:
         host = port = device = None
-    has_device = scheme == "igtl"
+    form = "igtl://HOST:PORT/DEVICE" if scheme == "igtl" else "udp://HOST:PORT"
     is_complete = address.startswith(f"{scheme}://") and host is not None and port is not None
-    if not is_complete or has_device != bool(device):
-        form = "igtl://HOST:PORT/DEVICE" if has_device else "udp://HOST:PORT"
+    if not is_complete or bool(device) != ("DEVICE" in form):
         raise SettingError(f"source is {address!r}. Give {form}", code="address-invalid")
     return host, port, device
 
@@ -188,12 +187,10 @@ def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
                         f"{sender[0]}:{sender[1]}. Give each controller a port of its own",
                         code="second-sender",
                     )
-            except TimeoutError:
-                yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
-                continue
-            except InputError as error:
-                bad += 1
-                first_bad = first_bad or error.message
+            except (TimeoutError, InputError) as error:
+                if isinstance(error, InputError):
+                    bad += 1
+                    first_bad = first_bad or error.message
                 yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
                 continue
             if address != sender or datagram.sequence < expected - SWAPPED:
