@@ -420,8 +420,7 @@ def test_the_loop_of_the_panda_stops_as_the_other(loop, call, monkeypatch, tmp_p
     panda = stand_in.Panda.return_value = Mock(spec=names.split())
     panda.get_robot.return_value = arm
     panda.get_state.side_effect = lambda: arm.read_in_loop()[0]
-    model = panda.get_model.return_value = arm.load_model()
-    model.zero_jacobian = lambda frame, state: arm.jacobian.T.ravel().tolist()
+    panda.get_model().zero_jacobian = lambda frame, state: arm.jacobian.T.ravel().tolist()
     stand_in.controllers.AppliedTorque.return_value.set_control.side_effect = arm.torques.append
     monkeypatch.setitem(sys.modules, "panda_py", stand_in)
     import panda_loop
