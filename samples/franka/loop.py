@@ -32,6 +32,8 @@ from vfplan.io.files import parse_seconds
 from vfplan.io.writing import write_whole
 
 RATE_HZ = 1000
+ARM = "fr3"
+"""Whose limits the governor keeps."""
 COLLISION_TORQUE_NM = 40.0
 """External torque of a joint at which the arm stops [N m]."""
 COLLISION_FORCE_N = 40.0
@@ -387,7 +389,7 @@ def make_engine(options: argparse.Namespace) -> tuple[Any, vfplan.Governor | Non
     governor = None
     if not options.no_governor:
         stiffness_n_per_m = float(np.max(fixture.stiffness))
-        governor = vfplan.Governor.of(vfplan.read_robot("fr3"), stiffness_n_per_m, torques=True)
+        governor = vfplan.Governor.of(vfplan.read_robot(ARM), stiffness_n_per_m, torques=True)
     return engine, governor
 
 

@@ -4,6 +4,7 @@ import errno
 import itertools
 import json
 import resource
+import signal
 import socket
 import struct
 import subprocess
@@ -18,10 +19,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT, need_header, need_program, output
+from motion import turned
 from refusals import refuses
 from vfplan.cli.main import cli
 
 import vfplan
+from vfplan.engine.moving import matrices
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.live import server as igtl
@@ -30,6 +33,7 @@ from vfplan.live.server import Server, static_messages
 from vfplan.live.sources import PositionStream, Ticks, decode, host_and_port, stream_udp
 from vfplan.session import bags as mcapfile
 from vfplan.session.bags import TICK, McapWriter, read_ticks
+from vfplan.session.events import read_poses
 from vfplan.session.read import open_session
 
 needs_mcap = pytest.mark.skipif(find_spec("mcap") is None, reason="needs vfplan[live]")
@@ -577,3 +581,88 @@ def test_the_reference_library_reads_it(server, feed, reference_client):
     assert len(forces) == 10
     assert all(line.split(" ", 2)[2] in known for line in forces)
     assert [device for device, _ in static_messages(fixture)] == ["vfplan_cloud", "vfplan_contact"]
+
+
+def placed(angle, place):
+    """(4, 4) a pose that is turned about (1, 2, 2)."""
+    return np.block([[turned([1, 2, 2], angle), np.reshape(place, (3, 1))], [0, 0, 0, 1]])
+
+
+@pytest.fixture
+def tracker(monkeypatch):
+    """A server of the protocol's Python library, with a function that sends a transform."""
+    pyigtl = pytest.importorskip("pyigtl", reason="needs pip install pyigtl")
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # which it would catch
+    server = pyigtl.OpenIGTLinkServer(port=free_port(socket.SOCK_STREAM), local_server=True)
+
+    def send(matrix, time_s, device="Body", status=None):
+        sent = pyigtl.TransformMessage(matrix, time_s, device)
+        sent.header_version, sent.metadata = 1 + bool(status), {"TransformStatus": status}
+        while not server.is_connected():
+            time.sleep(0.01)
+        server.send_message(sent)
+
+    yield server.port, send
+    server.stop()
+
+
+@pytest.mark.parametrize("is_ras", [False, True])
+def test_a_trackers_poses_arrive_as_the_protocols_library_sends_them(is_ras, tracker):
+    port, send = tracker
+    frame = vfplan.MovingFrame()
+    address, take = f"igtl://127.0.0.1:{port}/Body", lambda t, pose: frame.pose(t - 1e9, pose)
+    receiver = igtl.PoseReceiver(address, is_ras=is_ras, take=take)
+    send(placed(0.5, (10, -20, 30)), 1e9 + 0.25)
+    send(placed(0.1, (0, 0, 0)), 1e9, "Probe")
+    send(placed(0.6, (10, -20, 31)), 1e9 + 0.5, status="OK")
+    send(placed(0.6, (10, -20, 31)), 1e9 + 0.6, status="INVALID")
+    send(np.diag([2, 2, 2, 1.0]), 1e9 + 0.75)
+    while receiver.left_out.total() < 2:
+        time.sleep(0.01)
+    receiver.close()
+    assert [time_s - 1e9 for time_s, *_ in receiver.poses] == pytest.approx([0.25, 0.5], abs=1e-6)
+    signs = np.diag([-1, -1, 1, 1] if is_ras else [1, 1, 1, 1])
+    true = signs @ [placed(0.5, (0.01, -0.02, 0.03)), placed(0.6, (0.01, -0.02, 0.031))] @ signs
+    np.testing.assert_allclose([pose for *_, pose in receiver.poses], true, atol=1e-6)
+    assert (len(receiver.left_out), receiver.other_devices) == (2, {"Probe"})
+    np.testing.assert_allclose(frame.at(0.3), true[0], atol=1e-6)
+
+
+def test_a_damaged_transform_is_none():
+    body = igtl.transform("Body", 1.5, np.ones(3))[58:]
+    for code, data, whole in (("damaged", body[:-1] + b"!", body), ("size", body[4:], body[4:]),
+                              ("not-rigid", bytes(48), bytes(48))):  # fmt: skip
+        with refuses(InputError, f"transform-{code}"):
+            igtl.decode_transform(data, 1, igtl.crc64(whole))
+    with refuses(InputError, "address-unusable"):
+        igtl.PoseReceiver(f"igtl://127.0.0.1:{free_port(socket.SOCK_STREAM)}/Body")
+
+
+@needs_mcap
+def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkeypatch):
+    """On the loop's clock, which the ticks carry; the replay takes the file."""
+    port, send = tracker
+    fixture, poses, recorded = (tmp_path / name for name in ("f.h5", "p.csv", "r.mcap"))
+    vfplan.write_fixture(bundles.small(), fixture)
+    begun = time.time()
+
+    def ticks(address):
+        for k in range(5):
+            send(placed(k, (k, 0, 0)), time.time())
+            part = made(100)
+            part["t"] = time.time() - begun + 7 + np.arange(-99, 1) / 1e4
+            yield Ticks(part)
+            time.sleep(0.05)
+
+    monkeypatch.setattr(sources, "stream_udp", ticks)
+    words = ["live", fixture, "udp://127.0.0.1:5", "--mcap", recorded, "--poses-out", poses,
+             "--poses-from", f"igtl://127.0.0.1:{port}/Body", "--json"]  # fmt: skip
+    run = CliRunner().invoke(cli, [*map(str, words)])
+    assert json.loads(run.stdout)["poses"] == 5
+    got = read_poses(poses)
+    assert (got.time[0], (got.arrived - got.time).max()) == pytest.approx((7, 0), abs=0.2)
+    true = [placed(k, (k / 1e3, 0, 0)) for k in range(5)]
+    np.testing.assert_allclose(matrices(got.pose), true, atol=1e-6)
+    words = ["replay", fixture, recorded, "--poses", poses, "--rule", "robust", "--json"]
+    replayed = CliRunner().invoke(cli, [*map(str, words)])
+    assert json.loads(replayed.stdout)["poses_refused"] == 0

@@ -14,6 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import bundles
 import numpy as np
@@ -410,6 +411,28 @@ def test_what_a_hook_adds_does_not_keep_the_loop_alive(bad, loop):
     assert (torques[4] != 2).any()
     assert (torques[-1] == 2).all()
     assert np.abs(np.diff(torques, axis=0)).max() <= 0.95 + 1e-9
+
+
+def test_the_loop_of_the_panda_stops_as_the_other(loop, call, monkeypatch, tmp_path):
+    """Over a stand-in of panda-python 1.1.1, with the names of its stubs that the loop calls."""
+    arm, stand_in = loop.arm, Mock(spec=["Panda", "controllers", "libfranka"])
+    names = "recover get_robot get_model get_state start_controller stop_controller create_context"
+    panda = stand_in.Panda.return_value = Mock(spec=names.split())
+    panda.get_robot.return_value = arm
+    panda.get_state.side_effect = lambda: arm.read_in_loop()[0]
+    panda.get_model().zero_jacobian = lambda frame, state: arm.jacobian.T.ravel().tolist()
+    stand_in.controllers.AppliedTorque.return_value.set_control.side_effect = arm.torques.append
+    monkeypatch.setitem(sys.modules, "panda_py", stand_in)
+    import panda_loop
+
+    monkeypatch.setattr(loop, "ARM", "franka")
+    monkeypatch.setitem(sys.modules, "pylibfranka", panda_loop)
+    press_until_tick_5(loop, lambda: arm.state.O_T_EE.__setitem__(12, float("nan")))
+    said, torques = call(stored(tmp_path, bundles.small()), *SHORT, code=1)
+    assert "the arm's position was not finite" in said
+    assert fades(torques, 21)
+    panda.stop_controller.assert_called_once_with()
+    assert max(max(row) for row in arm.thresholds) == 40
 
 
 def test_thresholds_tip_and_kernel_are_options_with_safe_defaults(loop, call, tmp_path):

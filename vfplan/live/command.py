@@ -6,11 +6,13 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import click
 
 from vfplan.cli.options import (
+    CSV,
     FIXTURE,
     DecimalNumber,
     OutputFile,
@@ -20,8 +22,12 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
+from vfplan.display import count
 from vfplan.errors import OutputError
 from vfplan.io.writing import made_folder, move_into_place, not_written
+
+# Poses that come later than this [s], or before their own time by as much, tell of two clocks.
+MAX_POSE_DELAY_S = 0.5
 
 
 @command("live")
@@ -34,19 +40,29 @@ from vfplan.io.writing import made_folder, move_into_place, not_written
            help="Serve a page to watch on 127.0.0.1 at this port, e.g. 8080; 0 takes a free one."),
     option("--mcap", type=OutputFile(".mcap"), metavar="FILE",
            help="Record every tick in this file."),
+    option("--poses-from", metavar="igtl://HOST:PORT/DEVICE",
+           help="Receive the fixture's poses from an OpenIGTLink server, as PLUS and Slicer are."),
+    option("--poses-out", type=CSV, metavar="FILE",
+           help="Write these poses at the end, for `replay --poses`."),
+    option("--poses-axes", type=click.Choice(["as-sent", "ras"]), default="as-sent",
+           help="ras: the poses are of Slicer's world. They are turned into LPS."),
     option("--rate", type=DecimalNumber(1, 1000), default=100.0, metavar="HZ",
            help="Show this many ticks a second."),
     option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
            help="Stop after this time [s].  [default: at the end of the result, or on Ctrl-C]"),
-    option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
+    option("--overwrite", is_flag=True, help="Replace the files if they exist."),
 )  # fmt: skip
-def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandResult:
+def vfplan_live(
+    fixture, source, openigtlink, web, mcap, poses_from, poses_out, poses_axes, rate, seconds
+) -> CommandResult:
     """Show the ticks of a controller, or of a result of `vfplan replay -o` at its own pace.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. After Ctrl-C the MCAP file is
     complete; until then it is FILE.mcap.part.
     """
-    if openigtlink is None and web is None and mcap is None:
+    if (poses_from is None) != (poses_out is None):
+        raise click.UsageError("give --poses-from and --poses-out together, or neither")
+    if (openigtlink, web, mcap, poses_out) == (None,) * 4:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
     from vfplan.bundle.read import read_fixture
     from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
@@ -57,7 +73,7 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
 
     feed = PositionStream(rate)
     servers: list[Any] = []
-    writer = None
+    writer = receiver = None
     with ExitStack() as stack:
         if openigtlink is not None:
             from vfplan.live.server import Server
@@ -73,6 +89,11 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
             stack.callback(page.close)
             servers.append(page)
             click.echo(f"vfplan: page at http://127.0.0.1:{page.port}/", err=True)
+        if poses_from is not None:
+            from vfplan.live.server import PoseReceiver, write_poses
+
+            receiver = PoseReceiver(poses_from, is_ras=poses_axes == "ras")
+            stack.callback(receiver.close)
         if mcap is not None:
             # Nothing deletes this file, so that a recording that is cut off can be replayed.
             part = mcap.with_name(f"{mcap.name}.part")
@@ -86,45 +107,57 @@ def vfplan_live(fixture, source, openigtlink, web, mcap, rate, seconds) -> Comma
                 writer = stack.enter_context(McapWriter(part, (scene, rate)))
             except OSError as error:
                 raise not_written(part, error) from error
-        data = pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
+        data = pass_on(ticks, feed, writer, seconds, stop_when_full=not (servers or receiver))
     if writer is not None and data["ticks"]:
         move_into_place([(part, mcap)], overwrite=is_overwriting())
+        data["mcap"] = str(mcap)
     elif writer is not None:
         part.unlink()
 
     refused = sum(server.refused for server in servers)
     warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
     warnings = [warning] if refused else []
-    if data["bad_datagrams"]:
-        warnings.append(
-            f"{data['bad_datagrams']} datagrams were left out, the first because "
-            f"{data['first_bad_datagram']}"
-        )
+    if bad := data["bad_datagrams"]:
+        why = data["first_bad_datagram"]
+        warnings.append(f"{bad} datagrams were left out, the first because {why}")
     text = (
         f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
         f"{data['lost_datagrams']} datagrams lost"
     )
-    if not data["ticks"]:
+    if "mcap" in data:
+        text += f"\nwrote {mcap}"
+    if receiver is not None:
+        text += f"\n{len(receiver.poses)} poses from {poses_from}, axes {poses_axes}"
+        warnings += pose_warnings(receiver)
+        data |= {"poses": len(receiver.poses), "poses_left_out": receiver.left_out.total()}
+        if receiver.poses:
+            # Without a tick the times count from the first pose.
+            zero = feed.zero_s if data["ticks"] else receiver.poses[0][1]
+            write_poses(poses_out, receiver, zero, overwrite=is_overwriting())
+            text += f"\nwrote {poses_out}"
+    if not data["ticks"] or (receiver is not None and not receiver.poses):
+        missing = (
+            f"no pose came from {poses_from}" if data["ticks"] else f"no tick came from {source}"
+        )
         return CommandResult(
-            data, text, 1, warnings, f"no tick came from {source}", verdict="nothing to show",
-            next_step="check that the controller runs, and sends to this address",
+            data, text, 1, warnings, missing, verdict="nothing to show",
+            next_step="check that the sender runs, and sends to this address",
         )  # fmt: skip
     if writer is None:
         return CommandResult(
             data, text, warnings=warnings, verdict="shown to the end",
             next_step=f"keep every tick of the next run: {command_line()} --mcap FILE.mcap",
         )  # fmt: skip
-    data["mcap"] = str(mcap)
-    text += f"\nwrote {mcap}"
     if writer.full:
         failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
         return CommandResult(
             data, text, 2, warnings, failed, verdict="shown, and recorded in part",
             next_step="free some space, and record again into another file",
         )  # fmt: skip
+    moving = f" --poses {poses_out}" if receiver is not None else ""
     return CommandResult(
         data, text, warnings=warnings, verdict="shown and recorded to the end",
-        next_step=f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}",
+        next_step=f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}{moving}",
     )  # fmt: skip
 
 
@@ -150,3 +183,16 @@ def pass_on(
             if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data
+
+
+def pose_warnings(receiver: Any) -> list[str]:
+    """What did not come as a pose, and why."""
+    warnings = ["the server of the poses ended the connection"] if receiver.has_ended else []
+    for why, poses in receiver.left_out.items():
+        warnings.append(f"{count(poses, 'pose')} left out: {why}")
+    if not receiver.poses and receiver.other_devices:
+        warnings.append("poses came of " + ", ".join(sorted(receiver.other_devices)))
+    delay_s = median([received - measured for measured, received, _ in receiver.poses] or [0])
+    if abs(delay_s) > MAX_POSE_DELAY_S:
+        warnings.append(f"poses came {delay_s:.3g} s after their own time. Set both clocks alike")
+    return warnings

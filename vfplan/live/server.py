@@ -1,4 +1,4 @@
-"""Servers of a live view: OpenIGTLink for any number of clients, and a page to watch.
+"""Servers of a live view, OpenIGTLink and a page to watch, and a receiver of a tracker's poses.
 
 Each OpenIGTLink client has a thread of its own, so that a client that stalls only misses ticks and
 delays nobody. What does not move (the cloud or the curve, the contact sphere) goes out once to each
@@ -21,24 +21,33 @@ import socket
 import struct
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from functools import cache
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import OutputError
+from vfplan.engine.moving import is_rigid
+from vfplan.errors import InputError, OutputError
 from vfplan.fixture import Fixture
 from vfplan.io.sandbox import Loopback, reply
-from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream
+from vfplan.io.writing import write_whole
+from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream, host_and_port
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
+from vfplan.session.events import POSE_COLUMNS
 
 Array = NDArray[np.float64]
 HEADER = struct.Struct(">H12s20sQQQ")
+
+# What a body begins with in version 2: the sizes of this, of the index and the text of the
+# metadata, and the message's number.
+EXTENDED_HEADER = struct.Struct(">HHII")
 
 # The protocol's code of the unit N.
 NEWTON = (0x0B << 54) | (1 << 50)
@@ -262,9 +271,8 @@ class Server:
             self._clients.discard(client)
 
     def _send_static(self, client: socket.socket) -> None:
-        now = time.time()
         for device, make_message in self._static:
-            client.sendall(make_message(device, now))
+            client.sendall(make_message(device, time.time()))
 
     def _answer_requests(self, client: socket.socket, unread: bytes) -> bytes:
         """Send what does not move again if GET_POLYDATA came; returns the unread input."""
@@ -304,8 +312,7 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
             lines.append(np.append(line, line[0]) if closed else line)
     points_mm = fixture.points * TO_RAS
     cloud = functools.partial(polydata, points_mm=points_mm, lines=lines, triangles=fixture.mesh)
-    radius_m = fixture.contact_radius + fixture.point_radius
-    points, faces = ball(1e3 * radius_m)
+    points, faces = ball(1e3 * (fixture.contact_radius + fixture.point_radius))
     sphere = functools.partial(polydata, points_mm=points, triangles=faces)
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
 
@@ -323,6 +330,127 @@ def tick_messages(tick: NDArray[np.void]) -> bytes:
         + sensor("vfplan_force", now, tick["force"] * np.sign(TO_RAS))
         + status("vfplan_status", now, code, state, text)
     )
+
+
+# Bytes of another device's message that is passed over: more than a picture of 4096 x 4096 in
+# colour. One that announces more is no message.
+MAX_SKIPPED_BYTES = 2**26
+
+
+class PoseReceiver:
+    """Receives the TRANSFORM messages of one device, as PLUS and Slicer send them, until closed.
+
+    address: igtl://HOST:PORT/DEVICE of an OpenIGTLink server
+    is_ras: the poses are of Slicer's world; they are turned into LPS
+    take: is called in the receiver's thread with the time since 1970 [s] at which the tracker
+        measured, by its computer's clock, and the pose (4, 4) [m], e.g. for a `MovingFrame`
+    Raises SettingError: another address
+    Raises InputError: nobody answers there
+    """
+
+    def __init__(
+        self, address: str, *, is_ras: bool = False,
+        take: Callable[[float, Array], Any] | None = None,
+    ) -> None:  # fmt: skip
+        host, port, self._device = host_and_port(address, "igtl")
+        self._is_ras, self._take = is_ras, take
+        # Each with its time, and the time of its receipt.
+        self.poses: list[tuple[float, float, Array]] = []
+        # How many transforms of the device were not taken, by reason.
+        self.left_out: Counter[str] = Counter()
+        # Names of other transforms that came, and whether the server ended the connection.
+        self.other_devices: set[str] = set()
+        self.has_ended = False
+        try:
+            self._socket = socket.create_connection((host, port), STALLED_S)
+        except OSError as error:
+            raise InputError(
+                f"cannot be reached: {error}. Check that PLUS or Slicer serves there",
+                where=address, code="address-unusable",
+            ) from None  # fmt: skip
+        self._socket.settimeout(None)
+        self._thread = threading.Thread(target=self.receive, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Disconnect; what came stays in `poses`."""
+        self.has_ended = not self._thread.is_alive()
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._socket.close()
+
+    def receive(self) -> None:
+        """Take messages until the connection ends, or holds what is no OpenIGTLink."""
+        with suppress(OSError), self._socket.makefile("rb") as stream:
+            while len(head := stream.read(HEADER.size)) == HEADER.size:
+                version, kind, device, stamp, size, crc = HEADER.unpack(head)
+                if version not in (1, 2) or size > MAX_SKIPPED_BYTES:
+                    return
+                body = stream.read(size)
+                name = device.rstrip(b"\0").decode("utf-8", "replace")
+                received = time.time()
+                if kind.rstrip(b"\0") != b"TRANSFORM":
+                    continue
+                if name != self._device:
+                    self.other_devices.add(name)
+                    continue
+                try:
+                    matrix = decode_transform(body, version, crc)
+                except InputError as error:
+                    self.left_out[error.message] += 1
+                    continue
+                if self._is_ras:
+                    signs = np.append(np.sign(TO_RAS), 1)
+                    matrix = signs[:, None] * matrix * signs
+                measured = stamp / 2**32 if stamp else received
+                self.poses.append((measured, received, matrix))
+                if self._take is not None:
+                    self._take(measured, matrix)
+
+
+def decode_transform(body: bytes, version: int, crc: int) -> Array:
+    """(4, 4) the pose [m] in a TRANSFORM's body.
+
+    Raises InputError: a damaged body, another size, a pose that its metadata call not valid, or a
+        matrix that is not rigid
+    """
+    if crc64(body) != crc:
+        raise InputError("it was damaged. Check the network", code="transform-damaged")
+    start, index_size, text_size = 0, 0, 0
+    if version == 2 and len(body) >= EXTENDED_HEADER.size:
+        start, index_size, text_size, _ = EXTENDED_HEADER.unpack_from(body)
+    end = len(body) - index_size - text_size
+    if end - start != 48:
+        raise InputError("it has no 48 bytes. Check which program sends", code="transform-size")
+    if b"TransformStatus" in body[end:] and b"TransformStatusOK" not in body[end:]:
+        raise InputError("the tracker calls it not valid", code="transform-not-valid")
+    matrix = np.eye(4)
+    matrix[:3] = np.frombuffer(body, ">f4", 12, start).reshape(4, 3).T
+    matrix[:3, 3] *= 1e-3
+    if not is_rigid(matrix):
+        raise InputError("it is not rigid. Send it without scale", code="transform-not-rigid")
+    return matrix
+
+
+def write_poses(path: Path, receiver: PoseReceiver, zero: float, *, overwrite: bool) -> None:
+    """Write what came as `vfplan replay --poses` reads it; `zero`: when its clock was 0 [s]."""
+    rows, arrived = [], -np.inf
+    for measured, received, pose in receiver.poses:
+        arrived = max(arrived, received)
+        row = [measured - zero, *pose[:3, 3], *unit_quaternion(pose), arrived - zero]
+        rows.append(",".join(repr(float(number)) for number in row))
+    text = "\n".join([",".join([*POSE_COLUMNS, "arrived"]), *rows, ""])
+    write_whole(path, [text.encode()], overwrite=overwrite)
+
+
+def unit_quaternion(matrix: Array) -> Array:
+    """(4,) w x y z of the rotation of a pose (4, 4)."""
+    import cv2
+
+    turn = cv2.Rodrigues(matrix[:3, :3])[0].ravel()
+    half = np.linalg.norm(turn) / 2
+    return np.append(np.cos(half), turn / 2 * np.sinc(half / np.pi))
 
 
 class Web:

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,7 @@ def stream_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:
 
 def stream_udp(address: str) -> Iterator[Ticks]:
     """What arrives at `udp://HOST:PORT`, without end; the socket is bound before this returns."""
-    host, port = host_and_port(address)
+    host, port, _ = host_and_port(address)
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     try:
@@ -150,16 +150,21 @@ def stream_udp(address: str) -> Iterator[Ticks]:
     return receive_ticks(receiver)
 
 
-def host_and_port(address: str) -> tuple[str, int]:
-    """Host and port of `udp://HOST:PORT`; raises `SettingError`."""
+def host_and_port(address: str, scheme: str = "udp") -> tuple[str, int, str]:
+    """Host, port and device of `udp://HOST:PORT`, without one, or of `igtl://HOST:PORT/DEVICE`.
+
+    Raises SettingError: another address
+    """
     try:
         parts = urlsplit(address)
-        host, port = parts.hostname, parts.port
+        host, port, device = parts.hostname, parts.port, unquote(parts.path.strip("/"))
     except ValueError:
-        host = port = None
-    if not address.startswith("udp://") or host is None or port is None:
-        raise SettingError(f"source is {address!r}. Give udp://HOST:PORT", code="address-invalid")
-    return host, port
+        host = port = device = None
+    form = "igtl://HOST:PORT/DEVICE" if scheme == "igtl" else "udp://HOST:PORT"
+    is_complete = address.startswith(f"{scheme}://") and host is not None and port is not None
+    if not is_complete or bool(device) != ("DEVICE" in form):
+        raise SettingError(f"source is {address!r}. Give {form}", code="address-invalid")
+    return host, port, device
 
 
 def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
@@ -182,12 +187,10 @@ def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
                         f"{sender[0]}:{sender[1]}. Give each controller a port of its own",
                         code="second-sender",
                     )
-            except TimeoutError:
-                yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
-                continue
-            except InputError as error:
-                bad += 1
-                first_bad = first_bad or error.message
+            except (TimeoutError, InputError) as error:
+                if isinstance(error, InputError):
+                    bad += 1
+                    first_bad = first_bad or error.message
                 yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
                 continue
             if address != sender or datagram.sequence < expected - SWAPPED:
@@ -213,6 +216,8 @@ class PositionStream:
         self._count = 0
         self._period = np.nan
         self._has_changed = threading.Condition()
+        # When the ticks' clock was 0, since 1970 [s], by the tick that came fastest.
+        self.zero_s = np.inf
 
     def put(self, ticks: NDArray[np.void]) -> None:
         """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
@@ -221,7 +226,8 @@ class PositionStream:
         shown = np.zeros(len(firsts), SHOWN)
         for name in TICK.names:
             shown[name] = firsts[name]
-        shown["received"] = time.time()
+        shown["received"] = now = time.time()
+        self.zero_s = min(self.zero_s, now - float(ticks["t"][-1]))
         with self._has_changed:
             self._period = periods[-1]
             self._kept.extend(shown)
