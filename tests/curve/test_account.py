@@ -171,3 +171,21 @@ def test_what_was_cut_off_is_not_asked_about():
     image = picture(([start, np.add(start, (20, 0))], 8.0))
     assert codes(extract_curve(image, max_gap_px=10)) == ["ink-at-end"]
     assert codes(extract_curve(image, max_gap_px=10, end=(220, 173))) == []
+
+
+def test_an_end_on_the_border_is_asked_about_once():
+    extraction = extract_curve(picture()[:, 100:])
+    assert codes(extraction) == ["leaves-picture"]
+    assert extraction.findings[0].place_px[0] == pytest.approx(0, abs=1)
+
+
+@pytest.mark.parametrize("slope", [40, 60])
+def test_the_deviation_covers_the_kink_where_the_ends_of_a_ring_cross(slope):
+    angle = np.linspace(-0.12, 2 * np.pi + 0.12, 900)
+    radius = 100 + slope * (np.minimum(angle, 0) + np.maximum(angle - 2 * np.pi, 0))
+    ends = np.column_stack([170 + radius * np.cos(angle), 150 + radius * np.sin(angle)])
+    (stroke,) = extract_curve(painted((ends, 5.0))).strokes
+    across = np.abs(np.hypot(*(stroke.points - (170, 150)).T) - 100)
+    assert stroke.closed
+    assert across.max() > 1
+    assert (across <= 1.96 * stroke.sigma + 0.05).all()

@@ -648,6 +648,10 @@ def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_o
     session, truth = opened(fork, tmp_path)
     half = session.apply({"do": "draw", "points": truth[:250:40].tolist()})
     assert "ink-joins" in [finding.code for finding in half.current.findings]
+    ink = max(half.state()["account"], key=lambda entry: entry["pixels"])["number"]
+    left = half.apply({"do": "leave", "ink": ink})
+    asked = [f for f in left.current.findings if f.is_open and f.code == "ink-joins"]
+    assert asked == []
     with refuses(SettingError, "replace-or-add"):
         half.apply({"do": "draw", "points": [[20, 280], [60, 290]]})
     # From elsewhere, along the whole line and beyond: nothing is folded, and nothing is lost.

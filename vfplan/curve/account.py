@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
@@ -305,12 +305,22 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def join_findings(
-    leftover: list[Leftover], strokes: Sequence[Stroke], ink: Ink, max_gap_px: float
+    leftover: list[Leftover],
+    strokes: Sequence[Stroke],
+    ink: Ink,
+    max_gap_px: float,
+    told: Sequence[Finding],
 ) -> list[Finding]:
-    """A doubt for each piece of ink that joins a stroke, or in which a stroke may go on."""
+    """A doubt for each piece of ink that joins a stroke, or in which a stroke may go on.
+
+    There is none for a piece in whose middle a finding lies that was `told`.
+    """
     reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
     lines = [line_of(stroke, ink) for stroke in strokes]
     for piece in leftover:
+        # Findings have places with one decimal.
+        if any(np.abs(piece.middle - finding.place_px).max() < 0.06 for finding in told):
+            continue
         if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             text = f"ink of {piece.size:.0f} px joins the curve and was left out."
         elif piece.end_distance <= reach or _goes_on(lines, piece, ink):
@@ -460,6 +470,20 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
     return [finding_at(curve.path[_middle_of_odd_stretch(curve, at)], "width-changes", text)]
+
+
+def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
+    """The curve; a closed one whose width changes suddenly is less sure where it is wide.
+
+    Its ends may cross or overlap there: they pull the centre aside by half of what they add to the
+    width, at most.
+    """
+    if not curve.closed or not width_findings(curve):
+        return curve
+    widest = filters.windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
+    _, nearest = _core.nearest(curve.path, curve.points)
+    wider_px = curve.width * (widest[nearest] - 1).clip(0)
+    return replace(curve, sigma=np.hypot(curve.sigma, wider_px / 4))
 
 
 def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:

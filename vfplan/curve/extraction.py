@@ -255,7 +255,7 @@ def extract_curve(
             choose.refuse_double_line(curve)
             choose.refuse_long_bridge(curve, max_gap_px)
             choose.refuse_fit_off_ink(curve, line)
-            curves.append(curve)
+            curves.append(account.with_crossed_ends(curve))
     except CurveError as error:
         raise choose.with_other_pens(error, lines, ink, pen, region) from None
 
@@ -279,6 +279,7 @@ def extract_curve(
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
         strokes.append(_stroke(ink, cut, line, method))
+        findings += account.border_findings(strokes[-1], ink.size)
     mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)
     return Extraction(mask, tuple(strokes), method, entries, tuple(findings))
 

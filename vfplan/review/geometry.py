@@ -219,11 +219,9 @@ def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
     return path[::-1]
 
 
-# Findings that are made anew from the strokes and the ink after each step, not kept.
-MADE_ANEW = (
-    "bridge", "bridge-long", "bridge-near-end", "curve-folds", "drawn-by-hand", "ink-joins",
-    "ink-touches", "leaves-picture",
-)  # fmt: skip
+# Findings that are made anew from the strokes after each step, not kept; the first need the ink.
+OF_INK = {"ink-joins", "ink-touches", "leaves-picture"}
+MADE_ANEW = OF_INK | {"bridge", "bridge-long", "bridge-near-end", "curve-folds", "drawn-by-hand"}
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may
 # be a step along the line.
@@ -307,23 +305,32 @@ class Geometry:
                 place_px = tuple(first.tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
         made = [told.get((finding.code, finding.text), finding) for finding in made]
-        is_left = [f for f in self.findings if f.code not in MADE_ANEW and self._holds(f)]
-        return (*is_left, *(finding for finding in made if finding not in is_left))
+        made_anew = MADE_ANEW if self.ink is not None else MADE_ANEW - OF_INK
+        is_left = [f for f in self.findings if f.code not in made_anew and self._holds(f)]
+        findings = (*is_left, *(finding for finding in made if finding not in is_left))
+        return tuple(self.as_settled(finding) for finding in findings)
+
+    def as_settled(self, finding: Finding) -> Finding:
+        """The finding, as a note if it asks about ink that a person left out."""
+        asks_about_ink = finding.code in ("ink-at-end", "ink-joins", "ink-touches")
+        if not (finding.is_open and asks_about_ink and finding.place_px):
+            return finding
+        for piece in self.leftover if self.excluded_ink else ():
+            # The pen's width in a bundle differs a little, and so do the edges of its pieces.
+            places = np.array([piece.middle, piece.nearest])
+            is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
+            if is_of_piece and tuple(piece.middle.tolist()) in self.excluded_ink:
+                return replace(finding, severity="note")
+        return finding
 
     def _of_ink(self) -> list[Finding]:
         """What the pen's ink leaves open: what was left out, and ends at the picture's border."""
         told = {(finding.code, finding.text) for finding in self.findings}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
         findings = [finding for finding in again if (finding.code, finding.text) in told]
-        places = [np.array(f.place_px) for f in findings]
-        for piece in self.leftover:
-            # Findings have places with one decimal.
-            if any(np.abs(piece.middle - place).max() < 0.06 for place in places):
-                continue
-            joins = account.join_findings([piece], self.lines, self.ink.found, self.max_gap_px)
-            if tuple(piece.middle.tolist()) in self.excluded_ink:
-                joins = [replace(finding, severity="note") for finding in joins]
-            findings += joins
+        findings += account.join_findings(
+            self.leftover, self.lines, self.ink.found, self.max_gap_px, findings
+        )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
         return findings

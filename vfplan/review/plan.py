@@ -267,7 +267,8 @@ class Plan:
         after = [stroke.points for stroke in self.geometry.strokes]
         is_same = self.fit is source.fit and list(map(id, before)) == list(map(id, after))
         if source.fixture is not None and is_same:
-            return Outcome(source.fixture, source.fixture.findings)
+            findings = tuple(map(self.geometry.as_settled, source.fixture.findings))
+            return Outcome(source.fixture, findings)
         curve = self.curve()
         if not self.fit.markers:
             return Outcome(curve, of_curve)

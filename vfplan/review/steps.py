@@ -350,7 +350,7 @@ def take(plan: Plan, step: Step) -> Plan:
 def leave(plan: Plan, step: Step) -> Plan:
     """Leave ink of the account out of the curve; it is shown as settled."""
     entry = plan.geometry.entry(_whole(step, "ink"))
-    return replace(plan, geometry=plan.geometry.with_excluded(entry.middle))
+    return plan.changed(geometry=plan.geometry.with_excluded(entry.middle))
 
 
 # The markers.
