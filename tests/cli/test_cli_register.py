@@ -333,7 +333,9 @@ def test_a_strong_angle_is_told_and_a_spoilt_word_of_it_is_refused(vfplan_cli, t
         path.write_bytes(with_made_flat(IMAGE.read_bytes(), text))
         assert [finding.code for finding in read_image(path).findings] == codes
     path.write_bytes(with_made_flat(IMAGE.read_bytes(), "nan"))
-    vfplan_cli("extract", path, "-o", tmp_path / "c.h5").fails(3, error="made-flat-invalid")
+    vfplan_cli("extract", path, "-o", tmp_path / "c.h5", "--json").fails(
+        3, error="made-flat-invalid"
+    )
 
 
 def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfplan_cli, tmp_path):

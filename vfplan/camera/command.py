@@ -167,9 +167,7 @@ def show_wall(
     if output is not None:
         text += f"\nwrote {output}"
     if not shown:
-        again = command_line()
-        if output is not None and "--overwrite" not in again:
-            again += " --overwrite"
+        again = command_line() + " --overwrite" * (output is not None)
         return CommandResult(
             data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
             next_step=f"then try again: {again}",

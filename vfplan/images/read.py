@@ -353,9 +353,8 @@ def flat_findings(text: str) -> list[Finding]:
     ))]  # fmt: skip
     if enlargement > MAX_ENLARGEMENT:
         findings.append(doubt("picture-enlarged", "extract", (
-            f"The photograph was taken at so strong an angle that the flat picture enlarges it "
-            f"{enlargement:.1f} times at a marker: lines are blurred there. Take it from further "
-            "above."
+            f"So strong is the photograph's angle that a part is {enlargement:.1f} times enlarged "
+            "and blurred. Take it from further above."
         )))  # fmt: skip
     return findings
 

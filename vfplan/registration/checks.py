@@ -175,16 +175,16 @@ class PerspectiveTest:
 
     def advice(self, labels: Sequence[Any], also: str = "") -> str:
         """What the homography leaves, and what to do; also: what else leaves how much."""
+        text = (
+            "The slice seems to be photographed at an angle: a homography leaves "
+            f"{_mm(self.fle_rms_m)} a marker{also}. "
+        )
         if self.outlier is None:
-            return (
-                f"a homography leaves {_mm(self.fle_rms_m)} a marker{also}. Make it flat with "
-                "vfplan rectify"
-            )
+            return f"{text}Make it flat with vfplan rectify"
         index, others_m = self.outlier
         return (
-            f"a homography leaves {_mm(others_m)} a marker without {labels[index]}, and "
-            f"{_mm(self.fle_rms_m)} with it{also}. Touch {labels[index]} again, or leave it "
-            "out (delete its row, and give --common). Then make it flat with vfplan rectify"
+            f"{text}It leaves {_mm(others_m)} without {labels[index]}: touch that again, or leave "
+            "it out (delete its row, and give --common), and make it flat with vfplan rectify"
         )
 
 
@@ -229,12 +229,10 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
 def homography_outlier(h: Array, problem: Problem) -> tuple[int, float] | None:
     """The marker that a homography (11,) of the others misses beyond chance, and their error [m].
 
-    `None` where there is none, or no residual would be left to judge by.
+    `None` where there is none. Six markers or more leave a residual to judge by.
     """
     n = len(problem.s)
     others_dof = 3 * (n - 1) - len(h)
-    if others_dof < 3:
-        return None
     # As `studentised_f`, for the equations of the homography next to its solution.
     left = np.linalg.svd(homography_rows(h, problem), full_matrices=False)[0].reshape(n, 3, -1)
     errors = np.sqrt(problem.weights) * (problem.y - mapped_by_homography(h, problem.s))
@@ -464,9 +462,9 @@ def refuse_wrong_markers(
         if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
             advice = f"{mistakes[0].sentence(labels)}. Correct the labels"
         elif perspective is not None and perspective.is_significant:
-            advice = f"The slice seems to be photographed at an angle: {perspective.advice(labels)}"
-            if perspective.outlier is None and perspective.fle_rms_m > max_residual_m:
-                advice = "No homography fits them either. Look for mistaken labels or a bent sheet"
+            advice = "No homography fits them either. Look for mistaken labels or a bent sheet"
+            if perspective.outlier or perspective.fle_rms_m <= max_residual_m:
+                advice = perspective.advice(labels)
         elif outlier is not None:
             index, others_m = outlier
             advice = (
@@ -545,11 +543,8 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     perspective = perspective_test(registration)
     if perspective is not None and perspective.is_significant:
         also = f", the {registration.model} model {_mm(registration.fle_rms_m)}"
-        text = (
-            "The slice seems to be photographed at an angle: "
-            f"{perspective.advice(registration.labels, also)}; the error bound does not count the "
-            "angle."
-        )
+        text = perspective.advice(registration.labels, also)
+        text += "; the error bound does not count the angle."
         findings.append(doubt("perspective", "register", text))
     else:
         findings += outlier_findings(registration)

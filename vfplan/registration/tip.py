@@ -26,7 +26,7 @@ MIN_POSES = 6
 MIN_TURN_DEG = 10.0
 
 # A pose is off where equal noise would make one so so seldom. A tracker's noise turns with the tool
-# and is not equal: of 2,000 simulated good sets 10 or fewer are refused.
+# and is not equal: of 2,000 simulated good sets it refuses one.
 SURE_OUTLIER = 1e-5
 
 # Places that differ by less are equal: tables are rounded to micrometres [m].
@@ -44,10 +44,9 @@ class Tip:
     pivot_m: Array
     # (n,) how far each pose puts the tip from the pivot [m]
     residuals_m: Array
-    # (n,) how far it puts the tip from where the others do [m], and what the sum of the squared
-    # residuals loses without it [m²]
+    # (n,) how far it puts the tip from where the others do [m], and the F of that
     apart_m: Array
-    lost_m2: Array
+    f: Array
     # The largest difference of two places along an axis [m]
     spread_m: float
     # How far the tool turned about the axis about which it turned least
@@ -92,14 +91,16 @@ def calibrate_tip(poses: Array) -> Tip:
     weights = inverse[:3].reshape(3, n, 3)
     covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
     error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
-    # Without a pose its residual e grows to (I - H)⁻¹ e (Cook and Weisberg, section 2.2).
+    # Without a pose its residual e grows to (I - H)⁻¹ e (R. D. Cook and S. Weisberg, "Residuals and
+    # influence in regression", 1982, section 2.2).
     hats = np.einsum("nij,jnk->nik", rows, inverse.reshape(6, n, 3))
     apart = np.linalg.solve(np.eye(3) - hats, residuals[..., None])[..., 0]
-    return Tip(
-        solution[:3], error95_m, solution[3:] + centre, np.linalg.norm(residuals, axis=1),
-        np.linalg.norm(apart, axis=1), (residuals * apart).sum(axis=1),
-        float(np.ptp(p, axis=0).max()), turn_deg,
-    )  # fmt: skip
+    lost = (residuals * apart).sum(axis=1)
+    f = lost / 3 / (np.maximum((residuals**2).sum() - lost, n * ROUNDING_M**2) / (3 * n - 9))
+    lengths, apart_m = np.linalg.norm([residuals, apart], axis=2)
+    spread_m = float(np.ptp(p, axis=0).max())
+    pivot = solution[3:] + centre
+    return Tip(solution[:3], error95_m, pivot, lengths, apart_m, f, spread_m, turn_deg)
 
 
 def check_tip(tip: Tip, max_error_m: float) -> None:
@@ -107,25 +108,19 @@ def check_tip(tip: Tip, max_error_m: float) -> None:
 
     Raises CheckFailed: "tip-pose-off", "tip-error-large"
     """
-    n, worst = len(tip.residuals_m), int(tip.apart_m.argmax())
-    squares = float((tip.residuals_m**2).sum())
-    # What the sum of squares loses without the pose, and its F against the mean of the others.
-    lost, dof = tip.lost_m2[worst], 3 * n - 9
-    f = lost / 3 / (max(squares - lost, n * ROUNDING_M**2) / dof)
-    if n * f_exceeds(3, dof, f) < SURE_OUTLIER:
-        others_mm = 1e3 * np.sqrt(max(squares - lost, 0.0) / (n - 1))
+    n, worst = len(tip.f), int(tip.f.argmax())
+    if n * f_exceeds(3, 3 * n - 9, tip.f[worst]) < SURE_OUTLIER:
+        apart_m = float(tip.apart_m[worst])
         raise CheckFailed(
-            f"pose {worst + 1} puts the tip {1e3 * tip.apart_m[worst]:.3f} mm from where the "
-            f"others do, which agree to {others_mm:.3f} mm rms. Leave it out, or record it again",
-            code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": tip.apart_m[worst]},
+            f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
+            "it out, or record it again",
+            code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
         )  # fmt: skip
-    if tip.error95_m > max_error_m:
+    if not tip.error95_m <= max_error_m:
         raise CheckFailed(
-            f"the tip is known to {1e3 * tip.error95_m:.3f} mm only (95 %), and --max-error allows "
-            f"{1e3 * max_error_m:g} mm. Check the unit (as read, the places are up to "
-            f"{tip.spread_m:.3g} m apart; give --units mm for millimetres) and the order of the "
-            f"numbers (w before x, y, z), look at pose {worst + 1}, or record more poses that tilt "
-            "the tool more",
-            code="tip-error-large",
-            numbers={"error95_m": tip.error95_m, "max_error_m": max_error_m},
+            f"the tip is known to {1e3 * tip.error95_m:.3f} mm only, and --max-error allows "
+            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {tip.spread_m:.3g} m "
+            "apart; give --units mm for millimetres) and the order (w before x, y, z), look at "
+            f"pose {worst + 1}, or record more poses that tilt the tool more",
+            code="tip-error-large", numbers={"error95_m": tip.error95_m},
         )  # fmt: skip
