@@ -179,6 +179,10 @@ class _StrictNumber(click.ParamType):
 class DecimalNumber(_StrictNumber, click.FloatRange):
     """A decimal number within bounds."""
 
+    def _describe_range(self) -> str:
+        """The bounds for the help; of none click would say `x<=None`."""
+        return "" if self.min is self.max is None else super()._describe_range()
+
 
 class WholeNumber(_StrictNumber, click.IntRange):
     """A whole number within bounds."""

@@ -38,7 +38,8 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
     """
     import cv2
 
-    from vfplan.images.read import MAX_MEGAPIXELS, made_flat
+    from vfplan.images.raster import with_made_flat
+    from vfplan.images.read import MAX_MEGAPIXELS, flat_findings, made_flat
     from vfplan.markers.correspondences import read_markers
     from vfplan.planning.extraction import UNTURNED, read_slice
     from vfplan.planning.match import find_drawn
@@ -58,14 +59,14 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
             pairs, photograph, settings.max_residual_m, reading.max_megapixels or MAX_MEGAPIXELS
         )
         picture = made_flat(photograph, flat.numbers)
-    findings = [*photograph.findings, *pairs.findings, flat.finding]
+    findings = [*photograph.findings, *pairs.findings, *flat_findings(flat.told)]
     if photograph.orientation != 1 and reading.pixels is None:
         findings.append(doubt("pixels-unturned", "register", f"{markers}: {UNTURNED}"))
     is_encoded, data = cv2.imencode(".png", picture.rgb[..., ::-1])
     assert is_encoded
     places = flat.places(pairs.source).round(4).tolist()
     with outputs(output, markers_path) as (path, table):
-        write_whole(path, [data.tobytes()], overwrite=False)
+        write_whole(path, [with_made_flat(data.tobytes(), flat.told)], overwrite=False)
         write_whole(table, [marker_table(pairs, places).encode()], overwrite=False)
     rows = [
         {"label": label, "u_px": place[0], "v_px": place[1], "residual_m": residual}

@@ -95,7 +95,7 @@ SESSION_OPTIONS = options_in_order(
 
 @command(
     "replay",
-    first_screen="-o --csv --report --rule --robot --governor --poses --events --at-most "
+    first_screen="-o --csv --mcap --report --rule --robot --governor --poses --events --at-most "
     "--at-least --rate --require-signature --json",
 )
 @options.FIXTURE

@@ -14,6 +14,8 @@ from slicer_files import mrk
 
 import vfplan
 from vfplan.fixture import Curve, Fixture, Provenance
+from vfplan.images.raster import with_made_flat
+from vfplan.images.read import read_image
 
 IMAGE, PIXELS, ROBOT = ELBOW
 
@@ -307,10 +309,33 @@ def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_
         following = shlex.split(made["next"])[1:]
         planned = vfplan_cli(*following, "-o", tmp_path / f"{seed}.h5", "--json").sound.json
         assert abs(planned["register"]["spacing_departure"][0]) < 2e-3
+        assert "picture-made-flat" in [finding["code"] for finding in planned["findings"]]
         assert vfplan_cli("extract", out, "-o", tmp_path / f"c{seed}.h5").code == 0
         measured = vfplan.read_fixture(tmp_path / f"c{seed}.h5").points[:, :2]
         seen = cv2.perspectiveTransform(np.array([truth]), made["homography"] @ seen_by)[0]
         assert miss(measured, seen) < 0.3
+
+
+def test_a_marker_that_spoils_a_photograph_is_named_before_it_is_made_flat(vfplan_cli, tmp_path):
+    photo, marks, _ = photographed(tmp_path)
+    head, lines = rows(marks)
+    lines[3] = [lines[3][0], float(lines[3][1]) + 6, float(lines[3][2]) - 4]
+    words = (photo, write(tmp_path / "off.csv", head, lines), ROBOT, "--json")
+    vfplan_cli("plan", *words, cwd=tmp_path).fails(1, f"without {lines[3][0]}")
+
+
+def test_a_strong_angle_is_told_and_a_spoilt_word_of_it_is_refused(vfplan_cli, tmp_path):
+    path = tmp_path / "flat.png"
+    for text, codes in (
+        ("0.2 2.9", ["picture-made-flat"]),
+        ("0.2 3.1", ["picture-made-flat", "picture-enlarged"]),
+    ):
+        path.write_bytes(with_made_flat(IMAGE.read_bytes(), text))
+        assert [finding.code for finding in read_image(path).findings] == codes
+    path.write_bytes(with_made_flat(IMAGE.read_bytes(), "nan"))
+    vfplan_cli("extract", path, "-o", tmp_path / "c.h5", "--json").fails(
+        3, error="made-flat-invalid"
+    )
 
 
 def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfplan_cli, tmp_path):

@@ -93,3 +93,18 @@ def test_what_is_no_pose_is_refused(row, code, vfplan_cli, tmp_path):
     (tmp_path / "p.csv").write_text(f"{row}\n")
     done = vfplan_cli("tip", tmp_path / "p.csv", "--json")
     assert (done.code, done.json["error"]["code"]) == (3, code)
+
+
+@pytest.mark.parametrize(
+    ("words", "spoil", "code"),
+    [((), lambda rows: rows * [1e3, 1e3, 1e3, 1, 1, 1, 1], "tip-error-large"),
+     ((), lambda rows: rows[:, [0, 1, 2, 4, 5, 6, 3]], "tip-error-large"),
+     ((), lambda rows: rows + 0.008 * (np.arange(140).reshape(20, 7) == 28), "tip-pose-off"),
+     (("--max-error", "0.01"), lambda rows: rows, "tip-error-large")],
+)  # fmt: skip
+def test_a_wrong_unit_a_wrong_order_and_a_bad_pose_are_refused(
+    words, spoil, code, vfplan_cli, tmp_path
+):
+    rows = quaternions(pivoted(np.random.default_rng(3), 20, 40, 1e-4))
+    np.savetxt(tmp_path / "p.csv", spoil(rows), "%.9g", ",")
+    vfplan_cli("tip", tmp_path / "p.csv", *words, "--json").fails(1, error=code)

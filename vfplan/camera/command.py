@@ -64,9 +64,12 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
             next_step=f"print {board_out} at 100 %, put it on a flat plate, take 15 pictures from "
             "all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
         )  # fmt: skip
-    is_calibration = output is not None and output.suffix.lower() == ".json"
-    is_complete = len(files) > 0 if calibrate else len(files) == 2
-    if calibrate != is_calibration or not is_complete or output in files:
+    writes_calibration = output is not None and output.suffix.lower() == ".json"
+    if calibrate:
+        is_complete = len(files) > 0 and writes_calibration
+    else:
+        is_complete = len(files) == 2 and not writes_calibration
+    if not is_complete or output in files:
         raise click.UsageError(
             "give FIXTURE.h5 and a source, or --calibrate PICTURES -o CALIB.json"
         )
@@ -164,9 +167,10 @@ def show_wall(
     if output is not None:
         text += f"\nwrote {output}"
     if not shown:
+        again = command_line() + " --overwrite" * (output is not None)
         return CommandResult(
             data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
-            next_step=f"then try again: {command_line()}",
+            next_step=f"then try again: {again}",
         )  # fmt: skip
     look = f"look at {output}" if output is not None else f"keep it: {command_line()} -o OUT.png"
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)

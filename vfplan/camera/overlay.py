@@ -89,6 +89,8 @@ class Overlay:
     measured_mm: float = SCALE_MM
     ticks: TickBlock | None = None
     finder: Any = field(default_factory=make_finder)
+    # What is said of the error of the plan's registration; empty where nothing is known of it.
+    plan_bound: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
         """Find once what every frame shows: colour, width [px] and line, from below to above."""
@@ -103,6 +105,8 @@ class Overlay:
             return
         strokes = strokes_on_slice(fixture, None)
         shown = Shown("", fixture, strokes=strokes, registration=registration_again(fixture))
+        if shown.tre95_m is not None:
+            self.plan_bound = f", the plan within {MM * shown.tre95_m.max():.2f} mm"
         for line, (stroke, half) in zip(lines, shown.bounds, strict=False):
             beside = ring_of(half[:, None], stroke.closed) * normals(line[:, :2], False)
             beside = np.pad(beside, ((0, 0), (0, 1)))
@@ -148,7 +152,8 @@ class Overlay:
             self.draw(frame, pose, report["bound_mm"] / MM)
             if self.ticks is not None:
                 self.draw_tool(frame, pose, time_s)
-            words, colour = f"within {report['bound_mm']:.2f} mm (95 %)", paper.BLACK
+            words = f"the camera within {report['bound_mm']:.2f} mm{self.plan_bound} (95 %)"
+            colour = paper.BLACK
         frame[:30] = 255
         cv2.putText(frame, words, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 1, cv2.LINE_AA)
         return report

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ from vfplan.errors import ImageError
 from vfplan.io.files import nameless_file
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
+# Where a PNG's header chunk ends, and how the text of a picture that was made flat begins.
+PNG_HEADER_END, MADE_FLAT = 33, b"vfplan-made-flat\0"
 JPEG_START = b"\xff\xd8\xff"
 JPEG_END = 0xD9
 BMP_START = b"BM"
@@ -82,6 +85,7 @@ class Header:
     is_opaque: whether it is known to have one page and no alpha
     tags: EXIF's whole numbers, or those of each page of a TIFF
     orientations: where a TIFF says how its pages are turned: the offsets of these entries
+    made_flat: what `vfplan rectify` says in a PNG of how it was made
     """
 
     kind: Literal["PNG", "JPEG", "TIFF", "BMP"]
@@ -89,6 +93,7 @@ class Header:
     is_opaque: bool = False
     tags: tuple[dict[int, int], ...] = ({},)
     orientations: tuple[int, ...] = ()
+    made_flat: bytes = b""
 
     def orientation(self, index: int) -> int:
         """How a page is turned, 1 to 8; what is no such number says nothing."""
@@ -128,7 +133,7 @@ def png_header(data: bytes, max_pixels: int) -> Header:
     frames = 1
     tags: dict[int, int] = {}
     position = len(PNG_START)
-    kind = b""
+    kind, made_flat = b"", b""
     while kind != b"IEND":
         # Decoders fill what is missing with grey and do not tell.
         if position + 12 > len(data):
@@ -141,11 +146,20 @@ def png_header(data: bytes, max_pixels: int) -> Header:
             is_opaque = False
         elif kind == b"eXIf":
             tags = exif_tags(data[content : content + size])
+        elif kind == b"tEXt" and data.startswith(MADE_FLAT, content):
+            made_flat = data[content + len(MADE_FLAT) : content + size]
         # A checksum of four bytes follows the content.
         position = content + size + 4
     if frames > 1:
         raise ImageError(f"is an animation of {frames} frames. Export one picture.")
-    return Header("PNG", position, is_opaque, (tags,))
+    return Header("PNG", position, is_opaque, (tags,), made_flat=made_flat)
+
+
+def with_made_flat(png: bytes, text: str) -> bytes:
+    """A PNG that says how it was made flat, in a tEXt chunk behind its header."""
+    chunk = b"tEXt" + MADE_FLAT + text.encode()
+    chunk = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:PNG_HEADER_END] + chunk + png[PNG_HEADER_END:]
 
 
 def exif_tags(exif: bytes) -> dict[int, int]:

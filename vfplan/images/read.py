@@ -33,7 +33,7 @@ from vfplan.images.raster import (
     read_header,
     upright,
 )  # fmt: skip
-from vfplan.io.files import OpenedFile, naming_place, opened_file, read_whole
+from vfplan.io.files import OpenedFile, naming_place, opened_file, parse_decimal, read_whole
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
@@ -47,6 +47,10 @@ LARGEST_MEGAPIXELS = 268.5
 
 # Where a bundle's recipe keeps how a photograph was made flat, as `made_flat` takes it.
 MADE_FLAT_BY = "made_flat_by"
+
+# So many times a flat picture may enlarge its photograph without a word. A camera that looks at the
+# sheet from 60 degrees off its normal enlarges it twice, and more where the sheet is further away.
+MAX_ENLARGEMENT = 3.0
 
 # What is said of DICOM's overlay planes.
 OVERLAY = (
@@ -204,7 +208,8 @@ def read_image(
         index = chosen_index("page", frame, len(header.tags))
         rgb = decode_raster(data, header, index)
     orientation = 1 if pixels == "as-stored" else header.orientation(index)
-    findings = raster_findings(header, index, len(data), orientation)
+    with naming_place(where):
+        findings = raster_findings(header, index, len(data), orientation)
     used_bits = int(rgb.max()).bit_length()
     if rgb.dtype == np.uint16 and 0 < used_bits < 16:
         rgb = rgb << (16 - used_bits)
@@ -284,6 +289,8 @@ def raster_findings(header: Header, index: int, size: int, orientation: int) -> 
     if orientation != 1:
         text = f"The picture is turned by its EXIF tag (orientation {orientation})."
         findings.append(note("picture-turned", "extract", text))
+    if header.made_flat:
+        findings += flat_findings(header.made_flat.decode("latin-1"))
     if header.end < size:
         text = f"{size - header.end} bytes follow the end of the picture, and were not read."
         findings.append(note("data-behind-end", "extract", text))
@@ -326,6 +333,30 @@ def made_flat(image: PlannedImage, numbers: Sequence[float]) -> PlannedImage:
     return replace(
         image, rgb=rgb, pixel_spacing_mm=(spacing_mm, spacing_mm), T_patient_image=None
     )  # fmt: skip
+
+
+def flat_findings(text: str) -> list[Finding]:
+    """What a person should know of a plan on a picture that was made flat.
+
+    text: RMS residual of the markers [mm], and how much larger than a pixel of the photograph a
+        pixel of the flat picture is shown at most
+    Raises ImageError: the text holds no two such numbers
+    """
+    try:
+        residual_mm, enlargement = map(parse_decimal, text.split())
+    except ValueError:
+        message = f"says that it was made flat by {text[:40]!r}. Make it flat again: vfplan rectify"
+        raise ImageError(message, code="made-flat-invalid") from None
+    findings = [doubt("picture-made-flat", "extract", (
+        f"The photograph was made flat by its markers, which fit to {residual_mm:.2f} mm rms. The "
+        "error bound does not count this step. Compare the flat picture with the sheet."
+    ))]  # fmt: skip
+    if enlargement > MAX_ENLARGEMENT:
+        findings.append(doubt("picture-enlarged", "extract", (
+            f"So strong is the photograph's angle that a part is {enlargement:.1f} times enlarged "
+            "and blurred. Take it from further above."
+        )))  # fmt: skip
+    return findings
 
 
 def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:

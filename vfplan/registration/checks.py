@@ -165,11 +165,27 @@ class PerspectiveTest:
     departure_m: float
     # Whether the probability is small, and no single bad marker explains the residuals as well.
     is_significant: bool
+    # The marker without which the homography fits better than chance explains, and how well [m].
+    outlier: tuple[int, float] | None
 
     @property
     def is_possible(self) -> bool:
         """Whether a person should think of it."""
         return self.is_significant or self.p_value < POSSIBLE_PERSPECTIVE
+
+    def advice(self, labels: Sequence[Any], also: str = "") -> str:
+        """What the homography leaves, and what to do; also: what else leaves how much."""
+        text = (
+            "The slice seems to be photographed at an angle: a homography leaves "
+            f"{_mm(self.fle_rms_m)} a marker{also}. "
+        )
+        if self.outlier is None:
+            return f"{text}Make it flat with vfplan rectify"
+        index, others_m = self.outlier
+        return (
+            f"{text}It leaves {_mm(others_m)} without {labels[index]}: touch that again, or leave "
+            "it out (delete its row, and give --common), and make it flat with vfplan rectify"
+        )
 
 
 def perspective_test(registration: Registration) -> PerspectiveTest | None:
@@ -206,7 +222,27 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
         fle_rms_m=float(np.sqrt(3 * squares / dof)),
         departure_m=float(np.linalg.norm(mapped - problem.x @ affine.m.T, axis=1).max()),
         is_significant=p_value < min(SURE_PERSPECTIVE, outlier_probability),
+        outlier=homography_outlier(h, problem),
     )
+
+
+def homography_outlier(h: Array, problem: Problem) -> tuple[int, float] | None:
+    """The marker that a homography (11,) of the others misses beyond chance, and their error [m].
+
+    `None` where there is none. Six markers or more leave a residual to judge by.
+    """
+    n = len(problem.s)
+    others_dof = 3 * (n - 1) - len(h)
+    # As `studentised_f`, for the equations of the homography next to its solution.
+    left = np.linalg.svd(homography_rows(h, problem), full_matrices=False)[0].reshape(n, 3, -1)
+    errors = np.sqrt(problem.weights) * (problem.y - mapped_by_homography(h, problem.s))
+    kept = np.eye(3) - left @ left.transpose(0, 2, 1)
+    lost = (errors * (np.linalg.pinv(kept) @ errors[..., None])[..., 0]).sum(axis=1)
+    worst = int(lost.argmax())
+    others = max(float((errors**2).sum() - lost[worst]), problem.rounding_floor_m**2) / others_dof
+    if n * f_exceeds(3, others_dof, lost[worst] / 3 / others) > SURE_PERSPECTIVE:
+        return None
+    return worst, float(np.sqrt(3 * others))
 
 
 def fit_homography(problem: Problem, m: Array) -> Array:
@@ -426,10 +462,9 @@ def refuse_wrong_markers(
         if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
             advice = f"{mistakes[0].sentence(labels)}. Correct the labels"
         elif perspective is not None and perspective.is_significant:
-            advice = (
-                "The slice seems to be photographed at an angle: a homography leaves "
-                f"{_mm(perspective.fle_rms_m)} a marker. Make it flat with vfplan rectify"
-            )
+            advice = "No homography fits them either. Look for mistaken labels or a bent sheet"
+            if perspective.outlier or perspective.fle_rms_m <= max_residual_m:
+                advice = perspective.advice(labels)
         elif outlier is not None:
             index, others_m = outlier
             advice = (
@@ -507,12 +542,9 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     # A slice that was photographed at an angle leaves residuals that no single marker explains.
     perspective = perspective_test(registration)
     if perspective is not None and perspective.is_significant:
-        text = (
-            "The slice seems to be photographed at an angle: a homography leaves "
-            f"{_mm(perspective.fle_rms_m)} a marker, the {registration.model} model "
-            f"{_mm(registration.fle_rms_m)}. Make it flat with vfplan rectify; the error bound "
-            "does not count the angle."
-        )
+        also = f", the {registration.model} model {_mm(registration.fle_rms_m)}"
+        text = perspective.advice(registration.labels, also)
+        text += "; the error bound does not count the angle."
         findings.append(doubt("perspective", "register", text))
     else:
         findings += outlier_findings(registration)

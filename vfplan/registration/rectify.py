@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.findings import Finding, doubt
 from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences
@@ -47,6 +46,8 @@ class Flattening:
         (N,) distance of each marker from where the homography puts it.
     error_m
         RMS error of a marker by these residuals, with the homography's own freedom counted.
+    enlargement
+        How many pixels of the flat picture, at most, a pixel of a marker becomes along a direction.
     """
 
     homography: Array
@@ -55,6 +56,7 @@ class Flattening:
     pixel_spacing_mm: float
     residuals_m: Array
     error_m: float
+    enlargement: float
 
     @property
     def residual_rms_m(self) -> float:
@@ -72,14 +74,9 @@ class Flattening:
         return projected(self.homography, places_px)
 
     @property
-    def finding(self) -> Finding:
-        """What a person should know of a plan on the flat picture."""
-        text = (
-            "The photograph was made flat by its markers, which fit to "
-            f"{1e3 * self.residual_rms_m:.2f} mm rms. The error bound does not count this step. "
-            "Compare the flat picture with the sheet."
-        )
-        return doubt("picture-made-flat", "register", text)
+    def told(self) -> str:
+        """As `vfplan.images.read.flat_findings` takes it, and the flat PNG keeps it."""
+        return f"{1e3 * self.residual_rms_m:.3g} {self.enlargement:.3g}"
 
 
 def projected(homography: Array, places: Array) -> Array:
@@ -152,7 +149,8 @@ def flattening(
         [(to_sheet[:2, :2] - np.outer(place, to_sheet[2, :2])) / depth
          for place, depth in zip(on_sheet, depths, strict=True)]
     )  # fmt: skip
-    finest_mm = 1e3 * float(np.linalg.svd(scale, compute_uv=False).min())
+    sizes_mm = 1e3 * np.linalg.svd(scale, compute_uv=False)
+    finest_mm = float(sizes_mm.min())
     spacing_mm = float(f"{finest_mm:.3g}")
 
     # As much of the sheet as the photograph shows, not far beyond the markers.
@@ -178,5 +176,6 @@ def flattening(
     )  # fmt: skip
     homography = to_pixels @ to_sheet
     return Flattening(
-        homography / homography[2, 2], width, height, spacing_mm, residuals, error_m
+        homography / homography[2, 2], width, height, spacing_mm, residuals, error_m,
+        float(sizes_mm.max()) / finest_mm,
     )  # fmt: skip

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed
+from vfplan.registration.models import f_exceeds
 from vfplan.registration.registration import pointwise_bound
 
 Array = NDArray[np.float64]
@@ -23,6 +24,13 @@ MIN_POSES = 6
 # How far the tool must turn about two axes at least, as root mean square over the poses [degrees].
 # A tracker's angular noise of 0.3 degrees, squared over this one, shortens the tip by 0.1 %.
 MIN_TURN_DEG = 10.0
+
+# A pose is off where equal noise would make one so so seldom. A tracker's noise turns with the tool
+# and is not equal: of 2,000 simulated good sets it refuses one.
+SURE_OUTLIER = 1e-5
+
+# Places that differ by less are equal: tables are rounded to micrometres [m].
+ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +44,11 @@ class Tip:
     pivot_m: Array
     # (n,) how far each pose puts the tip from the pivot [m]
     residuals_m: Array
+    # (n,) how far it puts the tip from where the others do [m], and the F of that
+    apart_m: Array
+    f: Array
+    # The largest difference of two places along an axis [m]
+    spread_m: float
     # How far the tool turned about the axis about which it turned least
     turn_deg: float
 
@@ -78,5 +91,36 @@ def calibrate_tip(poses: Array) -> Tip:
     weights = inverse[:3].reshape(3, n, 3)
     covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
     error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
-    lengths = np.linalg.norm(residuals, axis=1)
-    return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+    # Without a pose its residual e grows to (I - H)⁻¹ e (R. D. Cook and S. Weisberg, "Residuals and
+    # influence in regression", 1982, section 2.2).
+    hats = np.einsum("nij,jnk->nik", rows, inverse.reshape(6, n, 3))
+    apart = np.linalg.solve(np.eye(3) - hats, residuals[..., None])[..., 0]
+    lost = (residuals * apart).sum(axis=1)
+    f = lost / 3 / (np.maximum((residuals**2).sum() - lost, n * ROUNDING_M**2) / (3 * n - 9))
+    lengths, apart_m = np.linalg.norm([residuals, apart], axis=2)
+    spread_m = float(np.ptp(p, axis=0).max())
+    pivot = solution[3:] + centre
+    return Tip(solution[:3], error95_m, pivot, lengths, apart_m, f, spread_m, turn_deg)
+
+
+def check_tip(tip: Tip, max_error_m: float) -> None:
+    """Refuse a tip that a single pose has moved, or that is not known well enough.
+
+    Raises CheckFailed: "tip-pose-off", "tip-error-large"
+    """
+    n, worst = len(tip.f), int(tip.f.argmax())
+    if n * f_exceeds(3, 3 * n - 9, tip.f[worst]) < SURE_OUTLIER:
+        apart_m = float(tip.apart_m[worst])
+        raise CheckFailed(
+            f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
+            "it out, or record it again",
+            code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
+        )  # fmt: skip
+    if not tip.error95_m <= max_error_m:
+        raise CheckFailed(
+            f"the tip is known to {1e3 * tip.error95_m:.3f} mm only, and --max-error allows "
+            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {tip.spread_m:.3g} m "
+            "apart; give --units mm for millimetres) and the order (w before x, y, z), look at "
+            f"pose {worst + 1}, or record more poses that tilt the tool more",
+            code="tip-error-large", numbers={"error95_m": tip.error95_m},
+        )  # fmt: skip

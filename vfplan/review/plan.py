@@ -29,6 +29,7 @@ from vfplan.images.read import (
     PlannedImage,
     StackedSlice,
     flat_as_planned,
+    flat_findings,
     made_flat,
     read_stack,
 )
@@ -299,6 +300,7 @@ class Plan:
             # The page has no options; what is wrong with the markers is mended on it.
             message = error.message.replace(", or give --markers-as-given", "")
             message = message.replace(" with vfplan rectify", "")
+            message = message.replace(" (delete its row, and give --common)", "")
             return Outcome(None, of_curve, _sentence(message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
@@ -480,7 +482,8 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
         pairs = replace(pairs, source=flattened.places(pairs.source))
     ink = SliceInk(image.rgb, ink.colour, (), None)
     source = replace(
-        source, image=image, fit=of_files, pairs=pairs, told=(*source.told, flattened.finding),
+        source, image=image, fit=of_files, pairs=pairs,
+        told=(*source.told, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
     geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
@@ -616,8 +619,7 @@ def _of_bundle(
         Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
         recorded(extraction) | recorded(planning) | robot | of_photograph, opened=fixture,
         fixture=fixture,
-        told=(*overridden(recalled(FixtureSettings, known) or planning, planning),
-              *(one for one in fixture.findings if one.code == "picture-made-flat")),
+        told=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
         case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
 
