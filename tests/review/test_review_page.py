@@ -26,6 +26,7 @@ from review_slices import (
 )
 
 import vfplan
+from vfplan.errors import ImageError
 from vfplan.findings import doubt
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
@@ -789,6 +790,26 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
         time.sleep(0.05)
     felt = browser.until("document.getElementById('felt').textContent")
     assert float(felt.split()[0]) > 1.0
+    # The arrow's head stays on the stage, and its newtons stand beside it.
+    inside = "((a, b) => a.top >= b.top && a.bottom <= b.bottom && a.left >= b.left)"
+    boxes = [
+        f"document.querySelector('{s}').getBoundingClientRect()" for s in (".tool-force", "#stage")
+    ]
+    assert browser.run(f"{inside}({boxes[0]}, {boxes[1]})")
+    assert browser.run("document.querySelector('.tool-newtons').textContent").endswith(" N")
+    # A hand that leaves the stage and comes back on the other side drags no tool along.
+    silent = "document.getElementById('felt').textContent === ''"
+    browser.press(*browser.run("[innerWidth - 30, innerHeight / 2]"), "mouseMoved", "none")
+    browser.until(silent)
+    browser.press(*hand.at((start[0], start[1] + 60)), "mouseMoved", "none")
+    assert float(browser.until("document.getElementById('felt').textContent").split()[0]) == 0.0
+    # A plan that is refused is felt no longer, and the hint says why.
+    label = session.current.fit.markers[2].label
+    browser.run(f"review.step({{do: 'move_marker', marker: '{label}', to: [600, 300]}})")
+    browser.until(f"{silent} && review.state.refusal !== null")
+    browser.until(
+        "document.getElementById('hint').textContent.includes(review.state.why_not[0].slice(0, 20))"
+    )
     browser.key("Escape")
     browser.until("document.getElementById('push').childElementCount === 0")
 
@@ -827,5 +848,18 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     hand.approve()
     assert program.end()[0] == 0
     chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
-    known = vfplan.read_fixture(program.output).provenance.inputs["image"]
-    assert known == vfplan.read_image(chosen).sha256
+    known = vfplan.read_fixture(program.output).provenance
+    image = vfplan.read_image(chosen)
+    assert known.inputs["image"] == image.sha256
+    z_mm = 1e3 * image.T_patient_image[2, 2]
+    assert known.settings["slice_in_words"] == (
+        f"{chosen.name}, slice 3 of 5, its middle at z = {z_mm:.2f} mm"
+    )
+    # The folder is searched for the bundle's slice.
+    again = Session.open(program.output, slice=tmp_path / "ct")
+    assert again.source.slice_path == chosen
+    assert again.current.shown.fixture.provenance.settings == known.settings
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ImageError) as caught:
+        Session.open(program.output, slice=tmp_path / "empty")
+    assert caught.value.code == "another-slice"

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_NUMBERED, millimetres
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
-from vfplan.images.read import as_uint8
+from vfplan.images.read import SLICE_IN_WORDS, as_uint8
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
@@ -126,9 +126,10 @@ def facts_of(shown: Shown) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
     facts = [
         ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
+        ("Slice", shown.fixture.provenance.settings.get(SLICE_IN_WORDS, "")),
         ("Pixel", _pixel_in_words(shown)),
         ("Markers", _markers_in_words(shown.fixture)),
-        ("Error of the registration", _error_in_words(shown)),
+        ("Place of the line", _error_in_words(shown)),
         ("Margin", _margin_in_words(shown)),
     ]
     return [(heading, words) for heading, words in facts if words]
