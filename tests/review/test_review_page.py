@@ -761,6 +761,14 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     for left, top, right, bottom in np.round(boxes).astype(int).clip(0):
         assert not is_label[top:bottom, left:right].any()
     browser.until("review.state.refusal === null && review.state.tre95_m < 1e-3")
+    # Of two markers on one mark the hint tells, and a drag takes the one that is selected.
+    first = hand.state("review.state.markers[0].label")
+    browser.run(f"review.step({{do: 'move_marker', marker: '{first}', to: {places[1].tolist()}}})")
+    browser.until(f"document.getElementById('hint').textContent.startsWith('{first} and ')")
+    browser.run("review.select({kind: 'marker', key: 0})")
+    hand.drag(places[1], places[0])
+    browser.until("document.getElementById('hint').textContent === ''")
+    assert np.abs(hand.state("review.state.markers[0].place_px") - places[0]).max() < 1.0
 
 
 def test_push_feels_what_the_robot_will_render(browser, opened):

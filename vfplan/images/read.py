@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
@@ -307,6 +308,12 @@ def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
     chosen = fixture.provenance.settings
     image = read_image(path, frame=chosen.get("frame"), pixels=chosen.get("pixels"))
     return flat_as_planned(image, chosen)
+
+
+def height_in_words(image: PlannedImage) -> str:
+    """Where a slice lies along the patient."""
+    middle = [image.width_px / 2 - 0.5, image.height_px / 2 - 0.5, 1]
+    return f"its middle at z = {MM * (image.T_patient_image @ middle)[2]:.2f} mm"
 
 
 def slice_file(fixture: Fixture, path: Path) -> Path:

@@ -17,7 +17,7 @@ import numpy as np
 
 from vfplan.bundle import rendered_values
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, millimetres
+from vfplan.display import millimetres
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
@@ -30,6 +30,7 @@ from vfplan.images.read import (
     PlannedImage,
     StackedSlice,
     flat_as_planned,
+    height_in_words,
     made_flat,
     read_stack,
     slice_file,
@@ -153,8 +154,7 @@ class Source:
         series = [k for k, one in enumerate(stack) if one.series == stack[position].series]
         words = f"{self.path.name}, slice {series.index(position) + 1} of {len(series)}"
         if self.image.T_patient_image is not None:
-            middle = [self.image.width_px / 2 - 0.5, self.image.height_px / 2 - 0.5, 1]
-            words += f", its middle at z = {MM * (self.image.T_patient_image @ middle)[2]:.2f} mm"
+            words += f", {height_in_words(self.image)}"
         recipe = self.recipe | {SLICE_IN_WORDS: words}
         return replace(self, stack=stack, position=position, recipe=recipe)
 
@@ -416,6 +416,9 @@ def open_source(
         if extraction.frame is not None or curve_path is not None or len(stack) < 2:
             source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
                                planning)  # fmt: skip
+            numbers = [k for k, one in enumerate(stack) if one.frame == extraction.frame]
+            if len(stack) > 1 and len(numbers) == 1:
+                source = replace(source.in_stack(stack, numbers[0]), stack=(), position=0)
         else:
             # The middle slice of the longest series.
             longest = Counter(one.series for one in stack).most_common(1)[0][0]
