@@ -274,7 +274,7 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
-    from vfplan.images.read import flat_as_planned
+    from vfplan.images.read import flat_as_planned, slice_file
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
@@ -288,7 +288,8 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     refuse_extraction_of_extracted(fixture, options.given_settings(ExtractSettings, arguments))
     image = None
     if arguments["slice_path"] is not None:
-        image = read_slice(arguments["slice_path"], extraction_of(fixture, extraction))
+        file = slice_file(fixture, arguments["slice_path"])
+        image = read_slice(file, extraction_of(fixture, extraction))
         image = flat_as_planned(image, fixture.provenance.settings)
         check_slice(fixture, image)
     given = options.given_of_plan(arguments)

@@ -145,7 +145,7 @@ def test_other_markers_are_planned_by_the_recipe_unless_told(planned, files, tmp
     for given in ({"stiffness": 1000.0}, {"max_tre_m": "contact radius"}):
         with refuses(SettingError, "planned-already", settings=list(given)):
             Session.open(path, **given)
-    assert Session.open(path, **settings).source.told == ()
+    assert Session.open(path, **settings).source.notes == ()
 
 
 @pytest.mark.parametrize(

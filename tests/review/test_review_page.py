@@ -26,6 +26,7 @@ from review_slices import (
 )
 
 import vfplan
+from vfplan.errors import ImageError
 from vfplan.findings import doubt
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
@@ -760,6 +761,14 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     for left, top, right, bottom in np.round(boxes).astype(int).clip(0):
         assert not is_label[top:bottom, left:right].any()
     browser.until("review.state.refusal === null && review.state.tre95_m < 1e-3")
+    # Of two markers on one mark the hint tells, and a drag takes the one that is selected.
+    first = hand.state("review.state.markers[0].label")
+    browser.run(f"review.step({{do: 'move_marker', marker: '{first}', to: {places[1].tolist()}}})")
+    browser.until(f"document.getElementById('hint').textContent.startsWith('{first} and ')")
+    browser.run("review.select({kind: 'marker', key: 0})")
+    hand.drag(places[1], places[0])
+    browser.until("document.getElementById('hint').textContent === ''")
+    assert np.abs(hand.state("review.state.markers[0].place_px") - places[0]).max() < 1.0
 
 
 def test_push_feels_what_the_robot_will_render(browser, opened):
@@ -784,11 +793,26 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
         assert [*step.proxy, *step.force] == answer
         before = to
     assert np.linalg.norm(answers[-1][3:]) > 1.0
-    for way in np.linspace(-40, 6, 12):
+    for way in np.linspace(-40, 32, 20):
         browser.press(*hand.at((start[0], start[1] + way)), "mouseMoved", "none")
         time.sleep(0.05)
     felt = browser.until("document.getElementById('felt').textContent")
     assert float(felt.split()[0]) > 1.0
+    # The arrow's head stays on the stage, and its newtons stand beside it.
+    top = "document.querySelector('{}').getBoundingClientRect().top"
+    assert browser.run(f"{top.format('.tool-force')} > {top.format('#stage')}")
+    assert browser.run("document.querySelector('.tool-newtons').textContent").endswith(" N")
+    # A hand that leaves the stage and comes back on the other side drags no tool along.
+    silent = "document.getElementById('felt').textContent === ''"
+    browser.press(*browser.run("[innerWidth - 30, innerHeight / 2]"), "mouseMoved", "none")
+    browser.until(silent)
+    browser.press(*hand.at((start[0], start[1] + 60)), "mouseMoved", "none")
+    assert float(browser.until("document.getElementById('felt').textContent").split()[0]) == 0.0
+    # A plan that is refused is felt no longer, and the hint says why.
+    label = session.current.fit.markers[2].label
+    browser.run(f"review.step({{do: 'move_marker', marker: '{label}', to: [600, 300]}})")
+    browser.until(f"{silent} && review.state.refusal !== null")
+    browser.until("document.getElementById('hint').textContent.startsWith('No plan yet: ')")
     browser.key("Escape")
     browser.until("document.getElementById('push').childElementCount === 0")
 
@@ -827,5 +851,18 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     hand.approve()
     assert program.end()[0] == 0
     chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
-    known = vfplan.read_fixture(program.output).provenance.inputs["image"]
-    assert known == vfplan.read_image(chosen).sha256
+    known = vfplan.read_fixture(program.output).provenance
+    image = vfplan.read_image(chosen)
+    assert known.inputs["image"] == image.sha256
+    z_mm = 1e3 * image.T_patient_image[2, 2]
+    assert known.settings["slice_in_words"] == (
+        f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
+    )
+    # The folder is searched for the bundle's slice.
+    again = Session.open(program.output, slice=tmp_path / "ct")
+    assert again.source.slice_path == chosen
+    assert again.current.shown.fixture.provenance.settings == known.settings
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ImageError) as caught:
+        Session.open(program.output, slice=tmp_path / "empty")
+    assert caught.value.code == "another-slice"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
@@ -242,6 +243,10 @@ def volume_slice(
     return count, np.array(place), grey_range, grey[0][0] if grey else None
 
 
+# Setting of a recipe: which slice of a stack it was, for a reader.
+SLICE_IN_WORDS = "slice_in_words"
+
+
 @dataclass(frozen=True)
 class StackedSlice:
     """A slice of a stack: its file, its frame from 1 if there are several, and its series."""
@@ -310,6 +315,25 @@ def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
     chosen = fixture.provenance.settings
     image = read_image(path, frame=chosen.get("frame"), pixels=chosen.get("pixels"))
     return flat_as_planned(image, chosen)
+
+
+def height_in_words(image: PlannedImage) -> str:
+    """Where a slice lies along the patient."""
+    middle = [image.width_px / 2 - 0.5, image.height_px / 2 - 0.5, 1]
+    return f"its middle at patient z = {MM * (image.T_patient_image @ middle)[2]:.2f} mm"
+
+
+def slice_file(fixture: Fixture, path: Path) -> Path:
+    """The file of a bundle's slice, which a folder is searched for by its SHA-256."""
+    if not path.is_dir():
+        return path
+    wanted = fixture.provenance.inputs.get("image")
+    for file in sorted(path.iterdir()):
+        if file.is_file() and OpenedFile(file, ImageError).sha256() == wanted:
+            return file
+    named = fixture.provenance.settings.get(SLICE_IN_WORDS, f"SHA-256 {str(wanted)[:12]}...")
+    text = f"holds no file that is the bundle's slice ({named}). Give the folder that holds it"
+    raise ImageError(text, where=str(path), code="another-slice")
 
 
 def flat_as_planned(image: PlannedImage, recipe: dict[str, Any]) -> PlannedImage:

@@ -7,7 +7,7 @@
   const STATES = { "-1": "no neighbour", 0: "free", 1: "in contact", 2: "entrenched" };
   const FLAGS = [[1, "bad HIP"], [2, "inside"], [4, "limit"]];
   const SPAN_S = 20, QUIET_S = 1, AGAIN_MS = 1000, TRAIL = 400;
-  let ticks = [], arrived = 0, open = false, due = false, peak = 1e-9;
+  let ticks = [], arrived = 0, open = false, due = false;
 
   function say(kind, words) {
     if (connection.textContent !== words) { connection.className = "verdict " + kind; connection.textContent = words; }
@@ -24,7 +24,7 @@
     if (!ticks.length) return;
     const now = ticks[ticks.length - 1], flags = FLAGS.filter(([bit]) => now.status & bit).map(([, name]) => name);
     const trail = ticks.slice(-TRAIL - 1, -1).flatMap((t) => t.hip);
-    scene.show({ ...now, peak, trail }, trail.concat(now.hip));
+    scene.show({ ...now, trail }, trail.concat(now.hip));
     readout.textContent = "t = " + now.t.toFixed(3) + " s, " + [STATES[now.state] || "unknown", ...flags].join(", ") +
       ", |F| = " + now.strength.toFixed(3) + " N, |proxy − HIP| = " + now.depth.toFixed(3) + " mm";
     const strength = ticks.map((t) => t.strength);
@@ -33,8 +33,8 @@
   function take(row) {
     const n = data.dims, [t, state, status] = row, at = (k) => row.slice(3 + k * n, 3 + (k + 1) * n);
     const tick = { t, state, status, strength: row[3 + 4 * n], depth: row[4 + 4 * n], hip: at(0), proxy: at(1), normal: at(2), force: at(3) };
-    if (ticks.length && t < ticks[ticks.length - 1].t) { ticks = []; peak = 1e-9; } // it began again
-    ticks.push(tick); peak = Math.max(peak, tick.strength);
+    if (ticks.length && t < ticks[ticks.length - 1].t) ticks = []; // it began again
+    ticks.push(tick);
     let old = 0; while (ticks[old].t < t - SPAN_S) old++;
     ticks = old ? ticks.slice(old) : ticks;
   }

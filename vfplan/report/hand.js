@@ -3,7 +3,7 @@
 // 1 kHz. `told` gets each frame's last tick in the picture's axes. Arrow keys move the tool as well.
 function makeHand(scene, data, told) {
   const view = document.getElementById("view"), STEP_MM = 0.5;
-  let engine = null, place = null, isOn = false, loops = 0, before = 0, trail = [], peak = 1e-9;
+  let engine = null, place = null, isOn = false, loops = 0, before = 0, trail = [];
   const metres = (p) => data.centre.map((c, i) => c + p.reduce((sum, x, j) => sum + x * data.basis[i][j] / 1e3, 0));
   const along = (v) => data.basis[0].map((_, j) => v.reduce((sum, x, i) => sum + x * data.basis[i][j], 0));
   const shown = (x) => along(x.map((v, i) => 1e3 * (v - data.centre[i])));
@@ -12,9 +12,8 @@ function makeHand(scene, data, told) {
     if (engine && place) {
       const answer = engine.moveTo(metres(place), now - before);
       const force = along(answer.force);
-      peak = Math.max(peak, scene.size(force));
       trail = trail.concat(place).slice(-400 * data.dims);
-      told({ hip: place, proxy: shown(answer.proxy), normal: along(answer.normal), force, trail, peak, state: answer.state });
+      told({ hip: place, proxy: shown(answer.proxy), normal: along(answer.normal), force, trail, state: answer.state });
     }
     before = now; requestAnimationFrame((next) => frame(next, loop));
   }

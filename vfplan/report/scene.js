@@ -1,6 +1,7 @@
 "use strict";
 // HIP, proxy, normal, force and contact circle over the cloud, in mm. Plane scenes are drawn in
 // their plane; others can be turned: by dragging, with the arrow keys, with the buttons.
+const NEWTONS_A_RADIUS = 10; // force whose arrow is as long as the contact circle's radius
 function makeScene(data) {
   const dims = data.dims, view = document.getElementById("view");
   const follow = document.getElementById("follow");
@@ -94,7 +95,7 @@ function makeScene(data) {
       pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
       arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
       if (size(tick.force) > 0)
-        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / tick.peak), "force");
+        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / NEWTONS_A_RADIUS), "force");
       disc(tick.proxy, 5, "proxy"); disc(tick.hip, 5, "hip");
     }
     rulers();
@@ -131,10 +132,15 @@ function makeScene(data) {
   follow.addEventListener("change", () => { if (!follow.checked) whole(); draw(); });
   keptDrawn(view, draw);
   return {
-    // A tick {hip, proxy, normal, force, trail, peak}; `all`: the path that the whole scene holds.
+    // A tick {hip, proxy, normal, force, trail}; `all`: the path that the whole scene holds.
     show(now, all) { tick = now; path = all || path; draw(); },
     whole() { whole(); draw(); },
-    push(on) { isPushed = on; view.style.cursor = on ? "crosshair" : ""; },
+    push(on) {
+      isPushed = on;
+      document.getElementById("turning").hidden = on;
+      document.getElementById("pushing").hidden = !on;
+      view.style.cursor = on ? "crosshair" : "";
+    },
     row, size, placeOf,
   };
 }

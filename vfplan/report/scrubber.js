@@ -12,11 +12,10 @@
   const whole = [data.time[0], Math.max(data.time[frames - 1], data.time[0] + 1e-3)];
   let frame = 0, playing = false, last = 0, clock = 0, span = whole;
 
-  let strength = [], peak = 1e-9;
+  let strength = [];
   function measure() {
     frames = data.time.length; slider.max = frames - 1;
     strength = data.time.map((_, k) => scene.size(scene.row(data.force, k)));
-    peak = strength.reduce((most, force) => Math.max(most, force), 1e-9);
   }
 
   // The finest envelope that holds all that is to be seen.
@@ -45,7 +44,7 @@
   function show(k) {
     frame = Math.max(0, Math.min(frames - 1, k));
     slider.value = frame;
-    const now = { peak, trail: data.hip.slice(Math.max(0, frame - 400) * data.dims, frame * data.dims) };
+    const now = { trail: data.hip.slice(Math.max(0, frame - 400) * data.dims, frame * data.dims) };
     for (const name of ["hip", "proxy", "normal", "force"]) now[name] = scene.row(data[name], frame);
     scene.show(now, data.hip);
     readout.textContent = "t = " + data.time[frame].toFixed(3) + " s, " + STATES[data.state[frame]] +

@@ -515,11 +515,13 @@ def _draw_legend(
     x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean."""
-    made, line = shown.fixture.provenance, "the curve"
+    made, line = shown.fixture.provenance, "the curve that was taken"
     if "image" in made.inputs and "curve" not in made.inputs:
         pen = made.settings.get("colour", ExtractSettings().colour)
-        line = f"the line of the pen ({pen})"
-    rows: list[LegendRow] = [(f"Blue outline: beside {line} that was taken", LINE_COLOUR, False)]
+        line = f"the line of the pen ({pen}) that was taken"
+    if shown.strokes and all(stroke.edited.all() for stroke in shown.strokes):
+        line = "the line, which was drawn by hand"
+    rows: list[LegendRow] = [(f"Blue outline: beside {line}", LINE_COLOUR, False)]
     rows += rendered_legend(shown.outlines)
     if any(stroke.bridged.any() for stroke in shown.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))

@@ -26,12 +26,15 @@ from vfplan.images.read import (
     MADE_FLAT_BY,
     MAX_BYTES,
     MAX_MEGAPIXELS,
+    SLICE_IN_WORDS,
     PlannedImage,
     StackedSlice,
     flat_as_planned,
     flat_findings,
+    height_in_words,
     made_flat,
     read_stack,
+    slice_file,
 )
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
@@ -79,12 +82,13 @@ class Source:
         The settings in force and the robot, as a bundle records them.
     pairs
         The markers of the files that were given; `None` if the markers come from a bundle.
-    opened
-        The bundle's content, if one was given.
-    fixture
-        The same, but `None` where other markers were given.
-    told
-        What was given in place of the bundle's recipe.
+    bundle
+        The content of the bundle, if one was given.
+    as_opened
+        The fixture that is approved as it is in that bundle while no step changes it; `None`
+        without a bundle, or where other markers or settings were given.
+    notes
+        Findings: what was given in place of the bundle's recipe, and that the slice was made flat.
     case, robot_serial
         What that bundle was signed for; empty where it was not.
     """
@@ -101,9 +105,9 @@ class Source:
     sha256: dict[str, str]
     recipe: dict[str, Any]
     pairs: Correspondences | None = None
-    opened: Fixture | None = None
-    fixture: Fixture | None = None
-    told: tuple[Finding, ...] = ()
+    bundle: Fixture | None = None
+    as_opened: Fixture | None = None
+    notes: tuple[Finding, ...] = ()
     case: str = ""
     robot_serial: str = ""
     # The slices among which one can be chosen, and the number of this one from 0.
@@ -130,19 +134,30 @@ class Source:
             "grey_max": int(np.iinfo(self.image.rgb.dtype).max), "sides": sides,
             "is_flat": self.is_flat, "position": self.position, "grey_range": self.image.grey_range,
             "series": [one.series for one in self.stack],
+            "in_words": self.recipe.get(SLICE_IN_WORDS, ""),
         }  # fmt: skip
 
-    def at(self, position: int, pairs: Correspondences | None, fit: Fit) -> Source:
-        """Another slice of the stack, with the markers of files, and with those of a fit on it."""
+    def turned_to(self, position: int, pairs: Correspondences | None, fit: Fit) -> Source:
+        """The source on another slice of the stack, by its number from 0.
+
+        Its markers are the pairs that files give; without those, the markers of the fit.
+        """
         chosen = self.stack[position]
         extraction = replace(self.extraction, frame=chosen.frame)
         source = _of_slice(chosen.path, None, extraction, self.planning)
         on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
         if pairs is not None:
             on_slice = fit_of(pairs, source.image, self.planning)
-        return replace(
-            source, stack=self.stack, position=position, pairs=pairs, fit=on_slice
-        )  # fmt: skip
+        return replace(source.in_stack(self.stack, position), pairs=pairs, fit=on_slice)
+
+    def in_stack(self, stack: tuple[StackedSlice, ...], position: int) -> Source:
+        """The source, with the stack of which it is one slice, and that said in its recipe."""
+        series = [k for k, one in enumerate(stack) if one.series == stack[position].series]
+        words = f"{self.path.name}, slice {series.index(position) + 1} of {len(series)}"
+        if self.image.T_patient_image is not None:
+            words += f", {height_in_words(self.image)}"
+        recipe = self.recipe | {SLICE_IN_WORDS: words}
+        return replace(self, stack=stack, position=position, recipe=recipe)
 
     @property
     def is_flat(self) -> bool:
@@ -239,9 +254,9 @@ class Plan:
                     "Open the bundle with its slice: --slice IMAGE."
                 )
                 findings.append(doubt("slice-not-shown", "extract", text))
-            opened, fixture = self.source.opened, outcome.fixture
+            opened, fixture = self.source.bundle, outcome.fixture
             if fixture is not None and fixture is not opened:
-                findings += self.source.told
+                findings += self.source.notes
                 if opened is not None and opened.rendering is not None:
                     findings += differences(opened, fixture)
             self._made["outcome"] = replace(outcome, findings=tuple(findings))
@@ -267,15 +282,15 @@ class Plan:
         before = [stroke.points for stroke in source.geometry.strokes]
         after = [stroke.points for stroke in self.geometry.strokes]
         is_same = self.fit is source.fit and list(map(id, before)) == list(map(id, after))
-        if source.fixture is not None and is_same:
-            findings = tuple(map(self.geometry.as_settled, source.fixture.findings))
-            return Outcome(source.fixture, findings)
+        if source.as_opened is not None and is_same:
+            findings = tuple(map(self.geometry.as_settled, source.as_opened.findings))
+            return Outcome(source.as_opened, findings)
         curve = self.curve()
         if not self.fit.markers:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
-        margin, opened = self.fit.settings.margin, source.opened
+        margin, opened = self.fit.settings.margin, source.bundle
         is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
         # A margin from the bound is made anew; a number cannot be.
         if (
@@ -404,6 +419,9 @@ def open_source(
         if extraction.frame is not None or curve_path is not None or len(stack) < 2:
             source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
                                planning)  # fmt: skip
+            numbers = [k for k, one in enumerate(stack) if one.frame == extraction.frame]
+            if len(stack) > 1 and len(numbers) == 1:
+                source = replace(source.in_stack(stack, numbers[0]), stack=(), position=0)
         else:
             # The middle slice of the longest series.
             longest = Counter(one.series for one in stack).most_common(1)[0][0]
@@ -411,14 +429,14 @@ def open_source(
             middle = numbers[len(numbers) // 2]
             chosen = replace(extraction, frame=stack[middle].frame)
             source = _of_slice(stack[middle].path, None, chosen, planning)
-            source = replace(source, stack=stack, position=middle)
+            source = source.in_stack(stack, middle)
     if markers is None:
-        if source.fixture is not None:
-            refuse_planning_of_planned(source.fixture, of_planning)
+        if source.as_opened is not None:
+            refuse_planning_of_planned(source.as_opened, of_planning)
         return source
     fit, pairs, inputs = fit_of_files(markers, markers2, source.image, source.planning)
     sha256 = source.sha256 | inputs
-    return replace(source, fit=fit, pairs=pairs, sha256=sha256, fixture=None)
+    return replace(source, fit=fit, pairs=pairs, sha256=sha256, as_opened=None)
 
 
 def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
@@ -483,7 +501,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     ink = SliceInk(image.rgb, ink.colour, (), None)
     source = replace(
         source, image=image, fit=of_files, pairs=pairs,
-        told=(*source.told, *flat_findings(flattened.told)),
+        notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
     geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
@@ -565,6 +583,7 @@ def _of_bundle(
         raise InputError(text, where=str(path), code="no-drawn-curve")
     slice_image = None
     if slice_path is not None:
+        slice_path = slice_file(fixture, slice_path)
         slice_image = _slice_of(fixture, slice_path, path, extraction)
         sha256["slice"] = slice_image.sha256
     record = fixture.registration
@@ -611,15 +630,15 @@ def _of_bundle(
         )
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
-    of_photograph = {name: known[name] for name in (MADE_FLAT_BY,) if name in known}
+    of_slice = {name: known[name] for name in (MADE_FLAT_BY, SLICE_IN_WORDS) if name in known}
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
         path, slice_path, image, extraction, planning,
         Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
-        recorded(extraction) | recorded(planning) | robot | of_photograph, opened=fixture,
-        fixture=fixture,
-        told=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
+        recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
+        as_opened=fixture,
+        notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
         case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
     )  # fmt: skip
 

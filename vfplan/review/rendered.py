@@ -190,7 +190,7 @@ class Shown:
         """
         fixture = self.fixture
         if self.plane is None or fixture.rendering is None:
-            raise InputError("The plan is not rendered yet.", code="not-rendered")
+            raise InputError("The curve has no markers yet.", code="not-rendered")
         back = onto_plane(self.plane, fixture.ignore_axis)(np.eye(3) + self.plane[:, 2]).T
         radius_m = 0.0 if fixture.region is None else fixture.contact_radius
         return {

@@ -173,7 +173,7 @@ class Session:
         """What renders the plan as it stands, for the page's own engine; else why nothing does."""
         shown = self.current.shown
         if shown is None:
-            return {"why_not": "There is no plan yet that a robot renders."}
+            return {"why_not": self.current.why_not[0]}
         try:
             return {"digest": self.digest, **shown.bodies()}
         except VfplanError as error:
@@ -202,7 +202,7 @@ class Session:
             "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
             "approved": None,
         }  # fmt: skip
-        fixture = self.source.fixture
+        fixture = self.source.as_opened
         if not self.steps and fixture is not None and fixture.reviewed is not None:
             state["approved"] = asdict(fixture.reviewed)
         return state | marker_state(plan)
@@ -238,7 +238,7 @@ class Session:
         fixture = self.current.outcome.fixture
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
-        opened = self.source.fixture
+        opened = self.source.as_opened
         fixture = replace(
             fixture, provenance=provenance, findings=findings, reviewed=None,
             case=None if opened is None else opened.case,

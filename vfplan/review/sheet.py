@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_NUMBERED, millimetres
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
-from vfplan.images.read import as_uint8
+from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
@@ -126,9 +126,10 @@ def facts_of(shown: Shown) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
     facts = [
         ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
+        ("Slice", _slice_in_words(shown)),
         ("Pixel", _pixel_in_words(shown)),
         ("Markers", _markers_in_words(shown.fixture)),
-        ("Error of the registration", _error_in_words(shown)),
+        ("Place of the line", _error_in_words(shown)),
         ("Margin", _margin_in_words(shown)),
     ]
     return [(heading, words) for heading, words in facts if words]
@@ -152,6 +153,14 @@ def _geometry_in_words(shown: Shown) -> str:
         of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
         parts = [f"{len(shown.fixture.points)} points{of_mesh}"]
     return ". ".join(parts)
+
+
+def _slice_in_words(shown: Shown) -> str:
+    recipe, image = shown.fixture.provenance.settings, shown.image
+    if SLICE_IN_WORDS in recipe or image is None or image.T_patient_image is None:
+        return recipe.get(SLICE_IN_WORDS, "")
+    words = height_in_words(image)
+    return f"slice {recipe['frame']}, {words}" if "frame" in recipe else words
 
 
 def _pixel_in_words(shown: Shown) -> str:

@@ -473,7 +473,7 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
         raise SettingError(text, code="slice-drawn-on")
     is_of_files = plan.fit is source.fit
     try:
-        chosen = source.at(number, source.pairs if is_of_files else None, plan.fit)
+        chosen = source.turned_to(number, source.pairs if is_of_files else None, plan.fit)
     except VfplanError as error:
         raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
     return plan.changed(source=chosen, geometry=chosen.geometry, fit=chosen.fit)
@@ -503,7 +503,7 @@ def set_plan(plan: Plan, step: Step) -> Plan:
     if "contact_radius" in step:
         changes["contact_radius"] = _numbers(step, "contact_radius", 1)[0]
     # A bundle that was opened is planned anew.
-    changed = replace(source, planning=replace(source.planning, **changes), fixture=None)
+    changed = replace(source, planning=replace(source.planning, **changes), as_opened=None)
     new = replace(fit, settings=replace(fit.settings, **changes))
     if "pixel_spacing_mm" in step:
         spacing = _numbers(step, "pixel_spacing_mm", 2)

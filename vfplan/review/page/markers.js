@@ -95,6 +95,7 @@ export class Markers {
       );
     });
     byId("markers").replaceChildren(...nodes);
+    this.raise();
     this.placeLabels();
   }
 
@@ -251,7 +252,14 @@ export class Markers {
     for (const node of byId("markers").querySelectorAll(".marker")) {
       node.classList.toggle("chosen", this.app.isSelected("marker", Number(node.dataset.marker)));
     }
+    this.raise();
     if (this.app.state) this.table(this.app.state);
+  }
+
+  // The selected marker lies over another on the same mark, so that a drag takes it.
+  raise() {
+    const chosen = byId("markers").querySelector(".marker.chosen");
+    if (chosen && chosen !== chosen.parentNode.lastChild) chosen.parentNode.append(chosen);
   }
 
   // While a marker is dragged, the session is asked what would follow.

@@ -1,8 +1,10 @@
-// The tool Push: the pointer is the robot's tool, and the robot's own engine answers it.
-import { byId, make, makeAt, translation } from "./dom.js";
+// The tool Push: the pointer is the hand, and the robot's own engine answers it.
+import { byId, inPageWords, make, makeAt, translation } from "./dom.js";
 import { Engine, loadModule } from "./engine.js";
 
-const NEWTON_PX = 25; // length of the force's arrow on the screen
+const NEWTON_PX = 25; // length of the force's arrow on the screen, as far as the stage reaches
+const BORDER_PX = 10; // between the arrow's head and the border of the stage
+const WORDS_PX = 70; // room that the newtons beside it need
 
 export class Push {
   constructor(app, view, tools) {
@@ -13,6 +15,10 @@ export class Push {
     this.loops = 0; // of frames; the last one goes on
     byId("stage").addEventListener("pointermove", (event) => {
       this.pointer = view.place(event);
+    });
+    byId("stage").addEventListener("pointerleave", () => {
+      this.pointer = null;
+      this.endTouch();
     });
     tools.chosen = () => this.begin();
   }
@@ -27,14 +33,26 @@ export class Push {
   }
 
   begin() {
-    byId("push").replaceChildren();
-    byId("felt").textContent = "";
-    if (this.engine) this.engine.hip = null; // it begins anew where the pointer comes in
+    this.endTouch();
     if (!this.isChosen()) return;
     this.load();
     this.before = performance.now();
     this.loops += 1;
     this.nextFrame(this.loops);
+  }
+
+  // Nothing is felt. The next touch begins where the hand then is, not where it was: from the last
+  // place the engine would drag the tool there, through what lies between.
+  endTouch() {
+    byId("push").replaceChildren();
+    byId("felt").textContent = "";
+    if (this.engine) this.engine.hip = null;
+  }
+
+  // Say in the hint why nothing can be felt.
+  refuse(text) {
+    this.tools.whyNoPush = inPageWords(text);
+    this.tools.showHint();
   }
 
   nextFrame(loop) {
@@ -45,32 +63,44 @@ export class Push {
 
   // The engine of the plan as it stands, which the server describes.
   async load() {
-    const digest = this.app.state?.digest;
-    if (!digest || this.digest === digest) return;
+    const { state } = this.app;
+    const digest = state?.digest;
+    if (state && !digest) this.refuse(`No plan yet: ${state.why_not[0]}`);
+    if (!digest || this.digest === digest) {
+      if (digest && this.engine) this.refuse("");
+      return;
+    }
     this.digest = digest;
     this.engine = null;
     try {
       const [compiled, described] = await Promise.all([fetch("engine.wasm"), fetch(`bodies.json?token=${encodeURIComponent(this.app.token)}`)]);
       const plan = await described.json();
-      if (plan.why_not) throw new Error(plan.why_not);
+      if (plan.why_not) throw new Error(`No plan yet: ${plan.why_not}`);
       const engine = await Engine.of(await loadModule(await compiled.arrayBuffer()), plan.bodies);
+      // The plan may have changed before the server described it, or since: the next state then
+      // brings the digest for which this is asked again.
       if (plan.digest !== digest || this.digest !== digest) {
-        this.digest = null; // the plan has changed meanwhile; its next state brings another one
+        this.digest = null;
         return;
       }
       Object.assign(this, { engine, plan });
+      this.refuse("");
     } catch (error) {
       this.digest = null;
-      this.app.toast(`The plan cannot be felt: ${error.message}`);
+      this.refuse(error.message);
     }
   }
 
   frame(now, loop) {
     const place = this.tools.cross || this.pointer;
+    const isByKeys = this.tools.cross !== null;
+    if (isByKeys !== this.isByKeys) this.endTouch(); // the hand leaps from the one to the other
+    this.isByKeys = isByKeys;
     const isCurrent = this.engine !== null && this.app.state.digest === this.digest;
-    if (!isCurrent) byId("push").replaceChildren();
-    else if (place) {
+    if (isCurrent && place) {
       this.show(place, this.engine.moveTo(this.inRobot(place), now - this.before));
+    } else {
+      this.endTouch();
     }
     this.before = now;
     this.nextFrame(loop);
@@ -95,20 +125,30 @@ export class Push {
       const ring = make("circle", { class: "tool-ring", r: this.plan.radius_px });
       nodes.push(make("g", { transform: translation(place) }, ring));
     }
-    if (newtons > 0) nodes.push(arrow(pointer, this.onSlice(force), NEWTON_PX * newtons));
+    if (newtons > 0) nodes.push(...this.arrow(pointer, this.onSlice(force), newtons));
     nodes.push(makeAt(place, {}, make("circle", { class: "tool-proxy", r: 4 })));
     nodes.push(makeAt(pointer, {}, make("circle", { class: "tool-hip", r: 4 })));
     byId("push").replaceChildren(...nodes);
     const mm = 1e3 * Math.hypot(...away);
-    byId("felt").textContent = `${newtons.toFixed(2)} N, the hand ${mm.toFixed(2)} mm from the tool's place`;
+    byId("felt").textContent = `${newtons.toFixed(2)} N, the hand ${mm.toFixed(2)} mm from the tool`;
   }
-}
 
-// The force on the hand.
-function arrow(place, [fu, fv], length) {
-  const turn = (Math.atan2(fv, fu) * 180) / Math.PI;
-  const shape = make("path", { class: "tool-force", d: `M0 0H${length}m-7 -5l7 5l-7 5` });
-  const node = makeAt(place, {}, shape);
-  node.setAttribute("transform", `${translation(place)} rotate(${turn})`);
-  return node;
+  // The force on the hand, and its newtons beside the arrow's middle.
+  arrow(place, [fu, fv], newtons) {
+    const angle = Math.atan2(fv, fu);
+    const way = [Math.cos(angle), Math.sin(angle)];
+    const [at, size] = [this.view.onStage(place), this.view.size()];
+    const rooms = way.map((x, axis) => (x > 0 ? size[axis] - at[axis] : at[axis]) / Math.max(Math.abs(x), 1e-9));
+    const length = Math.max(BORDER_PX, Math.min(NEWTON_PX * newtons, Math.min(...rooms) - BORDER_PX));
+    const shape = make("path", { class: "tool-force", d: `M0 0H${length}m-7 -5l7 5l-7 5` });
+    const node = makeAt(place, {}, shape);
+    node.setAttribute("transform", `${translation(place)} rotate(${(angle * 180) / Math.PI})`);
+    const [x, y] = way.map((part) => (part * length) / 2);
+    const isRight = at[0] + x < size[0] - WORDS_PX;
+    const isAbove = way[0] * way[1] >= 0 === isRight; // off the arrow
+    const words = make("text", { class: "tool-newtons", x: x + (isRight ? 10 : -10), y: y + (isAbove ? -8 : 18) });
+    words.style.textAnchor = isRight ? "start" : "end";
+    words.textContent = `${newtons.toFixed(1)} N`;
+    return [node, makeAt(place, {}, words)];
+  }
 }

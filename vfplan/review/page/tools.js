@@ -6,10 +6,11 @@ const HINTS = {
   draw: "Click along the line, or press and draw it. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
   marker: "Click each mark. Esc ends.",
-  push: "The pointer is the robot's tool. The robot's own engine answers it.",
+  push: "The pointer is the hand. The robot's own engine pushes it back.",
 };
 const STEP_PX = 8; // of the screen, between two places of a line that is drawn in one go
 const MAX_PLACES = 400; // of such a line
+const SAME_MARK_PX = 6; // of the screen; two markers that are nearer lie on one mark
 const PIECES = 8; // straight pieces that a smooth line has from one click to the next
 
 export class Tools {
@@ -20,6 +21,7 @@ export class Tools {
     this.clicks = []; // of the line that is being drawn
     this.corner = null; // the first corner of a box that is drawn by the keyboard
     this.cross = null; // the keyboard's place
+    this.whyNoPush = ""; // why Push feels nothing
     this.drawn = null; // the step of the line that was drawn last
     const again = { "replace-all": { replace: true }, "add-stroke": { add: true }, "not-drawn": null };
     for (const [id, meaning] of Object.entries(again)) {
@@ -73,7 +75,21 @@ export class Tools {
 
   showHint() {
     const label = this.tool === "marker" && this.app.state && this.nextLabel();
-    byId("hint").textContent = label ? `Click the mark of ${label}. Esc ends.` : HINTS[this.tool];
+    let text = HINTS[this.tool];
+    if (label) text = `Click the mark of ${label}. Esc ends.`;
+    else if (this.tool === "push" && this.whyNoPush) text = this.whyNoPush;
+    byId("hint").textContent = [this.sameMark(), text].filter(Boolean).join(" ");
+  }
+
+  // What to do about two markers on one mark, of which the one hides the other.
+  sameMark() {
+    const placed = this.app.state?.markers.filter((one) => one.place_px) || [];
+    for (const [k, { label, place_px: [u, v] }] of placed.entries()) {
+      const reach = SAME_MARK_PX / this.view.zoom;
+      const other = placed.slice(k + 1).find(({ place_px: at }) => Math.hypot(at[0] - u, at[1] - v) < reach);
+      if (other) return `${label} and ${other.label} lie on one mark. Choose one in the table, then drag it to its own.`;
+    }
+    return "";
   }
 
   // The first marker that has no place on the slice, and none on its way to the session.

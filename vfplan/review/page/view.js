@@ -89,7 +89,7 @@ export class View {
     const isOther = this.image && this.image.is_flat !== state.image.is_flat;
     this.image = state.image;
     this.mmPerPx = state.mm_per_px;
-    byId("title").textContent = `Review of ${state.image.name}`;
+    byId("title").textContent = `Review of ${state.image.in_words || state.image.name}`;
     document.title = byId("title").textContent;
     if (isFirst) {
       this.greys = new Greys(this.app, state.image.grey_max);
