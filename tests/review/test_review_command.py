@@ -213,7 +213,7 @@ WRONG_CALLS = [
     ((SLICE, "--sheet-out", "s.png", "--slice", SLICE), 2),
     ((SLICE, "-o", "o.h5", "--key", "no.key"), 3), ((SLICE, "-o", "o.h5", "--by", "\u3164"), 2),
     ((SLICE, "-o", "o.h5", "--key", MARKERS[0]), 3),
-    ((MARKERS[0], "-o", "o.h5"), 3), ((SLICE, MARKERS[0], "-o", "o.h5"), 3),
+    ((MARKERS[0], "-o", "o.h5"), 3),
 ]  # fmt: skip
 
 

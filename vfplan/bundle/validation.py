@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
-from vfplan.bundle.leak import parts_of, rim_edges, sorted_edges
+from vfplan.bundle.leak import parts_of, sorted_edges
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
@@ -26,18 +26,6 @@ Severity = Literal["error", "warning", "note"]
 UNSIGNED = "is not signed: protected against accident, not against intent. Sign it: vfplan sign"
 # Relative difference of a stored certificate from a recomputed one that is rounding.
 CERTIFICATE_TOLERANCE = 1e-9
-
-
-# What of the certificate says that a proxy can go around, and the code and sentence of its note.
-WAYS_AROUND = (
-    ("/leak/open_ends", "leak.open_ends",
-     "{} open ends to pass around. Close the curve, or draw it longer"),
-    ("/leak@between_m", "leak.between",
-     "an open end is {:.6g} m from the nearest other stroke. Join the two if nothing may pass "
-     "between"),
-    ("/leak@open_edges", "leak.open_edges",
-     "an open sheet: {} rim edges. Close the mesh if nothing may pass the rim"),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,8 +63,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
-        if "/rendering/stiffness" in content and (warning := engine_doubt(from_content(content))):
-            issues.append(Issue("/rendering", warning[0], "warning", warning[1]))
+        issues += rendering_issues(content)
     issues += size_issues(content)
     issues += path_issues(content)
     if is_valid:
@@ -124,11 +111,31 @@ def certificate_issues(content: Content) -> Iterator[Issue]:
             "Import it as a curve or a mesh"
         )
         yield Issue("/leak", "leak.uncertified", "note", text)
-    for path, code, text in WAYS_AROUND:
-        if path in content:
-            value = content[path]
-            size = value if np.ndim(value) == 0 else len(value)
-            yield Issue(path, code, "note", text.format(size))
+    if "/leak/open_ends" in content:
+        count = len(content["/leak/open_ends"])
+        text = f"{count} open ends to pass around. Close the curve, or draw it longer"
+        yield Issue("/leak/open_ends", "leak.open_ends", "note", text)
+    if "/leak@between_m" in content:
+        size = content["/leak@between_m"]
+        text = (
+            f"an open end is {size:.6g} m from the nearest other stroke. Join the two if nothing "
+            "may pass between"
+        )
+        yield Issue("/leak@between_m", "leak.between", "note", text)
+    if "/leak@open_edges" in content:
+        count = content["/leak@open_edges"]
+        text = f"an open sheet: {count} rim edges. Close the mesh if nothing may pass the rim"
+        yield Issue("/leak@open_edges", "leak.open_edges", "note", text)
+
+
+def rendering_issues(content: Content) -> Iterator[Issue]:
+    """Why no engine renders it, or not at 1 kHz."""
+    if "/rendering/stiffness" not in content:
+        return
+    warning = engine_doubt(from_content(content))
+    if warning is not None:
+        code, text = warning
+        yield Issue("/rendering", code, "warning", text)
 
 
 def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
@@ -160,22 +167,24 @@ def path_issues(content: Content) -> Iterator[Issue]:
 
 def mesh_doubts(fixture: Fixture) -> list[str]:
     """What a mesh has that no certificate of its triangles sees: rims, doubled faces."""
+    edges, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     texts = []
-    edges = rim_edges(fixture.mesh)
-    if len(edges):
+    is_rim = count == 1
+    if is_rim.any():
         # Rim edges that share an end are of one rim.
-        used, ends = np.unique(edges, return_inverse=True)
-        rim_of = parts_of(len(used), ends.reshape(-1, 2))
+        ends = np.stack((edges[is_rim] >> 32, edges[is_rim] & 0xFFFFFFFF))
+        used, ends = np.unique(ends, return_inverse=True)
+        ends = ends.reshape(2, -1)
+        rim_of = parts_of(len(used), ends.T)
         rims = int(rim_of.max()) + 1
         of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
         widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
         of_rims = "1 rim" if rims == 1 else f"{rims} rims"
         texts.append(
-            f"the mesh is open: {len(edges)} edges on {of_rims}, the widest "
+            f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
             f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
             f"than {2e3 * fixture.contact_radius:g} mm. Close the holes in the tool that made it"
         )
-    _, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     shared_edges = int(np.count_nonzero(count > 2))
     if shared_edges > 0:
         texts.append(
@@ -202,18 +211,21 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         "points": len(content["/points"]),
         "seal": seal.describe(),
         "findings": [finding.as_dict() for finding in findings_of(content)],
-        "reviewed": None,
+        "reviewed": review_of(content),
     }
-    if "/review@by" in content:
-        described["reviewed"] = {
-            name: content[f"/review@{name}"] for name in ("by", "utc", "digest")
-        }
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = tick_work(content)
     for row in table():
         if row.path in content:
             described[row.path] = summary(content[row.path], row, values)
     return described
+
+
+def review_of(content: Content) -> dict[str, str] | None:
+    """Who reviewed the plan, when, and the digest of what was shown; `None` where nobody did."""
+    if "/review@by" not in content:
+        return None
+    return {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
 
 
 def tick_work(content: Content) -> dict[str, Any]:
