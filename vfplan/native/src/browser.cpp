@@ -18,11 +18,11 @@ using vfplan::Vec3;
 
 /// What `rows` are, three float64 each, and what `ties` say of them.
 enum class Shape {
-    points,       ///< a cloud; no ties
-    pieces,       ///< lines and arcs; ties: bulge and stroke a row, then `closed` a stroke
-    mesh,         ///< its corners; ties: three rows a triangle
-    guide_points, ///< curves that guide; ties as of pieces, without bulges
-    guide_pieces  ///< lines and arcs that guide; ties as of pieces
+    points,        ///< a cloud; no ties
+    pieces,        ///< lines and arcs; ties: bulge and stroke a row, then `closed` a stroke
+    mesh,          ///< its corners; ties: three rows a triangle
+    guide_points,  ///< curves that guide; ties as of pieces, without bulges
+    guide_pieces   ///< lines and arcs that guide; ties as of pieces
 };
 
 struct Array {
@@ -115,8 +115,7 @@ std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, 
     const vfplan::Parameters p = engine_parameters(parameters);
     const std::size_t n = rows.numbers.size() / 3;
     if (shape == Shape::pieces) return std::make_unique<vfplan::Engine>(strokes(rows, ties), p);
-    if (shape == Shape::points)
-        return std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
+    if (shape == Shape::points) return std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
     const std::vector<std::int32_t> triangles(ties.numbers.begin(), ties.numbers.end());
     return std::make_unique<vfplan::Engine>(
         vfplan::mesh::Surface{rows.numbers.data(), n, triangles.data(), triangles.size() / 3}, p);
@@ -145,8 +144,10 @@ Rendered* make(int shape_number, const Array* parameters, const Array* rows, con
 EXPORTED(free_rendered) void free_rendered(Rendered* rendered) { delete rendered; }
 
 EXPORTED(reset) void reset(Rendered* rendered, double x, double y, double z) {
-    if (rendered->guide) rendered->guide->reset({{x, y, z}});
-    else rendered->engine->reset({{x, y, z}});
+    if (rendered->guide)
+        rendered->guide->reset({{x, y, z}});
+    else
+        rendered->engine->reset({{x, y, z}});
 }
 
 /// One tick. A guide has no normal, and its state is 1 where it has hold of the tip.
