@@ -435,21 +435,26 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room
 
 
 def shown_messages(path):
-    """Topic -> [(time [ns], message)], decoded by the descriptors that the file holds."""
+    """Topic -> [(time [ns], message)], decoded by the definitions that the file holds."""
     pb2 = pytest.importorskip("google.protobuf.descriptor_pb2", reason="needs protobuf")
     from google.protobuf import descriptor_pool, message_factory
     from mcap.reader import make_reader
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    found = {}
+    found, ros = {}, get_typestore(Stores.EMPTY)
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
-            if schema.encoding == "protobuf":
+            if schema.encoding == "ros2msg":
+                if schema.name not in ros.fielddefs:
+                    ros.register(get_types_from_msg(schema.data.decode(), schema.name))
+                row = (message.log_time, ros.deserialize_cdr(message.data, schema.name))
+            else:
                 pool = descriptor_pool.DescriptorPool()
                 for one in pb2.FileDescriptorSet.FromString(schema.data).file:
                     pool.Add(one)
                 kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
                 row = (message.log_time, kind.FromString(message.data))
-                found.setdefault(channel.topic, []).append(row)
+            found.setdefault(channel.topic, []).append(row)
     return found
 
 
@@ -479,10 +484,16 @@ def test_foxglove_and_rerun_see_the_ticks(made, tmp_path):
         assert np.array_equal(points, fixture.points)
     else:
         assert np.array_equal(shape.triangles[0].indices, fixture.mesh.ravel())
-    rerun = need_program(str(Path(sys.executable).with_name("rerun")), "rerun-sdk from PyPI")
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.exists():
+        pytest.skip("Rerun's converter was not tried: needs rerun-sdk from PyPI")
     output(rerun, "mcap", "convert", path, "-o", tmp_path / "a.rrd")
     said = output(rerun, "rrd", "print", tmp_path / "a.rrd")
-    for part in ("Points3D:positions", "Transform3D:translation", "vfplan.Numbers:message"):
+    for part in (
+        "Points3D:positions",
+        "Transform3D:translation",
+        "vfplan_msgs.msg.Numbers:message",
+    ):
         assert part in said
 
 

@@ -24,7 +24,13 @@ from vfplan.errors import MissingExtra, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
-from vfplan.session.channels import Bag, library, mcap_reader, opened_bag
+from vfplan.session.channels import (
+    CDR_LITTLE_ENDIAN,
+    Bag,
+    library,
+    mcap_reader,
+    opened_bag,
+)
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
@@ -442,7 +448,6 @@ float64[3] force
 int8 state
 uint8 status
 """
-CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 # Bytes of a chunk, a second of ticks at 1 kHz: as much as is lost where the program is killed.
@@ -457,7 +462,7 @@ class McapWriter:
 
     path: made anew
     shown: a fixture at rest, to be shown with the ticks by viewers, and at which rate [Hz]
-    Raises MissingExtra: without the package mcap
+    Raises MissingExtra: without the package mcap, or foxglove-sdk where it is shown
     """
 
     def __init__(self, path: Path, shown: tuple[Fixture, float] | None = None) -> None:
@@ -473,6 +478,7 @@ class McapWriter:
         self._channel = self._writer.register_channel(TOPIC, "cdr", schema)
         self._viewer = None
         if shown is not None:
+            library("foxglove.messages")
             from vfplan.session.foxglove import FoxgloveChannels
 
             self._viewer = FoxgloveChannels(self._writer, *shown)

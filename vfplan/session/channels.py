@@ -21,6 +21,8 @@ from vfplan.errors import MissingExtra, SessionError, SettingError, requires_ext
 from vfplan.io.files import opened_file
 
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+# How a message of ROS 2 begins whose numbers are little-endian.
+CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 # How a complete MCAP file ends.
 MCAP_END = b"\x89MCAP0\r\n"
 # MCAP's names of how a type may be defined
@@ -227,8 +229,11 @@ def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
 
 
 def library(name: str) -> ModuleType | Any:
-    """A module of rosbags or mcap; raises `MissingExtra` without it."""
-    package = name.partition(".")[0]
-    extra, what = {"rosbags": ("ros", "ROS bags need"), "mcap": ("live", "MCAP needs")}[package]
-    with requires_extra(f"{what} the package {package}", extra):
+    """A module of rosbags, mcap or foxglove; raises `MissingExtra` without it."""
+    extra, what = {
+        "rosbags": ("ros", "ROS bags need the package rosbags"),
+        "mcap": ("live", "MCAP needs the package mcap"),
+        "foxglove": ("live", "scenes for viewers need the package foxglove-sdk"),
+    }[name.partition(".")[0]]
+    with requires_extra(what, extra):
         return importlib.import_module(name)
