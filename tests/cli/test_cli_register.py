@@ -89,6 +89,13 @@ def test_gate(vfplan_cli, curve, tmp_path):
     assert error["kind"] == "CheckFailed"
     assert error["numbers"]["max_tre_m"] == pytest.approx(1e-4)
     vfplan_cli(*common, "--contact-radius", 0.1).fails(1, "0.1 mm (the contact radius)")
+    # The bound that the advice names is the one that its model gives.
+    message = vfplan_cli(*common, "--max-tre", 0.4).fails(1, "--model similarity").error_line
+    similar = vfplan_cli(*common, "--max-tre", 0.4, "--model", "similarity", "--json")
+    advised_mm = float(message.partition("similarity it is ")[2].split()[0])
+    assert 1e3 * similar.json["tre"]["curve95_max_m"] == pytest.approx(advised_mm, abs=0.005)
+    out.unlink()
+    picture.unlink()
     assert vfplan_cli(*common, "--max-tre", 5).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"f.h5", "p.png"}
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--max-tre", 0).code == 2

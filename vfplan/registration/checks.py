@@ -506,12 +506,12 @@ def refuse_large_error(
     if registration.model == "affine" and not stretch_findings(registration):
         fit = fit_similarity(registration.fit.problem, registration.used)
         similar = replace(registration, model="similarity", fit=fit)
-        similar_m = float(similar.tre95_curve_m(points).max())
+        similar_m = float(similar.curve95_m(points, error.own).max())
         if similar_m <= max_tre_m:
             advice = f"With --model similarity it is {_mm(similar_m)}"
     allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
-        f"the registration error may reach {_mm(value_m)} (95 % bound over the curve), and "
+        f"the curve may lie {_mm(value_m)} from its place (95 % bound), and "
         f"--max-tre allows {allowed}. {advice}, or give another --max-tre",
         where=f"curve point {error.worst}",
         code="tre-large",

@@ -527,7 +527,7 @@ def _draw_legend(
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if shown.tre95_m is not None:
         where = "true scale" if has_bound else "see the last enlargement"
-        words = f"Purple dashes: 95 % band of the registration, {where}"
+        words = f"Purple dashes: 95 % band of markers and drawing, {where}"
         rows.append((words, paper.BAND_COLOUR, True))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
