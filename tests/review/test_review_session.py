@@ -754,6 +754,16 @@ def test_a_slice_of_a_volume_lies_as_a_radiologist_looks_at_it(tmp_path, name, s
     assert np.allclose(image.T_patient_image, expected, atol=1e-8)
 
 
+def test_voxels_that_are_no_numbers_turn_no_slice_black(tmp_path):
+    nrrd = pytest.importorskip("nrrd")
+    voxels = np.ones((20, 20, 4), np.float32)
+    voxels[0, 0, 0] = np.nan
+    header = {"space": "left-posterior-superior", "space directions": np.eye(3)}
+    nrrd.write(str(tmp_path / "v.nrrd"), voxels, header | {"space origin": [0, 0, 0]})
+    with refuses(ImageError, "volume-unsupported"):
+        Session.open(tmp_path / "v.nrrd")
+
+
 def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
     fields = {"model": "similarity", "contact_radius": [4e-3], "pixel_spacing_mm": [0.5, 0.5]}
     done = sample.apply({"do": "set_plan", "seen_from": "above", **fields})

@@ -6,3 +6,7 @@ overlay   line, bands, outline and tool on a frame, or why nothing is drawn
 
 A leaf room: no other package imports it. Its command is `vfplan ar`.
 """
+
+# How far off the drawn line may be unless the caller says otherwise [mm]: half of a pen's line,
+# beside which the wall would else seem to stand.
+LIMIT_MM = 0.5

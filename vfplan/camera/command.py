@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from vfplan.camera import LIMIT_MM
 from vfplan.cli import options
 from vfplan.cli.options import FILE, DecimalNumber, OutputFile, option, options_in_order
 from vfplan.cli.outputs import outputs
@@ -29,7 +30,7 @@ CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
            help="Write a video, or the last picture with a wall, or the calibration (.json)."),
     option("--measured-mm", type=DecimalNumber(0, min_open=True), metavar="MM",
            help="Length of the printed scale of 100 mm by a ruler."),
-    option("--limit-mm", type=DecimalNumber(0, min_open=True), metavar="MM", default=0.5,
+    option("--limit-mm", type=DecimalNumber(0, min_open=True), metavar="MM", default=LIMIT_MM,
            help="Show no wall that may be off by more [mm]: half of a pen's line."),
     option("--tags", type=FILE, metavar="TAGS.csv",
            help="Take tags on the object and no sheet: label,x_m,y_m,z_m of the four touched "

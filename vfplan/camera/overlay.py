@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vfplan.camera import LIMIT_MM
 from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, make_finder
 from vfplan.camera.sheet import SCALE_MM, Plan
 from vfplan.display import MM
@@ -22,18 +23,20 @@ from vfplan.review.picture import RENDERED_COLOUR
 from vfplan.review.rendered import Shown, registration_again, strokes_on_slice
 from vfplan.session.result import TickBlock
 
-# How far off the drawn line may be unless the caller says otherwise [mm]: half of a pen's line,
-# beside which the wall would else seem to stand.
-LIMIT_MM = 0.5
-
 # How exactly a ruler tells the printed scale [mm].
 RULER_MM = 0.5
 
-# Places of the plan at which the bound is taken, and points of the contact circle.
-BOUND_PLACES, CIRCLE_POINTS = 100, 48
+# Number of places of the plan at which the bound is taken.
+BOUND_PLACES = 100
 
-# Length of the arrow of a newton, and of the line of the normal [m].
-NEWTON_M, NORMAL_M = 5e-3, 10e-3
+# Number of points of the contact circle.
+CIRCLE_POINTS = 48
+
+# Length of the arrow of a newton [m].
+NEWTON_M = 5e-3
+
+# Length of the line of the normal [m].
+NORMAL_M = 10e-3
 
 # How far beside the picture a line is still carried, in halves of the picture: further out the
 # distortion of the lens says nothing.

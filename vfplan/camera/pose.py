@@ -29,20 +29,27 @@ MAX_CALIBRATION_BYTES = 1 << 20
 MIN_TAGS = 2
 
 # Share by which a print may be longer one way than the other, or slanted. A printer keeps to 0.2 %,
-# and a page that was stretched onto another paper is off by 3 %. It must be certain by so many
-# standard deviations.
-MAX_STRETCH, CERTAIN = 0.01, 5.0
+# and a page that was stretched onto another paper is off by 3 %.
+MAX_STRETCH = 0.01
 
-# Side of the window [px] whose mean tells black from white, and the shortest way around a tag as a
-# share of the picture's width, 90 px of 1280: with OpenCV's own, three windows and half of that,
-# the same tags are found in twice the time.
-WINDOW_PX, MIN_PERIMETER = 23, 0.07
+# Standard deviations by which a stretch must exceed 0 before it is called one.
+CERTAIN = 5.0
+
+# Side of the window [px] whose mean tells black from white. OpenCV's own three windows find the
+# same tags in twice the time.
+WINDOW_PX = 23
+
+# Shortest way around a tag as a share of the picture's width: 90 px of 1280.
+MIN_PERIMETER = 0.07
 
 # Steps of Newton from OpenCV's pose on; the second changes nothing any more.
 STEPS = 2
 
-# Corners that a picture of the board shows at least, and such pictures of a calibration at least.
-MIN_CORNERS, MIN_PICTURES = 12, 8
+# Corners that a picture of the board shows at least, of 54: enough to tell its tilt.
+MIN_CORNERS = 12
+
+# Such pictures of a calibration at least: two tilts to each side.
+MIN_PICTURES = 8
 
 # Standard deviation of the focal length at most, as a share of it: over 5 cm of height above the
 # tags it turns into 0.1 mm.

@@ -39,8 +39,11 @@ Array = NDArray[np.float64]
 # Width and height of the pages [mm].
 PAGES = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
 
-# What every page holds in its middle, with 8 mm left for the printer [mm].
-SHORT_MM, LONG_MM = 194.0, 263.0
+# Shorter side of what every page holds in its middle: A4's, with 8 mm left for the printer [mm].
+SHORT_MM = 194.0
+
+# Longer side: that of Letter, likewise.
+LONG_MM = 263.0
 
 # Side of a tag [mm]: 8 squares, of 5 px each in a picture of 1280 x 720 from 65 cm.
 TAG_MM = 28.0
@@ -60,9 +63,11 @@ DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_1000)
 # Of a calibration: squares along the sides, and the sides of a square and of its tag [m].
 BOARD = cv2.aruco.CharucoBoard((7, 10), 25e-3, 18e-3, DICTIONARY)
 
-# Pixels a metre in which the engine is asked for its outline, and of how many points of that one is
-# kept: they are then half a millimetre apart.
-PX_PER_M, THIN = 1e4, 4
+# Pixels a metre in which the engine is asked for its outline.
+PX_PER_M = 1e4
+
+# Of so many points of the outline one is kept: they are then half a millimetre apart.
+THIN = 4
 
 # The colour of where the tool stops, and of where it is held.
 COLOURS = {"wall": CONTACT, "guide": HIP}

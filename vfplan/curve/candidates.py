@@ -18,8 +18,11 @@ from vfplan.geometry.lines import Array, Flags, arc_lengths, evenly, ring_of
 
 Pixels = NDArray[np.int64]
 
-# Dots of a dotted line at least, and pieces of ink at most among which it is looked for.
-MIN_DOTS, MAX_DOTS = 8, 600
+# Dots of a dotted line at least: fewer may be specks in a row.
+MIN_DOTS = 8
+
+# Pieces of ink at most among which it is looked for: the distances of all pairs are taken.
+MAX_DOTS = 600
 
 # Deviation [px] of a dotted line: dots lie on their line to a fraction of their size.
 DOT_SIGMA_PX = 0.3

@@ -23,8 +23,11 @@ from vfplan.errors import ImageError
 from vfplan.io.files import nameless_file
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
-# Where a PNG's header chunk ends, and how the text of a picture that was made flat begins.
-PNG_HEADER_END, MADE_FLAT = 33, b"vfplan-made-flat\0"
+# Where a PNG's header chunk ends.
+PNG_HEADER_END = 33
+
+# How the text of a picture that was made flat begins.
+MADE_FLAT = b"vfplan-made-flat\0"
 JPEG_START = b"\xff\xd8\xff"
 JPEG_END = 0xD9
 BMP_START = b"BM"

@@ -278,6 +278,9 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     index = chosen_index("slice", 1 if number == 0 else number, voxels.shape[2])
     place[:3, 3] += index * place[:3, 2]
     low, high = float(voxels.min()), float(voxels.max())
+    if not np.isfinite([low, high]).all():
+        text = "holds voxels that are no finite numbers. Export it with a value in their place."
+        raise InputError(text, code="volume-unsupported")
     yield [voxels.shape[2], place[:, [0, 1, 3]].tolist(), [low, high]]
     if number != 0:
         share = (voxels[:, :, index].T.astype(float) - low) / (high - low or 1.0)
