@@ -24,6 +24,7 @@
     engine = made; hand.use(engine);
   }
   for (const name of Object.keys(all.scenes)) which.add(new Option(name, name));
+  which.selectedIndex = which.length - 1; // the first is a single point
   for (const control of [which, rule]) control.addEventListener("change", choose);
   choose().catch((error) => { readout.textContent = "The robot's engine does not run in this browser: " + error.message; });
 })();
