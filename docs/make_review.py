@@ -101,6 +101,21 @@ def sample(folder: Path) -> None:
         film.shoot("review_page_knot")
 
 
+def push(folder: Path) -> None:
+    """The mouse is the tool, held 5 mm behind the wall: the proxy stays outside."""
+    with Film(folder, SLICE, *MARKERS) as film:
+        film.browser.until("review.state.digest")
+        place = film.hand.state("review.state.curve_px[0][300]")
+        film.browser.run(f"review.view.goTo({place}, 3)")
+        film.browser.key("u")
+        film.browser.until("review.push.engine !== null")
+        for way in np.linspace(-40, 10, 30):
+            where = film.hand.at((place[0], place[1] + way))
+            film.browser.press(*where, "mouseMoved", "none")
+            time.sleep(0.03)
+        film.shoot("review_page_push")
+
+
 def fork(folder: Path) -> None:
     """A refused slice: the branches to choose from; then the curve is drawn by clicks."""
     branch = bend(TRUTH[520], (20, 45), (60, 50), (90, 10))
@@ -153,7 +168,7 @@ def main() -> None:
     """Every picture."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for state in (sample, fork, hidden, marker, other_ink):
+        for state in (sample, push, fork, hidden, marker, other_ink):
             state(folder)
 
 
