@@ -20,67 +20,79 @@ HEAD = """# Formats
 
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
-Reference. What a file says of itself is obeyed or refused. What it does not say is asked: by an
-option, or by a doubt that wants an answer before `vfplan sign`.
+Reference. vfplan obeys what a file says of itself, or refuses the file. It asks for what the file
+does not say: you give an option, or answer a doubt before `vfplan sign`. *Tried with* names what
+the tests took to make or to check such files.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
 TABLES = {
     "Slices": [
-        ("PNG, JPEG", "8 bits, PNG also 16; palette, alpha over black",
-         "EXIF's orientation; the end of the picture, data behind it are left out with a note",
+        ("PNG, JPEG", "8 bits, PNG also 16; palettes; transparent pixels are laid over black",
+         "EXIF's orientation; the end of the picture: bytes behind it are left out, with a note",
          "`--pixels`, if EXIF turns the picture and other files count its pixels",
-         "animations; what is cut short", "Pillow, OpenCV"),
+         "animations; files that are cut short", "Pillow, OpenCV"),
         ("TIFF", "8 and 16 bits, strips and tiles, one page by `--frame`",
-         "orientation; alpha that says so",
-         "`--pixels`; a sample beside the colours that says nothing is left out with a doubt",
-         "floats; inks or separate planes of 16 bits", "tifffile, Pillow, OpenCV"),
-        ("BMP", "24 and 32 bits", "an alpha mask that is used", "", "no size", "Pillow, OpenCV"),
+         "orientation; an alpha channel that the file declares",
+         "`--pixels`; a channel beside the colours that the file does not explain is left out, "
+         "with a doubt",
+         "pixels that are not whole numbers; 16 bits as inks (CMYK) or in separate planes",
+         "tifffile, Pillow, OpenCV"),
+        ("BMP", "24 and 32 bits", "an alpha channel that is not empty", "",
+         "a picture without pixels", "Pillow, OpenCV"),
         ("DICOM", "colour, grey, one frame by `--frame`",
          "PixelSpacing, position and orientation, also of each frame of an enhanced file; windows",
-         "`--imager-spacing`; overlay planes are left out with a note",
-         "pixels that are not square and have no size, without `--pixel-spacing`", "pydicom"),
+         "`--imager-spacing`; overlay planes are left out, with a note",
+         "pixels that are not square and whose size is not known, unless you give "
+         "`--pixel-spacing`", "pydicom"),
     ],
     "Curves as vectors": [
         ("Slicer `.mrk.json`, `.fcsv`", "one Curve or ClosedCurve", "LPS or RAS, units",
-         "`--curve-type`, if a spline and lines differ by a tenth of the contact radius",
+         "`--curve-type`, if spline and straight lines differ by more than a tenth of the contact "
+         "radius",
          "several curves; a curve off the slice's plane", "VTK's vtkCardinalSpline"),
         ("ImageJ `.roi`, CSV `X,Y`", "lines and areas",
-         "how the format counts; a unit in the header",
-         "`--curve-origin`", "spline fits, composites; tables of other columns", "roifile"),
-        ("CSV `u_px,v_px`", "any separator, decimal comma, UTF-8 or UTF-16, remarks", "the header",
-         "", "two decimal marks", "60 forms of one table"),
+         "how this version of the format counts pixels; a unit in the header",
+         "`--curve-origin`", "fitted splines, composite selections; tables with other columns",
+         "roifile"),
+        ("CSV `u_px,v_px`", "any separator, decimal comma, UTF-8 or UTF-16, comments", "the header",
+         "", "decimal commas and points in one table", "60 forms of one table"),
         ("DICOM presentation state", "POLYLINE, INTERPOLATED", "the images that it names",
-         "`--stroke`, if there are several; how points of INTERPOLATED are joined", "other units",
+         "`--stroke`, if there are several; whether the spline through points of INTERPOLATED is "
+         "right", "units other than PIXEL",
          "pydicom"),
         ("DICOM SR (TID 1500)", "SCOORD and SCOORD3D lines, open and closed",
          "the images that it names", "`--stroke`", "ellipses, points", "pydicom"),
         ("RTSTRUCT", "OPEN_PLANAR and closed contours", "the images that it names", "`--stroke`",
-         "POINT", "pydicom"),
+         "contours of the type POINT", "pydicom"),
     ],
     "Markers, poses, sessions": [
-        ("CSV", "any separator, decimal comma, UTF-8 or UTF-16, remarks, blank ends",
-         "units in the header", "x,y,z without a unit: concluded by size, with a note",
-         "`X,Y` without Z, whose unit nobody says; two decimal marks", "60 forms of one table"),
-        ("Slicer `.mrk.json`, `.fcsv`", "Fiducial", "LPS or RAS, units, status", "",
-         "other schemas", "Slicer's formats 3, 4 and 5"),
+        ("CSV", "any separator, decimal comma, UTF-8 or UTF-16, comments, empty cells at the end",
+         "units in the header",
+         "nothing: vfplan concludes the unit of x,y,z without one from their size, with a note",
+         "`X,Y` without Z and without a unit; decimal commas and points in one table",
+         "60 forms of one table"),
+        ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
+         "LPS or RAS, units; status: points that are not *defined* are left out", "",
+         "other versions of the format", "Slicer's formats 3, 4 and 5"),
     ],
     "Surfaces and clouds": [
         ("STL, PLY, OBJ", "triangles; PLY also points", f"{SPACES} in header or comment",
-         "`--units`; `--frame`, if the file names no space",
-         "another space; `--frame robot_base` beside a space; faces of four corners",
+         "`--units`; `--frame`, if the file names no axes",
+         "other axes; `--frame robot_base`, if the file names axes of the patient; faces that are "
+         "not triangles",
          "trimesh; headers as 3D Slicer writes them"),
         ("CSV, NPY", "points", "units in the header", "`--units`, `--frame`",
-         "units that differ", "NumPy"),
-        ("NRRD", "label maps, segments", f"spaces of the patient in any order; units {UNITS}",
-         "`--structure`", "other spaces and units; a place that is missing", "pynrrd, SimpleITK"),
-        ("NIfTI", "label maps", "sform, qform, units", "`--structure`", "two places that differ",
-         "nibabel, SimpleITK"),
+         "columns with different units", "NumPy"),
+        ("NRRD", "label maps, segments", f"patient axes in any order (`space`); units {UNITS}",
+         "`--structure`", "other axes and units; no position in the patient", "pynrrd, SimpleITK"),
+        ("NIfTI", "label maps", "sform, qform, units", "`--structure`",
+         "sform and qform that differ", "nibabel, SimpleITK"),
         ("RTSTRUCT, DICOM SEG", "closed contours; BINARY, FRACTIONAL, LABELMAP",
-         "places of all frames; number 0 is background",
-         "`--structure`; contours that are open or broken are left out with a doubt",
-         "slices that are doubled or missing", "pydicom"),
+         "position of each frame; number 0 is background",
+         "`--structure`; contours that are open or broken are left out, with a doubt",
+         "slices that stand twice or are missing", "pydicom"),
     ],
 }  # fmt: skip
 
@@ -93,7 +105,7 @@ def main(arguments: list[str]) -> int:
         text += "".join(f"| {' | '.join(row)} |\n" for row in rows)
     listed = ", ".join(f"`{suffix}`" for suffix in FORMS)
     text += f"\n## Written\n\n`vfplan export` writes {listed}. "
-    text += "STL and `.mrk.json` are in the patient's axes if the registration tells them.\n"
+    text += "STL and `.mrk.json` are in the patient's axes if the registration knows them.\n"
     text += f"`vfplan import` reads {', '.join(f'`{suffix}`' for suffix in SUFFIXES)}.\n"
     if "--check" in arguments:
         return int(PAGE.read_text() != text)
