@@ -42,6 +42,8 @@ class Scene(ABC):
 
     spacing: float = 0.5e-3
     name: ClassVar[str]
+    # (3,) 1 along each axis whose coordinate counts, 0 where the scene is endless.
+    flat: ClassVar[Vector] = np.ones(3)
 
     def __init_subclass__(cls) -> None:
         """Every scene is a dataclass as this one is, and has its class's name: "double-sheet"."""
@@ -92,7 +94,7 @@ class Scene(ABC):
         """
         path = check_path(hips)
         proxy = np.asarray(start, float) if start is not None else path[0]
-        flat = self._flat
+        flat = self.flat
         out = np.empty_like(path)
         for i, hip in enumerate(path):
             pieces = self.pieces_between(proxy * flat, hip * flat, radius)
@@ -105,7 +107,7 @@ class Scene(ABC):
 
         See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
         """
-        flat = self._flat
+        flat = self.flat
         values = []
         for proxy, hip in zip(truth * flat, check_path(hips) * flat, strict=True):
             pieces = self.pieces_between(proxy, hip, radius)
@@ -118,18 +120,13 @@ class Scene(ABC):
 
     def force(self, hips: ArrayLike, proxy: Vector, stiffness: ArrayLike = 1000.0) -> Vector:
         """Eq. (8) for HIPs and proxies (T, 3): the exact force (T, 3) [N]."""
-        return (proxy - check_path(hips)) * self._flat * check_stiffness(stiffness)
+        return (proxy - check_path(hips)) * self.flat * check_stiffness(stiffness)
 
     def clearance(self, x: Vector) -> Vector:
         """(T,) distance of the positions x (T, 3) from the exact geometry [m]."""
-        flat = x * self._flat
+        flat = x * self.flat
         views = [god_object.look(self.pieces_between(place, place, 0.0), place) for place in flat]
         return np.array([view.distance.min() for view in views])
-
-    @property
-    def _flat(self) -> Vector:
-        """(3,) 1 along each axis whose coordinate counts, 0 where a scene is endless."""
-        return np.ones(3)
 
 
 class Drawn(Scene):
@@ -143,6 +140,7 @@ class Drawn(Scene):
     """
 
     extrude: float = 0.0
+    flat: ClassVar[Vector] = np.array([1.0, 1.0, 0.0])
 
     @cached_property
     @abstractmethod
@@ -177,11 +175,6 @@ class Drawn(Scene):
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""
         return None if self.extrude else "z"
-
-    @property
-    def _flat(self) -> Vector:
-        """The outline is endless along z."""
-        return np.array([1.0, 1.0, 0.0])
 
 
 def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
