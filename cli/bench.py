@@ -12,21 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 from vfplan.cli.options import FILE, MM, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, is_verbose, progress
 
-from vfplan.errors import InputError, SettingError
+from vfplan.errors import SettingError
 
 STAGES = ("extract", "sample", "register", "proxy", "plan")
 
 
-@command("bench", first_screen="-o --quick --peer --tolerance --from --json")
+@command("bench", first_screen="-o --quick --peer --tolerance --json")
 @click.argument("stage", type=click.Choice([*STAGES, "all", "summary"]), default="all")
 @options_in_order(
     option("-o", "--output", type=FILE, metavar="DIR",
-           help="Write bench.json, bench.csv and a diagram of each step into this folder."),
+           help="Write bench.json and a diagram of each step into this folder."),
     OVERWRITE,
     option("--quick", is_flag=True,
            help="Measure fewer cases, in about a minute instead of ten."),
@@ -36,10 +35,8 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
            "nanoflann, if it compiles]"),
     option("--tolerance", "tolerance_m", type=MM, default="0.01",
            help="Tolerance that the chosen settings keep [mm]."),
-    option("--from", "source", type=FILE, metavar="JSON",
-           help="Measure nothing. Print and draw what this bench.json holds."),
 )  # fmt: skip
-def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandResult:
+def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
     """Measure error and run time of a step, by default of every step, against a known truth.
 
     For each scene the table has every method with its error and its time, which is that of one
@@ -47,36 +44,25 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
     `summary` measures the engines, and prints the last sentence alone.
     """
     from vfplan.bench.peers import MESH_LIBRARIES
-    from vfplan.bench.record import summaries, table_lines
-    from vfplan.bench.stages import read_document
+    from vfplan.bench.record import table_lines
 
     is_summary = stage == "summary"
     stages = list(STAGES) if stage == "all" else ["proxy" if is_summary else stage]
-    refuse_idle_options(stages, source)
-    document = None
-    if source is not None:
-        document = read_document(source)
-        measured = {result["stage"] for result in document["results"]}
-        stages = [name for name in stages if name in measured]
-        if not stages:
-            raise InputError(
-                f"holds no results of stage {stage}. Name one that was measured",
-                where=str(source), code="no-such-stage",
-            )  # fmt: skip
+    if peers and "proxy" not in stages:
+        raise click.UsageError("--peer runs in stage proxy only. Leave it out")
     drawn = [*stages, "summary"] if "proxy" in stages else stages
-    names = ["bench.json", "bench.csv", *(f"bench_{name}.png" for name in drawn)]
+    names = ["bench.json", *(f"bench_{name}.png" for name in drawn)]
     refuse_folder(output, *names)
-    if document is None:
-        document = measure(stages, peers, quick, tolerance_m)
+    document = measure(stages, peers, quick, tolerance_m)
     if output is not None:
         write_bench(document, drawn, [output / name for name in names])
 
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
-    sentences = {name: text for name, text in summaries(document).items() if name in stages}
-    if is_summary and sentences:
+    sentences = document["summary"]
+    if is_summary:
         # The sentence stands alone, for pages that quote it.
         return CommandResult(document, sentences["proxy"], verdict="", next_step="")
-    *others, last = sentences or [""]
+    *others, last = sentences
     lines = [
         *table_lines(document, stages, every_setting=is_verbose()), "",
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
@@ -91,30 +77,9 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
         lines.append(f"wrote {output}/")
         next_step = f"look at {output}/bench_{drawn[-1]}.png"
     warnings = [peer["message"] for peer in document["peers"] if not peer["ran"]]
-    if not sentences:
-        return CommandResult(
-            document, "\n".join(lines), warnings=warnings, failed="nothing was measured",
-            verdict="not-tested: no chosen setting was measured",
-            next_step="measure again without --from",
-        )  # fmt: skip
     return CommandResult(
         document, "\n".join(lines), warnings=warnings, verdict=sentences[last], next_step=next_step
     )
-
-
-def refuse_idle_options(stages: list[str], source: Path | None) -> None:
-    """Raise a usage error for options that would have no effect."""
-    context = click.get_current_context()
-    words = {"quick": "--quick", "peers": "--peer", "tolerance_m": "--tolerance"}
-    typed = [
-        word
-        for name, word in words.items()
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    ]
-    if source is not None and typed:
-        raise click.UsageError(f"--from measures nothing. Leave out {', '.join(typed)}")
-    if "--peer" in typed and "proxy" not in stages:
-        raise click.UsageError("--peer runs in stage proxy only. Leave it out")
 
 
 def measure(
@@ -144,13 +109,12 @@ def measure(
 
 
 def write_bench(document: dict[str, Any], drawn: list[str], files: list[Path]) -> None:
-    """Write the document as JSON and CSV, a diagram of each stage, and the summary's."""
+    """Write the document as JSON, a diagram of each stage, and the summary's."""
     from vfplan.bench.figures import draw_stage, draw_summary
-    from vfplan.bench.stages import write_csv, write_json
+    from vfplan.bench.stages import write_json
 
-    with outputs(*files) as (json_path, csv_path, *pictures):
+    with outputs(*files) as (json_path, *pictures):
         write_json(document, json_path)
-        write_csv(document, csv_path)
         for name, picture in zip(drawn, pictures, strict=True):
             if name == "summary":
                 draw_summary(document, picture)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from vfplan.io.files import naming_place, to_json_types
 from vfplan.io.writing import write_whole
 
 REPORT_FILE = "stability.json"
-TABLE_FILE = "cases.csv"
 PICTURE_FILE = "passivity.png"
 
 ABOVE_0 = DecimalNumber(min=0, min_open=True)
@@ -65,7 +63,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
     option("--jobs", type=WholeNumber(1, 64), metavar="N", default=2,
            help="Number of processes."),
     option("-o", "--output", type=FILE, metavar="DIR",
-           help="Write the report, the tables and the pictures into this folder."),
+           help="Write the report and the picture into this folder."),
     OVERWRITE,
 )  # fmt: skip
 def vfplan_stability(
@@ -80,7 +78,7 @@ def vfplan_stability(
     from vfplan.robot import read_robot
     from vfplan.stability.study import DEFAULT_ROBOT, study
 
-    refuse_folder(output, REPORT_FILE, TABLE_FILE, PICTURE_FILE)
+    refuse_folder(output, REPORT_FILE, PICTURE_FILE)
     judged_robot = read_robot(robot) or DEFAULT_ROBOT
     typed = {name: value for name, value in robot_figures.items() if value is not None}
     if typed:
@@ -91,7 +89,7 @@ def vfplan_stability(
             judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
             jobs=jobs, progress=progress,
         )  # fmt: skip
-    lines = [studied.as_text(every_case=True) if is_verbose() else short_text(studied)]
+    lines = [studied.as_text(every_case=is_verbose())]
     if output is not None:
         write_study(output, studied)
         lines.append(f"wrote {output}")
@@ -136,29 +134,14 @@ def vfplan_stability(
     )  # fmt: skip
 
 
-def short_text(studied: Any) -> str:
-    """The largest stable stiffness, the rest after blows, how many cases ran, and which failed."""
-    outcomes = Counter(row.outcome for row in studied.rows)
-    lines = studied.as_text().splitlines()[:2]
-    line = f"{count(len(studied.rows), 'case')}: {outcomes['pass']} pass"
-    if outcomes["fail"]:
-        line += f", {outcomes['fail']} fail"
-    if outcomes["finding"]:
-        line += f", {outcomes['finding']} show what the paper's rule does, which no robot renders"
-    lines.append(f"{line}; -v lists them")
-    lines += [f"fail    {row.case}: {row.detail}" for row in studied.failed]
-    return "\n".join(lines)
-
-
 def write_study(folder: Path, studied: Any) -> None:
-    """Write the report and the table, and a picture where there is something to draw."""
+    """Write the report, and a picture where there is something to draw."""
     from vfplan.figures.style import passivity_plot, save_png
 
     is_drawn = any(row.case.startswith("passivity/") for row in studied.rows)
-    paths = (folder / REPORT_FILE, folder / TABLE_FILE, folder / PICTURE_FILE if is_drawn else None)
-    with outputs(*paths) as (report, table, picture):
+    picture_path = folder / PICTURE_FILE if is_drawn else None
+    with outputs(folder / REPORT_FILE, picture_path) as (report, picture):
         text = json.dumps(to_json_types(studied.as_dict()), indent=2) + "\n"
         write_whole(report, [text.encode()], overwrite=True)
-        write_whole(table, [studied.as_csv().encode()], overwrite=True)
         if picture is not None:
             save_png(passivity_plot(studied.rows), picture)

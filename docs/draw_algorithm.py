@@ -12,7 +12,7 @@ import numpy as np
 import vfplan
 from vfplan import palette
 from vfplan.figures import style
-from vfplan.scenes.scenes import Corner, Omega, travel
+from vfplan.scenes import Corner, Omega, travel
 
 PICTURES = Path(__file__).with_name("pictures")
 RC = 5e-3

@@ -19,16 +19,12 @@ RULES = ("robust", "paper", "exact")
 def make() -> str:
     """The table in Markdown: by cloud the force steps of each rule, and what `robust` needed."""
     rows = []
-    for trials in feel.scenes(False, 1e-5):
-        scores = {}
-        for trial in trials:
-            scores[trial.method] = trial.score(trial.run()[0])
-        robust = scores["robust"]
-        row = [trials[0].scene, str(robust["points"])]
+    for cloud, scores in feel.scenes():
+        row = [cloud, str(scores["points"])]
         for rule in RULES:
             row.append(steps(scores[rule]))
-        row.append(f"{micrometres(robust['band_m'])} µm")
-        row.append(f"{robust['limit_share']:.1%}")
+        row.append(f"{micrometres(scores['band_m'])} µm")
+        row.append(f"{scores['robust']['limit_share']:.1%}")
         rows.append(row)
     columns = [f"`{rule}`: > 0.6 N, > 2 N, largest" for rule in RULES]
     last = "ticks of `robust` that used up their iterations"

@@ -147,7 +147,7 @@ def cylinder() -> float:
     """Largest error round a cylinder [um]."""
     hips, start = test_robust_scenes.circling()
     exact = hips[:, :2] / np.linalg.norm(hips[:, :2], axis=1)[:, None] * (0.03 + R)
-    proxy = played(scenes.Cylinder(extrude=0.03).points, None, hips)
+    proxy = played(scenes.Circle(extrude=0.03).points, None, hips)
     return 1e6 * np.linalg.norm(proxy[:, :2] - exact, axis=1)[start:].max()
 
 

@@ -24,7 +24,6 @@ from replays import probing
 from review_slices import clear
 from rosbags import rosbag2
 from rosbags.typesys import Stores, get_typestore
-from vfplan.cli.bench import vfplan_bench
 from vfplan.cli.extract import write_pictures
 from vfplan.cli.outputs import refuse_folder, refuse_place
 
@@ -280,9 +279,6 @@ PATCHED = {
     "peer-not-built": (
         "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
     "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
-    "no-such-stage": (
-        "vfplan.bench.stages.read_document", lambda path: {"results": []},
-        lambda d: called(vfplan_bench, "proxy", None, "b.json", (), False, None)),
     "too-many-boxes": (
         "vfplan.review.steps.MAX_EXCLUDED", 0,
         lambda d: on_clear_slice(d, {"do": "exclude", "box": [0, 0, 5, 5]})),

@@ -1,11 +1,14 @@
 """`vfplan bench all --quick`, once, and what its files must hold."""
 
-import csv
 import json
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from vfplan.cli.main import cli
+
+from vfplan.bench.record import table_lines
 
 pytestmark = pytest.mark.slow
 STAGES = ("extract", "sample", "register", "proxy", "plan")
@@ -154,64 +157,32 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(document)
 def test_files_say_what_the_document_says(quick):
     folder, document = quick
     assert {p.name for p in folder.iterdir()} == {
-        "bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in (*STAGES, "summary"))
+        "bench.json", *(f"bench_{stage}.png" for stage in (*STAGES, "summary"))
     }  # fmt: skip
     stored = json.loads((folder / "bench.json").read_text())
     assert stored["results"] == document["results"]
-    with (folder / "bench.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [float(r["error_rms"]) for r in rows] == [r["error_rms"] for r in document["results"]]
 
 
-def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
-    folder, _ = quick
-    again = tmp_path / "again"
-    assert vfplan_cli("bench", "--from", folder / "bench.json", "-o", again).sound
-    for stage in (*STAGES, "summary"):
-        name = f"bench_{stage}.png"
-        assert (again / name).read_bytes() == (folder / name).read_bytes()
-
-
-def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
-    folder, document = quick
-    altered = tmp_path / "altered.json"
-    document = json.loads(json.dumps(document))
-    of(document, stage="sample")[0]["error_rms"] *= 10
-    altered.write_text(json.dumps(document))
-    again = tmp_path / "again"
-    assert vfplan_cli("bench", "sample", "--from", altered, "-o", again, "-q").code == 0
-    name = "bench_sample.png"
-    assert (again / name).read_bytes() != (folder / name).read_bytes()
-
-
-def test_a_document_without_the_stage_draws_nothing(document, vfplan_cli, tmp_path):
-    part = tmp_path / "part.json"
-    part.write_text(json.dumps(document | {"results": of(document, stage="sample")}))
-    vfplan_cli("bench", "extract", "--from", part, "-o",
-               tmp_path / "out").fails(3, "holds no results of stage extract")  # fmt: skip
-    assert vfplan_cli("bench", "--from", part, "-o", tmp_path / "out").code == 0
-    assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
-
-
-def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
-    folder, document = quick
-    lines = vfplan_cli("bench", "proxy", "--from", folder / "bench.json").stdout.splitlines()
+def test_the_table_has_a_head_a_key_and_more_rows_when_asked(document):
+    lines = table_lines(document, ["proxy"])
     assert lines[0].split()[:5] == ["proxy:", "median", "a", "tick", "p99.9"]
     assert any(line.startswith("* on the front") for line in lines)
     assert not any(" us " in line or "e-0" in line for line in lines)
-    assert lines[-2] == f"verdict: {document['summary']['proxy']}"
+    assert len(table_lines(document, ["proxy"], every_setting=True)) > len(lines)
+
+
+def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):
+    monkeypatch.setattr("vfplan.bench.stages.bench", lambda *_, **__: document)
+    sentence = CliRunner().invoke(cli, ["bench", "summary", "--peer", "true"]).stdout
+    assert sentence.strip() == document["summary"]["proxy"]
     rows = of(document, stage="proxy", chosen=True)
     median_ns = 1e3 * np.median([r["time_us_median"] for r in rows])
     tail_us = max(r["time_us_p999"] for r in rows)
-    sentence = vfplan_cli("bench", "summary", "--from", folder / "bench.json").stdout
-    assert lines[-2] == f"verdict: {sentence.rstrip()}"
     assert sentence.startswith(
         f"Over 8 scenes, a tick of the chosen setting takes {median_ns:.3g} ns (p99.9 {tail_us:.3g}"
     )
     for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
         assert f"; {peer} takes " in sentence
-    more = vfplan_cli("bench", "proxy", "--from", folder / "bench.json", "-v").stdout.splitlines()
-    assert len(more) > len(lines)
 
 
 def test_meshes_and_noise_are_among_the_scenes(document):
@@ -226,6 +197,3 @@ def test_meshes_and_noise_are_among_the_scenes(document):
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
     vfplan_cli("bench", "extract", "--quick", "-o", folder).fails(2, "exists already")
-    # Not even with --overwrite may a run replace what it reads.
-    vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder,
-               "--overwrite").fails(2, "is an input of this call")  # fmt: skip

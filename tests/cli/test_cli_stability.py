@@ -49,7 +49,7 @@ def test_study_of_a_point(vfplan_cli, dot, tmp_path):
     assert "closed-loop/flat" in run.json["left_out"]
     for row in run.json["cases"]:
         assert row.keys() >= {"case", "outcome", "detail", "limit", "measured"}
-    assert {p.name for p in folder.iterdir()} == {"stability.json", "cases.csv", "passivity.png"}
+    assert {p.name for p in folder.iterdir()} == {"stability.json", "passivity.png"}
     vfplan_cli("stability", dot, "--part", "closed-loop", "-o", folder).fails(2, "overwrite")
 
 

@@ -14,7 +14,7 @@ from docs_modules import load
 
 from vfplan import Guide, ProxyEngine
 from vfplan.conformance import fixtures
-from vfplan.conformance.kit import RENDERED, path_along, path_between, path_through
+from vfplan.conformance.kit import RENDERED, path_of
 from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.io.files import to_json_types
 from vfplan.replaying.guiding import make_engine
@@ -40,8 +40,7 @@ def played(where, cases, folder):
 
 def hips_of(fixture):
     """(T, 3) the kit's path, then a hand that trembles, presses and leaps about [m]."""
-    path = path_through if fixture.sample_radius is None else path_between
-    path = (path if fixture.guidance is None else path_along)(fixture.points)
+    path = path_of(fixture)
     rng = np.random.default_rng(len(fixture.points))
     walk = np.cumsum(rng.normal(0, 3e-4, (1500, 3)), axis=0)
     start = np.where(np.arange(1500)[:, None] % 300 < 250, path[0], rng.permuted(fixture.points)[0])

@@ -11,8 +11,7 @@ from motion import SHEET
 
 import vfplan
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES
-from vfplan.scenes.scenes import Omega
+from vfplan.scenes import SCENES, Omega
 
 TOLERANCE = 1e-9  # [m]
 SENSITIVE = 1e-10  # a permutation moves the reference by more: left out

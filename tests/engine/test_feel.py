@@ -31,15 +31,15 @@ def test_force_steps_are_counted_where_the_exact_proxy_makes_none():
     proxy[500:, 0] += 0.7e-3
     proxy[900:, 1] -= 2.1e-3
     trace = feel.Trace(proxy, proxy, proxy, np.zeros(len(HIPS)), np.zeros(len(HIPS), np.uint8))
-    more = feel.judge(trace, HIPS, EXACT, {})
+    more = feel.judge(trace, HIPS, EXACT)
     assert (more["force_jumps"], more["force_jumps_large"]) == (2, 1)
     assert more["force_step_max_n"] == pytest.approx(2.1)
 
 
 def test_neither_exact_nor_robust_steps_on_an_even_curve():
-    trials = {trial.method: trial for trial in next(feel.scenes(True, 1e-5))}
+    _, records = next(feel.scenes(16.0))
     for method, near in (("exact", 1e-8), ("robust", 5e-5)):
-        errors = trials[method].score(trials[method].run()[0])
+        errors = records[method]
         assert errors["force_jumps"] == 0
         assert errors["limit_share"] < 0.01
         assert errors["error_rms"] < near

@@ -14,8 +14,8 @@ import numpy as np
 
 from vfplan.bench.record import Array
 from vfplan.errors import InputError
+from vfplan.scenes import Scene
 from vfplan.scenes.outline import Look, Pieces, from_nearest, nearest_on_segments
-from vfplan.scenes.scenes import Scene
 
 R = 5e-3
 PRESS_M, SLIDE_M, OFF_M = 2e-3, 25e-3, 15e-3

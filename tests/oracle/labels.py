@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,19 +127,6 @@ def worse(frozen, new):
     findings_before = sum(frozen[number].good == "finding" for number in new)
     if findings > findings_before:
         lines.append(f"{findings} of {len(new)} good sets with a finding, {findings_before} before")
-    return lines
-
-
-def compared(frozen, new):
-    """Outcomes before and now, a row for the right labels and for each mistake."""
-    words = ("refused", "finding", "note", "silent")
-    lines = [f"| labels | {' | '.join(words)} |", "|---|---|---|---|---|"]
-    for labels in ("good", *MISTAKES):
-        pairs = []
-        for word in words:
-            pair = [Counter(getattr(rows[k], labels) for k in new)[word] for rows in (frozen, new)]
-            pairs.append(f"{pair[0]} {pair[1]}")
-        lines.append(f"| {labels} | {' | '.join(pairs)} |")
     return lines
 
 

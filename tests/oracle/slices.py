@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,35 +116,6 @@ def worse(frozen, new):
     old, measured = (np.percentile([rows[k].ends_px for k in ends], 95) for rows in (frozen, new))
     if measured > RMS_RATIO * old:
         lines.append(f"95 % of the ends within {measured:.2f} px, {old:.2f} before")
-    return lines
-
-
-def compared(frozen, new):
-    """The table of both, side by side, a row a kind: outcomes before and now, and RMS errors."""
-    words = ("right", "silent", "warned", "refused", "falsely refused", "falsely warned")
-    lines = [
-        f"| kind | {' | '.join(words)} | RMS [px] | 95 % of the ends [px] |",
-        "|" + "---|" * (len(words) + 3),
-    ]
-    for kind in [*dict.fromkeys(key[0] for key in new), "all"]:
-        keys = [key for key in new if kind in (key[0], "all")]
-        cells = []
-        counts = [Counter(rows[key].outcome for key in keys) for rows in (frozen, new)]
-        for word in words:
-            before, now = (count[word] for count in counts)
-            cells.append(f"{before} {now}" if before or now else "")
-        right = [key for key in keys if _is_right(frozen[key]) and _is_right(new[key])]
-        for name, digest in (("rms_px", _rms), ("ends_px", lambda x: np.percentile(x, 95))):
-            values = [[getattr(rows[key], name) for key in right] for rows in (frozen, new)]
-            known = ~np.isnan(np.sum(values, axis=0))
-            pair = [digest(np.asarray(v)[known]) for v in values] if known.any() else []
-            cells.append(" ".join(f"{x:.3f}" for x in pair))
-        lines.append(f"| {kind} | {' | '.join(cells)} |")
-    drawn = sum(frozen[key].drawn != row.drawn for key, row in new.items())
-    if drawn:
-        lines.append(f"{drawn} pictures are drawn otherwise than when they were frozen")
-    lines += ["", "outcomes that changed:"]
-    lines += [_changed(frozen[k], new[k]) for k in new if frozen[k].outcome != new[k].outcome]
     return lines
 
 

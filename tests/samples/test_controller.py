@@ -21,7 +21,7 @@ from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Renderi
 from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
 from vfplan.live.sources import decode
-from vfplan.scenes.scenes import Omega, Sheet
+from vfplan.scenes import Omega, Sheet
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.scenes import SCENES, god_object, outline
 
 R, FLAT = 5e-3, np.array([1.0, 1.0, 0.0])
-COARSE = {"sheet", "double-sheet", "sphere", "cylinder", "three-walls"}
+COARSE = {"sheet", "double-sheet", "sphere", "three-walls"}
 
 
 def make(name, **settings):
@@ -91,7 +91,6 @@ FORMS = {
                      "below": above(1, lambda s: s.gap / 2 + R, -1)},
     "circle": {"outside": flat_z(around(R, lambda s: s.radius)),
                "inside": flat_z(around(-R, lambda s: s.radius, hollow))},
-    "cylinder": {"outside": flat_z(around(R, lambda s: s.radius))},
     "sphere": {"outside": around(R, lambda s: s.radius),
                "inside": around(-R, lambda s: s.radius, hollow)},
     "corner": {"floor wall deep": flat_z(lambda s, h: np.maximum(h, [R, R, 0]))},
@@ -156,7 +155,7 @@ def test_every_route_starts_free_and_meets_the_scene(name):
         proxy = scene.truth(hips, R)
         assert scene.clearance(proxy).min() > R - 1e-12
         force = scene.force(hips, proxy, [1000, 500, 250])
-        pull = (proxy - hips) * [1, 1, 0 if scene.along_z else 1]
+        pull = (proxy - hips) * [1, 1, 0 if isinstance(scene, scenes.Drawn) else 1]
         assert force == pytest.approx(pull * [1000, 500, 250], rel=1e-15)
         assert np.linalg.norm(force, axis=1).max() > 0.2
 
@@ -170,21 +169,6 @@ def test_points_lie_on_the_geometry_at_the_spacing(name):
     assert np.median(nearest) == pytest.approx(scene.spacing, rel=0.12)
     assert nearest.max() < 1.5 * scene.spacing
     assert nearest.min() > 0.3 * scene.spacing
-
-
-def test_experiment_one():
-    points = scenes.Sheet().points
-    assert points.shape == (40401, 3)
-    assert points.min(axis=0) == pytest.approx([0.4, 0.1, 0.4])
-    assert points.max(axis=0) == pytest.approx([0.5, 0.1, 0.5])
-
-
-def test_two_sides_of_a_double_sheet_stay_two():
-    """A HIP past both sheets is still rendered from the side it came from."""
-    scene = scenes.DoubleSheet(spacing=2e-3)
-    for route, side in (("above", 1), ("below", -1)):
-        proxy = scene.truth(scene.path(route, speed=0.5), R)
-        assert np.all(side * proxy[:, 1] >= scene.gap / 2 + R - 1e-12)
 
 
 def test_channel_narrower_than_the_proxy_is_never_entered():
@@ -334,15 +318,6 @@ def test_biarcs_pass_through_their_nodes_with_one_tangent():
     assert ends == pytest.approx(nodes[:-1], abs=1e-12)
 
 
-def test_smooth_run_through_a_circle_is_the_circle():
-    turn = np.linspace(0, 2 * np.pi, 9)
-    run = outline.smooth(np.column_stack([np.cos(turn), np.sin(turn)]))
-    assert run.length == pytest.approx(2 * np.pi, rel=1e-12)
-    points = run.sample(0.01)
-    assert np.hypot(*points.T) == pytest.approx(1.0, abs=1e-12)
-    assert np.linalg.norm(np.diff(points, axis=0), axis=1).std() < 1e-12
-
-
 def test_travel_keeps_its_speed_and_both_ends():
     way = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0]]
     path = scenes.travel(way, speed=0.3, rate=1000)
@@ -354,9 +329,7 @@ def test_travel_keeps_its_speed_and_both_ends():
 
 
 @pytest.mark.parametrize("bad", [
-    lambda: scenes.Sheet(spacing=0.0), lambda: scenes.Corner(angle=4.0),
-    lambda: scenes.Circle(extrude=-1.0), lambda: scenes.Point().path("around"),
-    lambda: scenes.travel([[0, 0, 0], [1, 0, 0]], speed=0.0)])  # fmt: skip
+    lambda: scenes.Sheet(spacing=0.0), lambda: scenes.Point().path("around")])  # fmt: skip
 def test_bad_requests_are_refused(bad):
     with pytest.raises(SettingError, match="Give "):
         bad()

@@ -13,7 +13,6 @@ from vfplan.stability import cases
 from vfplan.stability.cases import CASES, breach, engine_at_start, run_extreme_cases
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import patch
-from vfplan.stability.study import skipped_extremes
 
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 
@@ -55,14 +54,6 @@ def test_breach_sees_what_it_should():
     assert breach(place, engine, trace) == pytest.approx(expected)
     untouched = Trace(proxy, proxy, 0 * proxy, state, state.astype(np.uint8))
     assert breach(place, engine, untouched) == np.inf
-
-
-def test_long_runs_are_left_out_unless_asked_for():
-    names = {f"extreme/{case.name}" for case in CASES if case.full}
-    assert names
-    for full in (False, True):
-        skipped = skipped_extremes(full)
-        assert names & skipped.keys() == (set() if full else names)
 
 
 def test_the_long_run_takes_the_bundles_own_points():

@@ -8,8 +8,7 @@ import pytest
 from vfplan import Trace
 from vfplan.figures.style import passivity_plot
 from vfplan.palette import RULE
-from vfplan.stability.cases import energy_balance, passivity_cases, random_cycle
-from vfplan.stability.contacts import SCENES
+from vfplan.stability.cases import energy_balance, passivity_cases
 from vfplan.stability.study import ALL_RULES
 
 
@@ -48,13 +47,6 @@ def test_ignored_axis_does_no_work_and_adds_no_bound():
     hips = np.column_stack([0 * s, -1e-3 + 0 * s, 0.1 * np.sin(s)])
     found = energy_balance(wall(hips, 1.0), hips, 1.0, np.array([0.0, 0.0, 1.0]))
     assert (found.work_j, found.bound_j) == (0.0, 0.0)
-
-
-def test_cycles_are_closed_and_reproducible():
-    (contact,) = SCENES["flat"]()
-    one, two = (random_cycle(contact, np.random.default_rng(3)) for _ in range(2))
-    assert (one == two).all()
-    assert (one[0] == one[-1]).all()
 
 
 @pytest.mark.parametrize("scene", ["flat", "corner", "three-walls", "channel", "point", "omega"])

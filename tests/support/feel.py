@@ -20,18 +20,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from vfplan import ProxyEngine, Status, Trace
-from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
-from vfplan.scenes import outline
-from vfplan.scenes.scenes import Drawn
+from vfplan.bench.record import Array, Record, errors_of, timed_ticks
+from vfplan.scenes import Drawn, outline
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
 SPACING, PIXEL = 0.5e-3, 0.25e-3  # of the even cloud, and of a mask
-DURATION_S = {False: 160.0, True: 16.0}
 DEEPEST_M, TREMOR_M = 8e-3, 5e-5
 JUMP_N, LARGE_N = 0.6, 2.0
 # Radius [m] and turn [rad]; left turns are hollows, wide enough for R and half of nine pixels.
@@ -111,17 +108,16 @@ class Scanned:
     thick: float = 0.0
 
 
-def clouds(wave: Wave, quick: bool) -> Iterator[Scanned]:
+def clouds(wave: Wave) -> Iterator[Scanned]:
     """The curve as it comes: sampled evenly, measured, painted, in haste."""
     even, rng = wave.points, np.random.default_rng(25)
     yield Scanned("even", even)
-    for share in (0.2,) if quick else (0.05, 0.2, 0.5):
+    for share in (0.05, 0.2, 0.5):
         off = share * SPACING * rng.normal(size=(len(even), 2))
         yield Scanned(f"noise {share:.0%}", even + outline.in_space(off))
-    for pixels in (3,) if quick else (3, 5, 9):
+    for pixels in (3, 5, 9):
         yield Scanned(f"mask {pixels} px", mask(wave, pixels, PIXEL), pixels / 2 * PIXEL)
-    if not quick:
-        yield Scanned("mask 3 coarse px", mask(wave, 3, SPACING), 1.5 * SPACING)
+    yield Scanned("mask 3 coarse px", mask(wave, 3, SPACING), 1.5 * SPACING)
     fine = outline.in_space(wave.runs[0].sample(1e-5))
     s = np.arange(len(fine)) * 1e-5
     waxing = 0.05e-3 * 20 ** (0.5 - 0.5 * np.cos(s / 6e-3))  # 50 um to 1 mm apart, to and fro
@@ -135,35 +131,30 @@ def mask(wave: Wave, pixels: int, pitch: float) -> Array:
     """(N, 3) the middles of the pixels, `pitch` apart [m], that a pen so many wide covers."""
     low, high = wave.points.min(axis=0) - 5e-3, wave.points.max(axis=0) + 5e-3
     x, y = (np.arange(a, b, pitch) for a, b in zip(low[:2], high[:2], strict=True))
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    inked = outline.distance(wave.runs, grid) <= pixels / 2 * pitch
-    return outline.in_space(grid[inked])
+    grid = outline.in_space(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    return grid[wave.clearance(grid) <= pixels / 2 * pitch]
 
 
-def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
-    """Rules `robust`, `paper` and `exact` on each cloud."""
+def scenes(seconds: float = 160.0) -> Iterator[tuple[str, Record]]:
+    """Each cloud with what rules `robust`, `paper` and `exact` do on it."""
     wave = Wave(spacing=SPACING)
-    for cloud in clouds(wave, quick):
+    for cloud in clouds(wave):
         radius = R + cloud.thick
-        hips = wave.hand(DURATION_S[quick], radius, np.random.default_rng(0))
+        hips = wave.hand(seconds, radius, np.random.default_rng(0))
         truth = wave.exact(hips, radius)
         engines = {
             "robust": ProxyEngine(cloud.points, R, ignore_axis="z"),
             "paper": ProxyEngine(cloud.points, R, ignore_axis="z", rule="paper"),
             "exact": ProxyEngine.along(wave.lines_and_arcs, radius),
         }
-        yield [_trial(cloud, name, engine, hips, truth) for name, engine in engines.items()]
+        points, band_m = len(cloud.points), engines["robust"].parameters.band
+        records: Record = {"points": points, "band_m": band_m}
+        for name, engine in engines.items():
+            records[name] = judge(timed_ticks(engine, hips)[0], hips, truth)
+        yield cloud.name, records
 
 
-def _trial(cloud: Scanned, name: str, engine: ProxyEngine, hips: Array, truth: Array) -> BenchRun:
-    more = {"points": len(cloud.points), "band_m": engine.parameters.band}
-    return BenchRun(
-        cloud.name, name, {}, lambda: timed_ticks(engine, hips),
-        lambda trace: judge(trace, hips, truth, more), "m",
-    )  # fmt: skip
-
-
-def judge(trace: Trace, hips: Array, truth: Array, more: dict[str, Any]) -> Record:
+def judge(trace: Trace, hips: Array, truth: Array) -> Record:
     """What a rendered path's force does that the exact one does not."""
     off = (trace.proxy - truth)[:, :2]
     steps = STIFFNESS * np.linalg.norm(np.diff(off, axis=0), axis=1)
@@ -172,6 +163,5 @@ def judge(trace: Trace, hips: Array, truth: Array, more: dict[str, Any]) -> Reco
         "force_jumps_large": int((steps > LARGE_N).sum()),
         "force_step_max_n": float(steps.max()),
         "limit_share": float((trace.status & Status.LIMIT > 0).mean()),
-        "ticks": len(hips),
     }
-    return errors_of(np.linalg.norm(off, axis=1), **figures, **more)
+    return errors_of(np.linalg.norm(off, axis=1), **figures)

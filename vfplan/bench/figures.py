@@ -7,13 +7,13 @@ star is the chosen setting; dotted lines are the tolerance and the budget of a t
 
 from __future__ import annotations
 
+import re
 from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
 from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, clouds, grouped
@@ -32,17 +32,11 @@ SMALLEST_UM = 1e6 * SMALLEST_ERROR_M
 FRONT_COLOUR = "#c8c8c8"
 
 # The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone.
-RULES = {
-    "robust": RULE["robust"], "paper": RULE["paper"], "exact": RULE["exact"],
-    "nearest-point penalty": CONTACT, "nanoflann_peer": PROXY, "ridge": RULE["robust"],
-    "by curvature": RULE["robust"], "affine": RULE["robust"], "hue + thinning": CONTACT,
-    "bare least squares": CONTACT, "the paper's density": RULE["paper"],
-    "the paper's: every mask pixel": RULE["paper"], "mask (the paper's)": RULE["paper"],
-}  # fmt: skip
+RULES = {**RULE, "nearest-point penalty": CONTACT, "nanoflann_peer": PROXY}
 # The markers of a rule's variants.
 MARKERS = "os^vDPX<>ph"
 
-Look = tuple[str, str]
+Look = dict[str, str]
 
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
@@ -57,8 +51,10 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
 
     # A panel a scene; the last row may have fewer.
+    slowest = max(place_of(result, stage)[1] for result in results)
     for axes, (scene, scene_results) in zip(panels.flat, scenes.items(), strict=False):
-        draw_panel(axes, scene_results, looks, document, stage)
+        draw_panel(axes, scene_results, looks, stage, slowest)
+        draw_bounds(axes, document, stage)
         axes.set_title(scene, fontsize=8.5)
     for axes in list(panels.flat)[len(scenes) :]:
         axes.remove()
@@ -69,14 +65,17 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     error_unit = "px" if results[0]["unit"] == "px" else "µm"
     for axes in panels[:, 0]:
         axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
-    set_limits(panels[0, 0], results, document, stage)
+
+    # A line of the legend for each look, whichever panels have it.
+    handles = {}
+    for axes in figure.axes:
+        drawn, labels = axes.get_legend_handles_labels()
+        handles |= dict(zip(labels, drawn, strict=True))
     figure.suptitle(LOOKS[stage].title, x=0.01, ha="left", fontsize=10)
     figure.legend(
-        handles=legend_handles(looks, document, stage, results),
-        loc="outside lower center",
-        ncols=min(4, 2 + columns),
+        handles.values(), handles, loc="outside lower center", ncols=min(4, 2 + columns),
         fontsize=7.5,
-    )
+    )  # fmt: skip
     save_png(figure, path)
 
 
@@ -88,154 +87,82 @@ def draw_summary(document: dict[str, Any], path: Path) -> None:
              ylabel="RMS error of the proxy [µm]")  # fmt: skip
     spare = cycle(zip((HIP, FORCE, PROXY, CONTACT), "^vXP", strict=True))
     for method, records in clouds("proxy", results).items():
-        x, y = np.array([place_of(record, "proxy") for record in records]).T
-        tails = np.maximum([tail_us(record) for record in records] - x, 0.0)
         if method == "chosen":
             look = {"color": "black", "marker": "*", "ms": 13, "mfc": "white", "zorder": 6}
         else:
             colour, marker = (RULES[method], "o") if method in RULES else next(spare)
             look = {"color": colour, "marker": marker, "ms": 5, "zorder": 4}
-        axes.errorbar(x, y, xerr=[0 * x, tails], ls="", elinewidth=0.5, label=method, **look)
-    axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0, label="tolerance")
-    axes.axvline(document["budget_us"], color=CONTACT, ls=":", lw=1.0, label="1 kHz")
+        draw_marks(axes, records, "proxy", ls="", elinewidth=0.5, label=method, **look)
+    draw_bounds(axes, document, "proxy")
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
     save_png(figure, path)
 
 
 def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
     """A colour and a marker for each method: one colour a rule, one marker a variant."""
-    spare_colours = cycle((HIP, PROXY, FORCE))
-    colours: dict[str, str] = {}
-    variants: dict[str, int] = {}
+    spare_colours = cycle((HIP, FORCE, PROXY, CONTACT))
+    variants: dict[str, list[str]] = {}
     looks: dict[str, Look] = {}
-    for result in results:
-        method = result["method"]
-        if result.get("chosen") or method in looks:
-            continue
-        rule = method.split(",")[0].split(" in ")[0] if method not in RULES else method
-        if rule not in colours:
-            colours[rule] = RULES.get(rule) or next(spare_colours)
-            variants[rule] = 0
-        looks[method] = (colours[rule], MARKERS[variants[rule] % len(MARKERS)])
-        variants[rule] += 1
+    for method in dict.fromkeys(r["method"] for r in results if not r.get("chosen")):
+        rule = method if method in RULES else re.split(", | in ", method)[0]
+        if rule not in variants:
+            variants[rule] = [RULES.get(rule) or next(spare_colours), *MARKERS[::-1]]
+        looks[method] = {"color": variants[rule][0], "marker": variants[rule].pop()}
     return looks
 
 
 def draw_panel(
-    axes: Axes,
-    results: list[dict[str, Any]],
-    looks: dict[str, Look],
-    document: dict[str, Any],
-    stage: str,
+    axes: Axes, results: list[dict[str, Any]], looks: dict[str, Look], stage: str, slowest: float
 ) -> None:
-    """Draw the results of one scene."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    """Draw the results of one scene; `slowest` is where the front's staircase ends."""
+    axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_minor_formatter(NullFormatter())
 
-    # The staircase under which nothing was measured.
-    corners = sorted(place_of(result, stage) for result in results if result["pareto"])
-    if corners:
-        x, y = np.array(corners).T
-        axes.step(np.r_[x, x[-1] * 1e6], np.r_[y, y[-1]], where="post", color=FRONT_COLOUR, lw=4,
-                  zorder=1, solid_capstyle="butt")  # fmt: skip
-
-    # A method's settings from the cheapest to the dearest, each with its p99.9 as a whisker.
-    factor = time_factor(stage)
-    for method, (colour, marker) in looks.items():
+    # A method's settings from the cheapest to the dearest.
+    for method, look in looks.items():
         settings = [r for r in results if r["method"] == method and not r.get("chosen")]
-        if not settings:
-            continue
-        settings.sort(key=lambda result: result["time_us_median"])
-        x, y = np.array([place_of(result, stage) for result in settings]).T
-        tails = np.array([factor * tail_us(result) for result in settings]) - x
-        whiskers = [0 * x, np.maximum(tails, 0.0)]
-        axes.errorbar(x, y, xerr=whiskers, capsize=1.5, color=colour, marker=marker, ms=4, lw=1.0,
-                      elinewidth=0.7, zorder=4)  # fmt: skip
+        if settings:
+            settings.sort(key=lambda result: result["time_us_median"])
+            draw_marks(axes, settings, stage, capsize=1.5, ms=4, lw=1.0, elinewidth=0.7, zorder=4,
+                       label=method, **look)  # fmt: skip
+
+    # The staircase under which nothing was measured.
+    front = sorted(place_of(result, stage) for result in results if result["pareto"])
+    x, _, error, _ = np.array(front).T
+    axes.step(np.r_[x, slowest], np.r_[error, error[-1]], where="post", color=FRONT_COLOUR, lw=4,
+              zorder=1, solid_capstyle="butt", label="Pareto front")  # fmt: skip
 
     # The chosen settings: RMS at the star, the maximum at the end of the line above it.
     for result in results:
         if result.get("chosen"):
-            x, y = place_of(result, stage)
-            top = place_of(result, stage, "error_max")[1]
-            axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
-            axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
-            axes.plot([x], [y], "*", ms=12, mfc="white", mec="black", mew=0.8, zorder=6)
+            x, _, error, largest = place_of(result, stage)
+            axes.errorbar(x, error, [[0.0], [largest - error]], capsize=3, ls="",
+                          marker="*", ms=12, color="black", mfc="white", elinewidth=0.8, zorder=6,
+                          label="chosen")  # fmt: skip
 
-    if has_tolerance(stage, results):
-        axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
+
+def draw_marks(axes: Axes, records: list[dict[str, Any]], stage: str, **look: Any) -> None:
+    """A mark at the time and error of each record; its whisker ends at p99.9."""
+    x, tail, error, _ = np.array([place_of(record, stage) for record in records]).T
+    axes.errorbar(x, error, xerr=[0 * x, tail - x], **look)
+
+
+def draw_bounds(axes: Axes, document: dict[str, Any], stage: str) -> None:
+    """The tolerance where it bounds the errors of a stage, and the time of a tick."""
+    if stage in ("sample", "proxy", "plan"):
+        tolerance_um = document["tolerance_m"] * 1e6
+        axes.axhline(tolerance_um, color="black", ls=":", lw=1.0,
+                     label=f"tolerance {tolerance_um:g} µm")  # fmt: skip
     if LOOKS[stage].part == "tick":
-        axes.axvline(document["budget_us"] * factor, color=CONTACT, ls=":", lw=1.0)
+        budget_us = document["budget_us"]
+        axes.axvline(budget_us, color=CONTACT, ls=":", lw=1.0, label=f"budget {budget_us:g} µs")
 
 
-def time_factor(stage: str) -> float:
-    """Factor from microseconds to the unit of the diagram."""
-    if LOOKS[stage].time_unit == "ms":
-        return 1e-3
-    return 1.0
-
-
-def place_of(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:
-    """Time and error of a result in the units of the diagram."""
-    x = result["time_us_median"] * time_factor(stage)
-    if result["unit"] == "m":
-        return x, max(result[error] * 1e6, SMALLEST_UM)
-    return x, max(result[error], SMALLEST_PX)
-
-
-def tail_us(result: dict[str, Any]) -> float:
-    """The p99.9 of a result's times [µs]; its median where a document has none."""
-    return result.get("time_us_p999", result["time_us_median"])
-
-
-def has_tolerance(stage: str, results: list[dict[str, Any]]) -> bool:
-    """Whether the tolerance bounds the errors of a stage."""
-    return stage != "register" and results[0]["unit"] == "m"
-
-
-def set_limits(
-    axes: Axes, results: list[dict[str, Any]], document: dict[str, Any], stage: str
-) -> None:
-    """All panels share one window: every result, the tolerance and the budget, with a margin."""
-    factor = time_factor(stage)
-    times, errors = [], []
-    for result in results:
-        x, y = place_of(result, stage)
-        times += [x, factor * tail_us(result)]
-        errors.append(y)
-        if result.get("chosen"):
-            errors.append(place_of(result, stage, "error_max")[1])
-    if LOOKS[stage].part == "tick":
-        times.append(document["budget_us"])
-    if has_tolerance(stage, results):
-        errors.append(document["tolerance_m"] * 1e6)
-    for set_limit, values in ((axes.set_xlim, times), (axes.set_ylim, errors)):
-        low, high = np.log10(min(values)), np.log10(max(values))
-        padding = max(0.08 * (high - low), 0.5 * (1 - (high - low)), 0.05)
-        set_limit(10 ** (low - padding), 10 ** (high + padding))
-
-
-def legend_handles(
-    looks: dict[str, Look],
-    document: dict[str, Any],
-    stage: str,
-    results: list[dict[str, Any]],
-) -> list[Line2D]:
-    """The entries of the legend."""
-    handles = [
-        Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method)
-        for method, (colour, marker) in looks.items()
-    ]
-    handles.append(Line2D([], [], color=FRONT_COLOUR, lw=4, label="Pareto front"))
-    if any(result.get("chosen") for result in results):
-        handles.append(
-            Line2D([], [], ls="", marker="*", ms=11, mfc="white", mec="black", label="chosen")
-        )
-    if has_tolerance(stage, results):
-        label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
-        handles.append(Line2D([], [], color="black", ls=":", label=label))
-    if LOOKS[stage].part == "tick":
-        label = f"budget {document['budget_us']:g} µs"
-        handles.append(Line2D([], [], color=CONTACT, ls=":", label=label))
-    return handles
+def place_of(result: dict[str, Any], stage: str) -> tuple[float, float, float, float]:
+    """Median time, its p99.9, RMS error and largest error in the units of the diagram."""
+    factor = 1e-3 if LOOKS[stage].time_unit == "ms" else 1.0
+    times = [factor * result[name] for name in ("time_us_median", "time_us_p999")]
+    scale, smallest = (1e6, SMALLEST_UM) if result["unit"] == "m" else (1.0, SMALLEST_PX)
+    errors = [max(scale * result[name], smallest) for name in ("error_rms", "error_max")]
+    return (*times, *errors)

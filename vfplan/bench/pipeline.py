@@ -40,10 +40,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from vfplan import _core
 from vfplan.bench.proxy import Elbow, R, elbow_truth
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
+from vfplan.geometry.lines import normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import choose, sample_curve
@@ -157,23 +159,11 @@ def grey_slice(shape: tuple[int, int], scale: float) -> Array:
 
 def score_points(points_px: Array, truth: Array, scale: float) -> Record:
     """Distances of extracted points from the true line, and of the line from them [px]."""
-    points = from_pixels(points_px, scale)
-    distances = from_line(points, truth, cKDTree(truth).query(points)[1])
+    points, count = from_pixels(points_px, scale), len(truth)
+    line = in_space(truth), np.zeros(count), np.zeros(count, np.int32), np.zeros(1, np.uint8)
+    distances = _core.distance_to_pieces(*line, np.eye(3)[2], in_space(points))
     uncovered, _ = cKDTree(points).query(truth[::5])
     return errors_of(distances, uncovered_px=float(uncovered.max()), points=len(points))
-
-
-def from_line(points: Array, line: Array, nearest: Array) -> Array:
-    """(N,) distances of (N, 2) points from a polyline whose `nearest` vertex (N,) is known."""
-    distances = np.full(len(points), np.inf)
-    for first in (nearest - 1, nearest):
-        first = np.clip(first, 0, len(line) - 2)
-        a = line[first]
-        along = line[first + 1] - a
-        share = ((points - a) * along).sum(1) / (along**2).sum(1)
-        foot = a + np.clip(share, 0.0, 1.0)[:, None] * along
-        distances = np.minimum(distances, np.hypot(*(points - foot).T))
-    return distances
 
 
 def extract_points(picture: Any, method: str) -> Array:
@@ -321,13 +311,7 @@ class TrueCurve:
     @cached_property
     def normals(self) -> Array:
         """(M, 3) unit normals at the vertices of `fine`, to the left."""
-        if self.run.closed:
-            padded = np.vstack([self.fine[-1:], self.fine, self.fine[:1]])
-            tangent = np.gradient(padded, axis=0)[1:-1]
-        else:
-            tangent = np.gradient(self.fine, axis=0)
-        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-        return np.column_stack([-tangent[:, 1], tangent[:, 0], 0 * tangent[:, 0]])
+        return in_space(normals(self.fine[:, :2], self.run.closed))
 
 
 def sample_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:
@@ -388,12 +372,12 @@ def planned_surface(line: TrueCurve) -> Array:
 
     What another part of the curve swallows does not belong to it.
     """
-    fine, normals = line.fine, line.normals
-    places = [fine + R * normals, fine - R * normals]
+    fine, left = line.fine, line.normals
+    places = [fine + R * left, fine - R * left]
     if not line.run.closed:
         half_turn = np.linspace(0, np.pi, 400)[:, None]
         for end, outwards in ((0, -1), (-1, 1)):
-            normal = normals[end]
+            normal = left[end]
             ahead = outwards * np.array([normal[1], -normal[0], 0.0])
             rounded = np.cos(half_turn) * normal + np.sin(half_turn) * ahead
             places.append(fine[end] + R * rounded)
@@ -424,14 +408,13 @@ SAMPLINGS: dict[str, Callable[..., Array]] = {
     "the paper's density": sample_as_planned,
 }
 
-# Every so many places of the true surface count, 0.1 mm apart.
-STRIDE = 5
-
 
 def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:
     """The runs with the shipped and with exact markers."""
     tolerances = {1e-4, 1e-5} if quick else {3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6}
-    score = partial(score_plan, surface=true_surface())
+    # Every fifth place of the true surface counts, 0.1 mm apart.
+    surface = planned_surface(TrueCurve("elbow", *Elbow().runs))[::5]
+    score = partial(score_plan, surface=surface)
     for scene, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
         runs = []
         for name, listed, *settings in plan_methods(sorted({*tolerances, tolerance_m})[::-1]):
@@ -480,11 +463,6 @@ def write_exact_markers(source: Path, target: Path) -> None:
         x, y, z = T @ [float(u), float(v), 1.0]
         lines.append(f"{label},{x:.17g},{y:.17g},{z:.17g}")
     target.write_text("\n".join(lines) + "\n")
-
-
-def true_surface() -> Array:
-    """(K, 3) places R beside the true curve in the plane of the table [m]."""
-    return planned_surface(TrueCurve("elbow", *Elbow().runs))[::STRIDE]
 
 
 def score_plan(planned: Any, surface: Array) -> Record:

@@ -29,13 +29,13 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from importlib.resources import files
+from importlib.resources import as_file, files
 from itertools import product
-from typing import Any, ClassVar, TypeGuard
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from vfplan.bench.peers import Peer
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
@@ -43,11 +43,10 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose, sample_curve
+from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES
+from vfplan.scenes import SCENES, Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.scenes.outline import Run, in_space, polyline
-from vfplan.scenes.scenes import Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.curve import FINE_M
@@ -68,14 +67,24 @@ class Meshed(Scene):
         return refined(*self.mesh, self.spacing)[0]
 
 
+def convex_mesh(corners: Array) -> tuple[Array, Triangles]:
+    """The corners (N, 3) of a convex body around the origin, and its triangles (K, 3)."""
+    triangles = ConvexHull(corners).simplices.astype(np.int32)
+    one, two, three = np.moveaxis(corners[triangles], 1, 0)
+    is_inward = (np.cross(two - one, three - one) * one).sum(axis=1) < 0
+    triangles[is_inward] = triangles[is_inward, ::-1]
+    return corners, triangles
+
+
 class BallMesh(Meshed, Sphere):
     """A ball of 30 mm as triangles of about 2 mm."""
 
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
         """An octahedron's faces, cut and pushed outwards."""
-        corners, triangles = cut_octahedron(FACE_CUTS)
-        return self.radius * corners / np.linalg.norm(corners, axis=1)[:, None], triangles
+        places = np.array(list(product(range(-FACE_CUTS, FACE_CUTS + 1), repeat=3)), float)
+        places = places[np.abs(places).sum(axis=1) == FACE_CUTS]
+        return convex_mesh(self.radius * places / np.linalg.norm(places, axis=1)[:, None])
 
 
 class BoxMesh(Meshed, Walls):
@@ -89,21 +98,14 @@ class BoxMesh(Meshed, Walls):
     @property
     def squares(self) -> tuple[Array, Array, Array]:
         """The six faces: corners, and the two sides that start there."""
-        squares = []
-        for axis, sign in product(range(3), (-1.0, 1.0)):
-            corner = -self.half
-            corner[axis] *= -sign
-            sides = 2 * np.diag(self.half)
-            squares.append((corner, sides[(axis + 1) % 3], sides[(axis + 2) % 3]))
-        return tuple(np.array(parts) for parts in zip(*squares, strict=True))
+        sides = 2 * np.diag(self.half)
+        corners = np.vstack([0 * sides, sides]) - self.half
+        return corners, np.tile(sides[[1, 2, 0]], (2, 1)), np.tile(sides[[2, 0, 1]], (2, 1))
 
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
         """Its corners, and two triangles a face."""
-        signs = np.array(list(product((-1, 1), repeat=3)))
-        faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        triangles = [three for a, b, c, d in faces for three in ((a, b, c), (a, c, d))]
-        return signs * self.half, np.array(triangles, np.int32)
+        return convex_mesh(np.array(list(product((-1, 1), repeat=3))) * self.half)
 
     @property
     def routes(self) -> dict[str, Array]:
@@ -113,25 +115,6 @@ class BoxMesh(Meshed, Walls):
         path = [(0.0, 0.004, z + 0.015), (0.0, 0.004, top), (side, 0.005, top),
                 (side, 0.006, -0.005), (x + 0.015, 0.006, -0.005)]  # fmt: skip
         return {"over an edge": np.array(path)}
-
-
-def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
-    """Corners (N, 3) and triangles (K, 3) of an octahedron, each face cut into cuts² triangles."""
-    places: list[tuple[int, ...]] = []
-    triangles: list[tuple[int, int, int]] = []
-    for signs in product((-1, 1), repeat=3):
-        number = {}
-        for i in range(cuts + 1):
-            for j in range(cuts + 1 - i):
-                number[i, j] = len(places)
-                places.append((signs[0] * i, signs[1] * j, signs[2] * (cuts - i - j)))
-        for i, j in number:
-            if i + j < cuts:
-                triangles.append((number[i, j], number[i + 1, j], number[i, j + 1]))
-            if i + j < cuts - 1:
-                triangles.append((number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]))
-    corners, row = np.unique(np.array(places, float), axis=0, return_inverse=True)
-    return corners, row.ravel()[np.array(triangles)].astype(np.int32)
 
 
 # Scenes of a quick run, each with the route through it.
@@ -173,22 +156,19 @@ class Case:
         Its geometry.
     hips
         (T, 3) [m].
-    origin
-        A case of the same geometry and path: clouds of other spacings share its truth.
     spacings
-        The only ones that are tried [m]; `None`: those of the stage.
+        The only ones whose clouds are tried [m]; `None`: those of the stage.
     """
 
     name: str
     scene: Scene
     hips: Array
-    origin: Case | None = None
     spacings: tuple[float, ...] | None = None
 
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        return self.origin.truth if self.origin else self.scene.truth(self.hips, R)
+        return self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
@@ -198,28 +178,12 @@ class Case:
         surface. Deeper, the exact proxy outruns any engine: with the HIP at the centre of
         the ball around a point it turns round in one tick.
         """
-        if self.origin:
-            return self.origin.followable
         return self.scene.sensitivity(self.hips, self.truth, R) <= MAX_SENSITIVITY
 
     @cached_property
     def clearance(self) -> Array:
         """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        return self.origin.clearance if self.origin else self.scene.clearance(self.truth) - R
-
-    def with_scene(self, scene: Scene) -> Case:
-        """The same path and truth on another cloud of the same geometry."""
-        return replace(self, scene=scene, origin=self.origin or self)
-
-    @property
-    def solid(self) -> Case | None:
-        """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
-        is_flat = self.scene.ignore_axis is not None
-        return self.with_scene(replace(self.scene, extrude=6 * R)) if is_flat else None
-
-    def at(self, spacing: float) -> Case:
-        """The same with points `spacing` apart [m]."""
-        return self.with_scene(replace(self.scene, spacing=spacing))
+        return self.scene.clearance(self.truth) - R
 
 
 class NoisySheet(Sheet):
@@ -283,23 +247,18 @@ def elbow_truth() -> tuple[Array, Array]:
 
 def experiment_2() -> Case:
     """The shipped elbow, probed by the shipped session."""
-    lines = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
-    hips = np.array([line.split(",")[1:] for line in lines], float)
+    with as_file(files("vfplan.samples") / "elbow_session.csv") as path:
+        hips = np.loadtxt(path, delimiter=",", skiprows=1)[:, 1:]
     # Scenes have their middle in z = 0.
     hips[:, 2] -= elbow_truth()[0][:, 2].mean()
     return Case("experiment-2, session", Elbow(), hips)
 
 
-def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
-    """Whether a plan of it has lines and arcs."""
-    return isinstance(scene, Drawn) and scene.ignore_axis is not None
-
-
-def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
+def fitted(scene: Drawn) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
     from vfplan.geometry.lines import fit_arcs
 
-    fits = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
+    fits = [fit_arcs(run.sample(scene.spacing), run.closed, DEFAULT_ARCS_M) for run in scene.runs]
     counts = [len(fit.bulges) for fit in fits]
     return Pieces(
         in_space(np.vstack([fit.vertices for fit in fits])),
@@ -309,23 +268,13 @@ def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     )
 
 
-def chosen_points(scene: Scene, choice: Choice) -> Array:
-    """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
-    if not is_drawn(scene):
-        # Spacing on a curve in space, or the side of a square on a surface.
-        spacing = choice.spacing_m
-        if scene.name not in ("point", "segment"):
-            bend = 1 + R / getattr(scene, "radius", np.inf)
-            spacing = choice.spacing_m / np.sqrt(2 * bend)
-        return replace(scene, spacing=spacing).points
-    points = np.vstack([
-        sample_curve(in_space(run.sample(min(1e-4, run.length / 50))), run.closed, radius_m=R,
-                     tolerance_m=choice.sampling_tolerance_m).points
-        for run in scene.runs
-    ])  # fmt: skip
-    # Corners that two runs share stand once.
-    nanometres = np.round(points / 1e-9).astype(np.int64)
-    return points[np.sort(np.unique(nanometres, axis=0, return_index=True)[1])]
+def evenly_sampled(scene: Scene, choice: Choice) -> Array:
+    """The cloud that a tolerance asks for on a surface, or on a curve in space."""
+    spacing = choice.spacing_m
+    if scene.name not in ("point", "segment"):
+        # On a surface it is the side of a square.
+        spacing /= np.sqrt(2 * (1 + R / getattr(scene, "radius", np.inf)))
+    return replace(scene, spacing=spacing).points
 
 
 # Number of points times ticks up to which the NumPy reference runs in good time.
@@ -334,10 +283,13 @@ NUMPY_WORK = 4e7
 # Number of points times ticks up to which a look at every point in every tick does.
 BRUTE_WORK = 10 * NUMPY_WORK
 
+# A quick run does this part of that work.
+QUICK_SHARE = 4
+
 # A HIP further than this behind the surface [m] has a well-known normal.
 CONTACT_DEPTH_M = 0.1e-3
 
-Make = Callable[[Case], tuple[Any, dict[str, Any]]]
+Make = Callable[[Scene], tuple[Any, dict[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -347,15 +299,13 @@ class Method:
     Parameters
     ----------
     make
-        An engine on the cloud of a case, or on what is fitted to it, and figures of that.
+        An engine on the cloud of a scene, or on what is fitted to it, and figures of that.
     max_work
         Number of points times ticks beyond which it does not run.
     settings
         Those besides the spacing.
     full_only
         It does not run in a quick run.
-    slow
-        It does not run in a quick run where there is one spacing alone.
     needs_shape
         For drawings and meshes alone, which hold more than points.
     in_space
@@ -366,33 +316,27 @@ class Method:
     max_work: float = np.inf
     settings: dict[str, Setting] = field(default_factory=dict)
     full_only: bool = False
-    slow: bool = False
     needs_shape: bool = False
     in_space: bool = False
 
 
 def engine_on_points(
-    case: Case, kind: type = ProxyEngine, **settings: Any
+    scene: Scene, kind: type = ProxyEngine, **settings: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """An engine on the cloud of a case."""
-    axis = case.scene.ignore_axis
-    return kind(case.scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings), {}
+    """An engine on the cloud of a scene."""
+    axis = scene.ignore_axis
+    return kind(scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings), {}
 
 
-def engine_on_arcs(case: Case) -> tuple[Any, dict[str, Any]]:
-    """Rule "exact" on lines and arcs through the cloud of a drawing."""
-    pieces = fitted(case.scene)
-    engine = ProxyEngine.along(pieces, R, stiffness=DEFAULT_STIFFNESS)
-    return engine, {"lines_and_arcs": pieces.count}
-
-
-def exact_engine(case: Case) -> tuple[Any, dict[str, Any]]:
-    """Rule "exact" on what the scene is made of: lines and arcs, or triangles."""
-    if isinstance(case.scene, Meshed):
-        corners, triangles = case.scene.mesh
+def exact_engine(scene: Scene) -> tuple[Any, dict[str, Any]]:
+    """Rule "exact" on a mesh's triangles, or on lines and arcs through the cloud of a drawing."""
+    if isinstance(scene, Meshed):
+        corners, triangles = scene.mesh
         engine = ProxyEngine.on(corners, triangles, R, stiffness=DEFAULT_STIFFNESS)
         return engine, {"triangles": len(triangles)}
-    return engine_on_arcs(case)
+    pieces = fitted(scene)
+    engine = ProxyEngine.along(pieces, R, stiffness=DEFAULT_STIFFNESS)
+    return engine, {"lines_and_arcs": pieces.count}
 
 
 def limited(iterations: int, **more: bool) -> Method:
@@ -417,7 +361,7 @@ METHODS: dict[str, Method] = {
     "robust, not planar": Method(engine_on_points, settings={"planar": False}, in_space=True),
     "paper": Method(partial(engine_on_points, rule="paper")),
     "paper, every point": brute(rule="paper"),
-    "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK, slow=True),
+    "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK),
     "exact": Method(exact_engine, needs_shape=True),
 }
 
@@ -433,26 +377,31 @@ def proxy_scenes(
         # The triangles are the same at every spacing.
         on_points = [peer for peer in peers if not peer.needs_mesh]
         for spacing in coarser:
-            runs += runs_on(case.at(spacing), spacing, quick, on_points)
-        runs += runs_on(case.at(finest), finest, quick, peers)
+            runs += runs_on(case, spacing, quick, on_points)
+        runs += runs_on(case, finest, quick, peers)
         yield [*runs, chosen_run(case, tolerance_m)]
 
 
 def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[BenchRun]:
     """The runs of every method on a case in good time, and of the peers."""
-    has_shape = is_drawn(case.scene) or isinstance(case.scene, Meshed)
+    scene = replace(case.scene, spacing=spacing)
+    has_shape = isinstance(scene, (Drawn, Meshed))
     for name, method in METHODS.items():
-        method_case: Case | None = case.solid if method.in_space else case
-        is_late = quick and (method.full_only or (method.slow and case.spacings))
-        if method_case is None or is_late or (method.needs_shape and not has_shape):
+        cloud = scene
+        if method.in_space and isinstance(scene, Drawn):
+            # Far enough that its ends are not felt.
+            cloud = replace(scene, extrude=6 * R)
+        elif method.in_space or (method.needs_shape and not has_shape):
             continue
-        points = method_case.scene.points
-        if len(points) * len(case.hips) <= method.max_work:
+        if quick and method.full_only:
+            continue
+        points = cloud.points
+        if len(points) * len(case.hips) <= method.max_work / (QUICK_SHARE if quick else 1):
             settings: dict[str, Setting] = {"spacing_m": spacing, **method.settings}
-            engine, figures = method.make(method_case)
-            yield engine_run(method_case, name, settings, engine, points, figures)
-    points, axis = case.scene.points, case.scene.ignore_axis
-    mesh = case.scene.mesh if isinstance(case.scene, Meshed) else None
+            engine, figures = method.make(cloud)
+            yield engine_run(case, name, settings, engine, points, figures)
+    points, axis = scene.points, scene.ignore_axis
+    mesh = scene.mesh if isinstance(scene, Meshed) else None
     for peer in peers:
         if peer.needs_mesh and mesh is None:
             continue
@@ -470,22 +419,21 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
 
     A drawing is measured as a plan measures vectors.
     """
-    scene = case.scene
+    scene, points = case.scene, case.scene.points
     choice = choose(tolerance_m, R, planar=scene.ignore_axis is not None)
     settings: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
-    points = chosen_points(scene, choice)
     figures: dict[str, Any] = {}
-    if is_drawn(scene):
+    if isinstance(scene, Drawn):
         settings["arcs_m"] = DEFAULT_ARCS_M
-        engine, figures = engine_on_arcs(case.at(FINE_M))
+        engine, figures = exact_engine(replace(scene, spacing=FINE_M))
     elif isinstance(scene, Meshed):
-        engine, figures = exact_engine(case)
+        engine, figures = exact_engine(scene)
     elif isinstance(scene, NoisySheet):
         # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
         settings["spacing_m"] = scene.spacing
-        points = scene.points
-        engine, _ = engine_on_points(case)
+        engine, _ = engine_on_points(scene)
     else:
+        points = evenly_sampled(scene, choice)
         settings |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m,
                      "max_iterations": choice.max_iterations}  # fmt: skip
         engine = ProxyEngine(

@@ -97,8 +97,9 @@ def mark_pareto(records: list[Record]) -> None:
     """
     for group in grouped(records, "stage", "scene").values():
         values = np.array([[comparable_error(r), r["time_us_median"]] for r in group])
-        for record, is_on_front in zip(group, non_dominated(values), strict=True):
-            record["pareto"] = bool(is_on_front)
+        for record, own in zip(group, values, strict=True):
+            is_beaten = (values <= own).all(axis=1) & (values < own).any(axis=1)
+            record["pareto"] = not is_beaten.any()
 
 
 def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
@@ -153,13 +154,6 @@ def keeps_surface(record: Record, tolerance_m: float) -> bool:
     return bool(max(surface_m, record.get("inside_m", 0.0)) <= tolerance_m)
 
 
-def non_dominated(values: Array) -> NDArray[np.bool_]:
-    """(N,) which rows of (N, K) no other row beats: as small in every column, smaller in one."""
-    no_larger = (values[:, None, :] <= values[None, :, :]).all(axis=2)
-    smaller = (values[:, None, :] < values[None, :, :]).any(axis=2)
-    return ~(no_larger & smaller).any(axis=0)
-
-
 def timed(work: Callable[[], Any]) -> tuple[Any, Array]:
     """The answer of a call, and its time as (1,) [µs]."""
     started = time.perf_counter_ns()
@@ -184,35 +178,33 @@ def measure_runs(
     repeats
         Timed rounds, at most.
     advance
-        Called with 1 for each run in each round, len(runs) * (1 + repeats) times in all.
+        Called with how many runs are done; with len(runs) * (1 + repeats) in all.
     """
     rng = np.random.default_rng(0)
-    records: dict[int, Record] = {}
+    measured: list[tuple[BenchRun, Record, list[Array]]] = []
     refused: list[Record] = []
-    for i, bench_run in enumerate(runs):
+    for bench_run in runs:
         head = {name: getattr(bench_run, name) for name in ("scene", "method", "settings")}
         head = {"stage": stage, **head}
         try:
             answer, _ = bench_run.run()
-            records[i] = head | bench_run.score(answer) | {"unit": bench_run.unit}
+            record = head | bench_run.score(answer) | {"unit": bench_run.unit}
+            measured.append((bench_run, record, []))
         except InputError as error:
             refused.append(head | {"message": error.message})
         advance(1)
-    times: dict[int, list[Array]] = {i: [] for i in records}
-    spent_s = dict.fromkeys(records, 0.0)
     for _ in range(repeats):
-        for i in rng.permutation(len(runs)):
+        for i in rng.permutation(len(measured)):
+            bench_run, _, times = measured[i]
+            spent_s = 1e-6 * sum(us.sum() for us in times)
+            if len(times) < FEWEST_REPEATS or spent_s <= TIMED_ENOUGH_S:
+                times.append(bench_run.run()[1])
             advance(1)
-            is_slow = i in times and len(times[i]) >= FEWEST_REPEATS and spent_s[i] > TIMED_ENOUGH_S
-            if i not in records or is_slow:
-                continue
-            _, us = runs[i].run()
-            times[i].append(us)
-            spent_s[i] += 1e-6 * us.sum()
-    for i, record in records.items():
-        record |= time_us(times[i]) | {"repeats": len(times[i])}
-        record |= {name: True for name in ("chosen", "peer") if getattr(runs[i], name)}
-    return list(records.values()), refused
+        advance(len(refused))
+    for bench_run, record, times in measured:
+        record |= time_us(times) | {"repeats": len(times)}
+        record |= {name: True for name in ("chosen", "peer") if getattr(bench_run, name)}
+    return [record for _, record, _ in measured], refused
 
 
 def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:

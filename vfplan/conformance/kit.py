@@ -15,6 +15,7 @@ from vfplan.bundle.write import completed, to_payload
 from vfplan.conformance import fixtures, vectors
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
 
 FIXTURES = (
@@ -92,12 +93,8 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
     The state of a guide is 1 where it has hold of the tip.
     """
     fixture = read_fixture(bundle)
-    engine: Guide | ProxyEngine
-    if rule == "guide":
-        engine, hip = Guide.of(fixture), path_along(fixture.points)
-    else:
-        path = path_through if fixture.sample_radius is None else path_between
-        engine, hip = ProxyEngine.of(fixture, rule), path(fixture.points)
+    engine = Guide.of(fixture) if rule == "guide" else ProxyEngine.of(fixture, rule)
+    hip = path_of(fixture)
     engine.reset(hip[0])
     trace = engine.run(hip)
     states = trace.held if isinstance(engine, Guide) else trace.state
@@ -112,21 +109,18 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
     }
 
 
-def path_along(points: np.ndarray) -> np.ndarray:
-    """(TICKS, 3) a tip that starts on the closed stroke, goes along it, and leaves the tube [m]."""
-    return points[-1] + STEPS * np.array([0.003, 0.004, 0.0])
+def path_of(fixture: Fixture) -> np.ndarray:
+    """(TICKS, 3) a path of the hand for a fixture [m].
 
-
-def path_through(points: np.ndarray) -> np.ndarray:
-    """(TICKS, 3) a hand that comes from 12 mm above the middle point, presses and slides [m]."""
-    start = points[len(points) // 2] + np.array([0.0005, 0.012, 0.003])
-    return start + STEPS * np.array([0.004, -0.011, -0.001])
-
-
-def path_between(corners: np.ndarray) -> np.ndarray:
-    """(TICKS, 3) a hand that presses from above, far from every corner of a mesh [m]."""
-    start = corners.mean(axis=0) + np.array([0.0005, 0.003, 0.012])
-    return start + STEPS * np.array([0.004, -0.001, -0.011])
+    Along the closed stroke of a guide and out of its tube. From above onto a mesh of few corners,
+    far from each. Else from 12 mm above the middle point, to press and to slide.
+    """
+    points = fixture.points
+    if fixture.guidance is not None:
+        return points[-1] + STEPS * [0.003, 0.004, 0.0]
+    if fixture.sample_radius is not None:
+        return points.mean(axis=0) + [0.0005, 0.003, 0.012] + STEPS * [0.004, -0.001, -0.011]
+    return points[len(points) // 2] + [0.0005, 0.012, 0.003] + STEPS * [0.004, -0.011, -0.001]
 
 
 def write_json(path: Path, value: object) -> None:

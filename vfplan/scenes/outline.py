@@ -177,19 +177,6 @@ class Link:
         angle = self.start + share * self.sweep
         return self.centre + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
-    def distance(self, x: Vector) -> Vector:
-        """(T,) distance of the positions x (T, 2) [m]."""
-        if not self.sweep:
-            along = self.b - self.a
-            t = np.clip((x - self.a) @ along / (along @ along), 0, 1)
-            return np.hypot(*(x - self.a - t[:, None] * along).T)
-        from_centre = x - self.centre
-        angle = np.arctan2(from_centre[:, 1], from_centre[:, 0])
-        turn = (angle - self.start) * np.sign(self.sweep)
-        is_abreast = turn % (2 * np.pi) <= abs(self.sweep)
-        to_ends = np.minimum(np.hypot(*(x - self.a).T), np.hypot(*(x - self.b).T))
-        return np.where(is_abreast, np.abs(np.hypot(*from_centre.T) - self.radius), to_ends)
-
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -215,16 +202,6 @@ class Run:
         return points
 
 
-def links_of(runs: tuple[Run, ...]) -> list[Link]:
-    """The links of all runs, one after the other."""
-    return [link for run in runs for link in run.links]
-
-
-def distance(runs: tuple[Run, ...], x: Vector) -> Vector:
-    """(T,) distance of the positions x (T, 2) from all runs [m]."""
-    return np.min([link.distance(x) for link in links_of(runs)], axis=0)
-
-
 def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
     """(N, 2) points of all runs; a corner that two runs share stands once."""
     points = np.vstack([run.sample(spacing) for run in runs])
@@ -236,7 +213,7 @@ def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
 def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     """The exact geometry of an outline in the plane z = 0; arcs are cut at π / 4."""
     arcs, starts, ends = [], [], []
-    for link in links_of(runs):
+    for link in (link for run in runs for link in run.links):
         if not link.sweep:
             starts.append(link.a)
             ends.append(link.b)

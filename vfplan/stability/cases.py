@@ -28,7 +28,7 @@ from vfplan.engine.proxy import ProxyEngine, Status, Trace, as_rendered, best_ru
 from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
 from vfplan.stability import contacts
-from vfplan.stability.closed_loop import EngineMaker, engine_for
+from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
 
 # Number of ticks that the engine is given at once, so that a long run needs little memory.
@@ -413,12 +413,11 @@ def passivity_cases(
     if not places:
         return []
     rng = np.random.default_rng(seed)
-    make_engine = EngineMaker(rule, band)
+    engine = engine_for(places[0], rule, band)
+    axis, engine_band = engine.parameters.ignore_axis, engine.parameters.band
     cycles_per_place = -(-cycles // len(places))
     balances = []
     for contact in places:
-        engine = make_engine(contact)
-        axis, engine_band = engine.parameters.ignore_axis, engine.parameters.band
         for _ in range(cycles_per_place):
             hips = random_cycle(contact, rng)
             engine.reset(hips[0])

@@ -12,7 +12,8 @@ passes only where each of them comes to rest (`blow_case`).
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -82,30 +83,6 @@ class LargestStiffness:
         return self.measured / self.exact
 
 
-class EngineMaker:
-    """Makes the engines of one rule, and gives the last one again on the same cloud.
-
-    Parameters
-    ----------
-    rule
-        The rule of the engines.
-    band
-        Their band [m]; `None`: the engine chooses it.
-    """
-
-    def __init__(self, rule: Rule, band: float | None = None) -> None:
-        self.rule, self.band = rule, band
-        self.points: Vector | None = None
-        self.engine: ProxyEngine | None = None
-
-    def __call__(self, contact: Contact) -> ProxyEngine:
-        """An engine of 1 N/m on the contact's cloud."""
-        if self.points is not contact.points:
-            self.points = contact.points
-            self.engine = engine_for(contact, self.rule, self.band)
-        return self.engine
-
-
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
     axis = contact.ignore_axis
@@ -130,8 +107,6 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     """
     hand_share = HAND_SHARE if contact.needs_spring else 0.0
     exact = exact_bound(Plant.of(robot), robot.delay_ticks, hand_share)
-    if exact == 0.0:
-        return LargestStiffness(0.0, 0.0)
     ticks = run_length(robot, exact)
 
     def holds(stiffness: float) -> bool:
@@ -200,32 +175,6 @@ MIN_RATIO = 0.95
 REST_TOLERANCE = 0.05
 
 
-@dataclass(frozen=True)
-class Press:
-    """What a press did.
-
-    Parameters
-    ----------
-    energy_j
-        Net work of the fixture on the mass over the press [J]; above 0 the mass gained energy.
-    limit_cycle_m
-        Peak to peak of the position along the push over the last quarter [m].
-    rest_s
-        Time until the position stays within `REST_TOLERANCE` of its final depth [s]; `None` where
-        it does not before the last quarter.
-    overshoot
-        The largest depth over the final depth, less 1.
-    limited_ticks
-        As `LoopMotion.limited_ticks`.
-    """
-
-    energy_j: float
-    limit_cycle_m: float
-    rest_s: float | None
-    overshoot: float
-    limited_ticks: int | None = None
-
-
 def scenes_for(fixture: Fixture | None) -> tuple[list[str], dict[str, str]]:
     """The scenes of contact that a fixture can meet, and why each of the others is left out."""
     if fixture is None:
@@ -259,12 +208,14 @@ def closed_loop_case(
         detail = "without damping no sampled spring is stable, however soft"
         return [CaseResult(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
     robot = replace(robot, delay_ticks=worst_delay(robot), delay_jitter_ticks=0)
-    contacts_tried, make_engine = list(places), EngineMaker(rule, band)
+    contacts_tried = list(places)
     if not contacts_tried:
         detail = "no ball of the contact radius fits beside any point tried"
         return [CaseResult(case, "fail", detail, unit="N/m", values={"places": 0})]
-    contact, largest = weakest_contact(contacts_tried, robot, make_engine)
-    pressed = press(contact, robot, make_engine(contact), min(stiffness, 0.5 * largest.measured))
+    # The contacts of a scene, or of a bundle, share their cloud.
+    engine = engine_for(contacts_tried[0], rule, band)
+    contact, largest = weakest_contact(contacts_tried, robot, engine)
+    pressed = press(contact, robot, engine, min(stiffness, 0.5 * largest.measured))
 
     min_ratio = MIN_RATIO
     is_good = largest.ratio >= MIN_RATIO
@@ -273,10 +224,8 @@ def closed_loop_case(
         is_good = abs(largest.ratio - 1) <= FLAT_TOLERANCE or largest.is_above_search
     values = {
         "scene": scene, "rule": rule, "k_exact_n_per_m": largest.exact, "ratio": largest.ratio,
-        "places": len(contacts_tried), **asdict(pressed),
+        "places": len(contacts_tried), **pressed,
     }  # fmt: skip
-    if pressed.limited_ticks is None:
-        del values["limited_ticks"]
     return [
         CaseResult(
             case, outcome_of(is_good, rule), closed_loop_detail(largest, pressed),
@@ -285,28 +234,29 @@ def closed_loop_case(
     ]  # fmt: skip
 
 
-def closed_loop_detail(largest: LargestStiffness, pressed: Press) -> str:
+def closed_loop_detail(largest: LargestStiffness, pressed: dict[str, Any]) -> str:
     """What the search and the press found, in words."""
     or_more = " or more" if largest.is_above_search else ""
-    ending = f"rest in {pressed.rest_s:.2f} s" if pressed.rest_s is not None else "no rest"
+    ending = "no rest"
+    if pressed["rest_s"] is not None:
+        ending = f"rest in {pressed['rest_s']:.2f} s"
     return (
         f"largest stable K {largest.measured:.0f} N/m{or_more}, {largest.ratio:.3f} of the exact "
-        f"bound; pressed: overshoot {pressed.overshoot:.2f}, {ending}, limit cycle "
-        f"{pressed.limit_cycle_m * 1e6:.2g} µm, {pressed.energy_j * 1e6:.3g} µJ to the hand"
+        f"bound; pressed: overshoot {pressed['overshoot']:.2f}, {ending}, limit cycle "
+        f"{pressed['limit_cycle_m'] * 1e6:.2g} µm, {pressed['energy_j'] * 1e6:.3g} µJ to the hand"
     )
 
 
 def weakest_contact(
-    places: list[Contact], robot: Robot, make_engine: EngineMaker
+    places: list[Contact], robot: Robot, engine: Engine
 ) -> tuple[Contact, LargestStiffness]:
     """The one of some contacts that bears the least K, and what it bears.
 
     A contact that is stable at the least K so far is not bisected.
     """
     weakest = places[0]
-    lowest = largest_stiffness(weakest, robot, make_engine(weakest))
+    lowest = largest_stiffness(weakest, robot, engine)
     for contact in places[1:]:
-        engine = make_engine(contact)
         ticks = run_length(robot, lowest.exact)
         if not is_stable(contact, robot, engine, lowest.measured, ticks):
             largest = largest_stiffness(contact, robot, engine)
@@ -315,7 +265,7 @@ def weakest_contact(
     return weakest, lowest
 
 
-def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Press:
+def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> dict[str, Any]:
     """Press with a constant force, from rest just inside the first touch: a step response.
 
     Parameters
@@ -324,6 +274,15 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
         An engine of stiffness 1 N/m on the contact's cloud.
     stiffness
         K [N/m].
+
+    Returns
+    -------
+    dict
+        `energy_j`: net work of the fixture on the mass [J]; above 0 the mass gained energy.
+        `limit_cycle_m`: peak to peak of the position along the push over the last quarter.
+        `rest_s`: time until the position stays within `REST_TOLERANCE` of its final depth; `None`
+        where it does not before the last quarter. `overshoot`: the largest depth over the final
+        depth, less 1. `limited_ticks` as in `LoopMotion`, for a robot with limits.
     """
     hand = pressing_hand(contact, stiffness)
     inward = contact.push_direction
@@ -338,10 +297,15 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> P
     moving = np.flatnonzero(np.abs(depth - final_depth) > REST_TOLERANCE * abs(final_depth))
     rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
     rest_s = rest_tick / robot.rate_hz if rest_tick < len(depth) - quarter else None
-    overshoot = float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0
-    work = float((motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum())
-    limit_cycle = float(np.ptp(depth[-quarter:]))
-    return Press(work, limit_cycle, rest_s, overshoot, motion.limited_ticks)
+    pressed = {
+        "energy_j": float((motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum()),
+        "limit_cycle_m": float(np.ptp(depth[-quarter:])),
+        "rest_s": rest_s,
+        "overshoot": float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0,
+    }
+    if motion.limited_ticks is not None:
+        pressed["limited_ticks"] = motion.limited_ticks
+    return pressed
 
 
 def press_length(robot: Robot, stiffness: float) -> int:
@@ -382,33 +346,12 @@ def worst_delay(robot: Robot) -> int:
     return robot.delay_ticks + robot.delay_jitter_ticks
 
 
-@dataclass(frozen=True)
-class Blow:
-    """How a mass that a hand pushes into a flat wall came to rest.
-
-    Parameters
-    ----------
-    speed_m_per_s
-        Speed with which it met the wall [m/s].
-    push_n
-        Constant force of the hand [N].
-    rests
-        Whether it came to rest in time.
-    rings_s
-        How long it moved [s]; `None` where it does not rest.
-    """
-
-    speed_m_per_s: float
-    push_n: float
-    rests: bool
-    rings_s: float | None
-
-
-def strike(robot: Robot, stiffness: float, speed: float) -> Blow:
+def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:
     """Push a mass into a flat wall of K [N/m] at a speed [m/s].
 
     It is at rest once it stays within `REST_TOLERANCE` of the depth to which the blow and the push
-    drive it, or within two steps of a coarse position sensor.
+    drive it, or within two steps of a coarse position sensor. Returns the speed, the push, whether
+    it rests in time, and how long it rings.
     """
     push = min(PUSH_N, 0.5 * (robot.force_limit_n or math.inf))
     radius = spectral_radius(Plant.of(robot), stiffness, worst_delay(robot))
@@ -424,7 +367,8 @@ def strike(robot: Robot, stiffness: float, speed: float) -> Blow:
     moving = np.flatnonzero(np.abs(depth - np.median(depth[-ticks // 8 :])) > tolerance)
     rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
     rests = rest_tick < ticks - ticks // 8
-    return Blow(speed, push, rests, rest_tick / robot.rate_hz if rests else None)
+    rings_s = rest_tick / robot.rate_hz if rests else None
+    return {"speed_m_per_s": speed, "push_n": push, "rests": rests, "rings_s": rings_s}
 
 
 def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[CaseResult]:
@@ -439,23 +383,23 @@ def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[Case
         detail = "without damping no sampled spring is stable, so no blow was struck"
         return [CaseResult("closed-loop/blows", "fail", detail, 0.0, 0.0, "N/m", {"blows": []})]
     blows = [strike(robot, stiffness, speed) for speed in BLOW_SPEEDS]
-    values = {"blows": [asdict(blow) for blow in blows]}
-    if all(blow.rests for blow in blows):
-        longest = max(blow.rings_s for blow in blows)
+    values = {"blows": blows}
+    if all(blow["rests"] for blow in blows):
+        longest = max(blow["rings_s"] for blow in blows)
         detail = f"each blow at {stiffness:.0f} N/m comes to rest, the last after {longest:.1f} s"
         return [CaseResult("closed-loop/blows", "pass", detail, stiffness, None, "N/m", values)]
 
     def all_rest(tried: float) -> bool:
-        return all(strike(robot, tried, speed).rests for speed in BLOW_SPEEDS)
+        return all(strike(robot, tried, speed)["rests"] for speed in BLOW_SPEEDS)
 
     largest = stiffness / 2
     while not all_rest(largest) and largest > RESOLUTION * stiffness:
         largest /= 2
     if largest > RESOLUTION * stiffness:
         largest = stable_edge(largest, 2 * largest, all_rest, RESOLUTION)
-    speeds = ", ".join(f"{blow.speed_m_per_s:g} m/s" for blow in blows if not blow.rests)
+    speeds = ", ".join(f"{blow['speed_m_per_s']:g} m/s" for blow in blows if not blow["rests"])
     detail = (
-        f"at {stiffness:.0f} N/m a push of {blows[0].push_n:g} N at {speeds} is not at rest in "
+        f"at {stiffness:.0f} N/m a push of {blows[0]['push_n']:g} N at {speeds} is not at rest in "
         f"time; each blow comes to rest up to {largest:.0f} N/m"
     )
     measured = safety_factor * largest

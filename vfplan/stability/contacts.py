@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -92,20 +93,14 @@ def patch() -> Contact:
 
 def convex() -> Iterator[Contact]:
     """The outside of a cylinder of radius 30 mm."""
-    cylinder = scenes.Cylinder(radius=0.03)
+    cylinder = scenes.Circle(radius=0.03, extrude=0.06)
     yield Contact(cylinder.points, (0.03 + RADIUS) * X, X[None], needs_spring=True)
 
 
-def corner() -> Iterator[Contact]:
-    """A concave corner of 90 degrees, in space."""
-    walls = np.eye(3)[:2]
-    yield Contact(scenes.Corner(extrude=0.04).points, RADIUS * walls.sum(axis=0), walls)
-
-
-def three_walls() -> Iterator[Contact]:
-    """A concave corner of three walls, 15 mm away from the sheets' outer edges."""
-    walls = np.eye(3)
-    yield Contact(scenes.ThreeWalls().points, RADIUS * walls.sum(axis=0), walls)
+def concave(scene: scenes.Scene, walls: int) -> Iterator[Contact]:
+    """A concave corner of two or three walls, away from the sheets' outer edges."""
+    normals = np.eye(3)[:walls]
+    yield Contact(scene.points, RADIUS * normals.sum(axis=0), normals)
 
 
 def channel() -> Iterator[Contact]:
@@ -145,7 +140,8 @@ def omega() -> Iterator[Contact]:
 
 # Every scene of contact by its name.
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
-    "flat": flat, "convex": convex, "corner": corner, "three-walls": three_walls,
+    "flat": flat, "convex": convex, "corner": partial(concave, scenes.Corner(extrude=0.04), 2),
+    "three-walls": partial(concave, scenes.ThreeWalls(), 3),
     "channel": channel, "point": point, "double-sheet": double_sheet, "omega": omega,
 }  # fmt: skip
 

@@ -56,11 +56,6 @@ class Plant:
         k_h [N/m] >= 0, stiffness of a hand that holds the mass.
     filter_share
         Share of a change of force that passes the robot's filter in one tick; 1 without a filter.
-
-    Raises
-    ------
-    SettingError
-        A parameter outside its range.
     """
 
     mass: float = 1.0
@@ -68,12 +63,6 @@ class Plant:
     period: float = 1e-3
     hand: float = 0.0
     filter_share: float = 1.0
-
-    def __post_init__(self) -> None:
-        number("mass", self.mass, "kg", above=0.0)
-        number("damping", self.damping, "N·s/m", least=0.0)
-        number("period", self.period, "s", above=0.0)
-        number("hand", self.hand, "N/m", least=0.0)
 
     @classmethod
     def of(cls, robot: Robot, hand: float = 0.0) -> Plant:
@@ -248,8 +237,6 @@ class LoopMotion:
     ----------
     x, v
         (T, 3) position [m] and velocity [m/s] at the beginning of the tick.
-    proxy
-        (T, 3) the engine's proxy [m].
     held_force
         (T, 3) the force that the robot held over the tick [N].
     energy
@@ -261,7 +248,6 @@ class LoopMotion:
 
     x: Vector
     v: Vector
-    proxy: Vector
     held_force: Vector
     energy: Vector
     limited_ticks: int | None = None
@@ -328,7 +314,8 @@ def simulate(
             displacement = xv * v + xf * net
             v = vv * v + vf * net
         else:
-            displacement, v = slide_with_friction(plant, robot.friction_n, v, net)
+            axes = [slide(plant, robot.friction_n, float(v[k]), float(net[k])) for k in range(3)]
+            displacement, v = np.transpose(axes)
         x = x + displacement
 
     # The spring's energy at x is F·(proxy - x)/2, which counts no ignored axis.
@@ -337,20 +324,19 @@ def simulate(
     energy = kinetic_energy + spring_energy + hand.potential_at(positions)
     if robot.force_limit_n is None and robot.force_step_limit_n is None:
         limited_ticks = None
-    return LoopMotion(positions, velocities, proxies, held_forces, energy, limited_ticks)
+    return LoopMotion(positions, velocities, held_forces, energy, limited_ticks)
 
 
-def run_until_still(
-    engine: Engine, hand: SimulatedHand, stiffness: float, start: Vector, steps: int = 300
-) -> Vector:
+def run_until_still(engine: Engine, hand: SimulatedHand, stiffness: float, start: Vector) -> Vector:
     """(3,) the place where hand and fixture balance [m].
 
-    A mass-less point descends from `start` (3,) [m], half of the way to the balance a step.
+    A mass-less point descends from `start` (3,) [m], half of the way to the balance in each of 300
+    steps.
     `stiffness` is K [N/m], and the engine's own stiffness is 1 N/m.
     """
     engine.reset(start)
     x = start
-    for _ in range(steps):
+    for _ in range(300):
         force = stiffness * engine.step(x).force + hand.force_at(x)
         x = x + 0.5 * force / (stiffness + hand.stiffness)
     return x
@@ -368,32 +354,13 @@ def limit_change(force: Vector, base: Vector, limit: float) -> tuple[Vector, boo
     return force, False
 
 
-def slide_with_friction(
-    plant: Plant, friction: float, v: Vector, net: Vector
-) -> tuple[Vector, Vector]:
-    """One tick with Coulomb friction along each axis, as a robot's joints have it.
+def slide(plant: Plant, friction: float, v: float, net: float) -> tuple[float, float]:
+    """One tick along one axis with Coulomb friction, as a robot's joints have it.
 
-    Parameters
-    ----------
-    friction
-        Coulomb friction along each axis [N].
-    v
-        (3,) velocity at the beginning of the tick [m/s].
-    net
-        (3,) force without friction at the beginning of the tick [N].
-
-    Returns
-    -------
-    displacement, v
-        (3,) displacement over the tick [m] and velocity after it [m/s].
+    Exact up to each halt and past it. Takes the friction [N], the velocity [m/s] and the force
+    without friction [N] at the beginning of the tick; gives the displacement [m] and the velocity
+    after it.
     """
-    axes = [slide_along_axis(plant, friction, float(v[k]), float(net[k])) for k in range(3)]
-    displacement, v_after = np.transpose(axes)
-    return displacement, v_after
-
-
-def slide_along_axis(plant: Plant, friction: float, v: float, net: float) -> tuple[float, float]:
-    """One axis of `slide_with_friction`, exact up to each halt and past it."""
     from scipy.optimize import brentq
 
     remaining = plant.period

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.display import count
 from vfplan.engine.parameters import RULES, Rule, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
@@ -121,11 +121,6 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
             f"frame {fixture.frame!r}: only a fixture in 'robot_base' has a stiffness to judge. "
             "Make one of it with `vfplan register`."
         )
-    if fixture.rendering is None:
-        raise SceneError(
-            "the bundle has no rendering parameters, so that there is no stiffness to judge. Make "
-            "a fixture with `vfplan plan`."
-        )
     check_renderable(fixture)
     axis = np.zeros(3) if fixture.ignore_axis is None else fixture.ignore_axis
     across = np.eye(3) - np.outer(axis, axis)
@@ -141,14 +136,15 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
 def judge(
     robot: Robot, stiffness: float, results: list[CaseResult], safety_factor: float
 ) -> StabilityVerdict:
-    """The verdict on K [N/m] from closed-loop results: the least of them decides.
+    """The verdict on K [N/m]: the least that the blows or a rule that robots render bear.
 
     A verdict names the longest delay of a robot whose delay varies.
     """
-    measured = [result.measured for result in results if result.measured is not None]
+    borne = largest_stiffness_by_rule(results)
+    borne.pop("paper", None)
     figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
     figures["delay_ticks"] = worst_delay(robot)
-    k_max = min(measured, default=0.0)
+    k_max = min(borne.values(), default=0.0)
     return StabilityVerdict(
         robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
     )
@@ -231,32 +227,24 @@ class Study:
             "elapsed_s": round(self.elapsed_s, 3),
         }
 
-    def as_csv(self) -> str:
-        """The table: case, outcome, limit, measured, unit, detail."""
-        out = io.StringIO()
-        table = csv.writer(out, lineterminator="\n")
-        table.writerow(["case", "outcome", "limit", "measured", "unit", "detail"])
-        for row in self.rows:
-            figures = [csv_number(row.limit), csv_number(row.measured)]
-            table.writerow([row.case, row.outcome, *figures, row.unit, row.detail])
-        return out.getvalue()
-
     def as_text(self, every_case: bool = False) -> str:
         """The short report: the verdict, and each case that failed, or every case."""
         outcomes = Counter(row.outcome for row in self.rows)
-        summary = "stable" if self.verdict.stable else "NOT STABLE"
-        summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
+        summary = f"{count(len(self.rows), 'case')}: {outcomes['pass']} pass"
         if outcomes["fail"]:
             summary += f", {outcomes['fail']} fail"
         if outcomes["finding"]:
             summary += (
-                f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
+                f", {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
-        lines = [verdict_text(self.verdict), self.blows.detail, summary]
-        listed = self.rows if every_case else self.failed
-        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
+        listed, skipped = self.failed, {}
         if every_case:
-            lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
+            listed, skipped = self.rows, self.skipped
+        else:
+            summary += "; -v lists them"
+        lines = [verdict_text(self.verdict), self.blows.detail, summary]
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
+        lines += [f"left out {case}: {reason}" for case, reason in skipped.items()]
         return "\n".join(lines)
 
 
@@ -298,7 +286,6 @@ def study(
     SettingError
         A stiffness, a safety factor or a figure of the robot that is not finite or out of range.
     """
-    check_robot(robot)
     number("margin", safety_factor, "", least=1.0)
     rendered = DEFAULT_STIFFNESS
     if fixture is not None:
@@ -309,46 +296,41 @@ def study(
 
     # Which cases run, and why the others do not.
     parts = set(parts) or set(PARTS)
-    pairs = pairs_of_rule_and_scene(fixture)
+    names, reasons = scenes_for(fixture)
+    pairs = pairs_of_rule_and_scene(fixture, names)
     tasks: list[Task] = [
         partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs
     ]
     tasks.append(partial(blow_case, robot, stiffness, safety_factor))
-    skipped = skipped_scenes("closed-loop", fixture)
+    run_on_scenes = ["closed-loop"]
     if "passivity" in parts:
         tasks += [partial(passivity_cases, on, rule, stiffness) for rule, on in pairs]
-        skipped |= skipped_scenes("passivity", fixture)
+        run_on_scenes.append("passivity")
+    skipped = {f"{part}/{name}": why for part in run_on_scenes for name, why in reasons.items()}
     if "extremes" in parts:
-        tasks += extreme_tasks(fixture, full)
-        skipped |= skipped_extremes(full)
+        # The long cases share a run, and so a process.
+        long = [case for case in CASES if case.full]
+        tasks.append(partial(run_extreme_cases, [c for c in CASES if not c.full], fixture))
+        if full:
+            tasks.append(partial(run_extreme_cases, long, fixture))
+        else:
+            skipped |= {f"extreme/{case.name}": "a long run: --full" for case in long}
 
     started = time.perf_counter()
     with progress("stability", len(tasks)) as done:
         rows = run_tasks(tasks, jobs, done)
-    judged = rows_on_stiffness(rows, ("robust", "exact", None))
-    verdict = judge(robot, stiffness, judged, safety_factor)
+    verdict = judge(robot, stiffness, rows, safety_factor)
     return Study(rows, verdict, robot, skipped, time.perf_counter() - started)
 
 
-def check_robot(robot: Robot) -> None:
-    """Raise `SettingError` for a figure of the robot that is not finite or out of range."""
-    number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
-    number("filter_hz", robot.filter_hz or 0.0, "Hz", least=0.0)
-    units = {"mass_kg": "kg", "rate_hz": "Hz", "friction_n": "N", "quantum_m": "m",
-             "force_limit_n": "N", "force_step_limit_n": "N"}  # fmt: skip
-    for name, unit in units.items():
-        value = getattr(robot, name)
-        if value is not None:
-            number(name, value, unit, above=0.0)
-
-
-def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture | str]]:
-    """Each rule with all that it renders: the bundle, and the scenes that the bundle can meet.
+def pairs_of_rule_and_scene(
+    fixture: Fixture | None, names: list[str]
+) -> list[tuple[Rule, Fixture | str]]:
+    """Each rule with all that it renders: the bundle, and the scenes by name that it can meet.
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
     bundle = [] if fixture is None else [fixture]
-    names = scenes_for(fixture)[0]
     pairs: list[tuple[Rule, Fixture | str]] = [
         (rule, on) for rule in RULES for on in (*bundle, *names)
     ]
@@ -359,58 +341,21 @@ def pairs_of_rule_and_scene(fixture: Fixture | None) -> list[tuple[Rule, Fixture
     return pairs
 
 
-def skipped_scenes(part: str, fixture: Fixture | None) -> dict[str, str]:
-    """Why the bundle cannot meet some scenes, by the names of their cases in a part."""
-    return {f"{part}/{name}": reason for name, reason in scenes_for(fixture)[1].items()}
-
-
-def extreme_tasks(fixture: Fixture | None, full: bool) -> list[Task]:
-    """One task for the short cases, and one for the long cases, which share a run."""
-    tasks = [partial(run_extreme_cases, [case for case in CASES if not case.full], fixture)]
-    if full:
-        tasks.append(partial(run_extreme_cases, [case for case in CASES if case.full], fixture))
-    return tasks
-
-
-def skipped_extremes(full: bool) -> dict[str, str]:
-    """Why some extreme cases do not run, by their names."""
-    return {
-        f"extreme/{case.name}": "a long run: --full" for case in CASES if case.full and not full
-    }
-
-
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
     """The results of all tasks in their order, run in `jobs` processes."""
     results = []
-    if jobs == 1:
-        for task in tasks:
-            results += task()
-            done(1)
-        return results
-    with worker_processes(jobs) as pool:
-        for rows in pool.map(call, tasks):
+    with worker_processes(jobs) if jobs > 1 else nullcontext() as pool:
+        for rows in map(call, tasks) if pool is None else pool.map(call, tasks):
             results += rows
             done(1)
     return results
 
 
-def rows_on_stiffness(rows: list[CaseResult], rules: Iterable[Rule | None]) -> list[CaseResult]:
-    """The results that say what K these rules bear; `None`: what K the robot bears."""
-    return [row for row in rows if row.unit == "N/m" and row.values.get("rule") in rules]
-
-
-def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
-    """The K [N/m] that each rule bore in all scenes that were run."""
-    borne = {}
-    for rule in ALL_RULES:
-        measured = [row.measured for row in rows_on_stiffness(rows, (rule,))]
-        if any(value is not None for value in measured):
-            borne[rule] = min(value for value in measured if value is not None)
+def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str | None, float]:
+    """The K [N/m] that each rule bore in all scenes that were run; under `None` in the blows."""
+    borne: dict[str | None, float] = {}
+    for row in rows:
+        if row.unit == "N/m" and row.measured is not None:
+            rule = row.values.get("rule")
+            borne[rule] = min(row.measured, borne.get(rule, math.inf))
     return borne
-
-
-def csv_number(value: float | None) -> str:
-    """Six digits, or nothing for `None`."""
-    if value is None:
-        return ""
-    return f"{value:.6g}"
