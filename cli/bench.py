@@ -15,7 +15,7 @@ import click
 from click.core import ParameterSource
 from vfplan.cli.options import FILE, MM, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import CommandResult, announce_if_slow, command, is_verbose, progress
+from vfplan.cli.run import CommandResult, announce_if_slow, command, progress
 
 from vfplan.errors import InputError, SettingError
 
@@ -78,7 +78,7 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
         return CommandResult(document, sentences["proxy"], verdict="", next_step="")
     *others, last = sentences or [""]
     lines = [
-        *table_lines(document, stages, every_setting=is_verbose()), "",
+        *table_lines(document, stages), "",
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
         *(f"{name}: {sentences[name]}" for name in others),
     ]  # fmt: skip

@@ -13,10 +13,9 @@ from vfplan.cli.next_commands import page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     FILE,
-    Number,
-    option,
     options_in_order,
     output_option,
+    setting_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
@@ -50,9 +49,7 @@ MENDED_ON_PAGE = {
 @options_in_order(
     output_option("Write the curve to this bundle, in the frame of the image."),
     EXTRACT_OPTIONS,
-    option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
-           help="Put this many points on a millimetre. This needs a pixel spacing.  [default: "
-           "one a pixel]"),
+    setting_options(ExtractSettings, "density_per_mm"),
 )  # fmt: skip
 def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
     """Measure the curve that is drawn on IMAGE.

@@ -20,15 +20,11 @@ from vfplan.display import count, millimetres
 @command("info")
 @FIXTURE
 @option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
-@option("--values", is_flag=True, help="Put the whole tables into --json.")
-def vfplan_info(fixture, everything, values) -> CommandResult:
-    """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it.
-
-    `--json` always has all of it.
-    """
+def vfplan_info(fixture, everything) -> CommandResult:
+    """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it."""
     from vfplan.bundle.validation import describe
 
-    data = describe(fixture, values=values, work=True)
+    data = describe(fixture, work=True)
     text = full_text(data) if everything else summary_text(data)
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"

@@ -299,15 +299,14 @@ PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",
                help="The printer's paper.")  # fmt: skip
 
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
-STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
-COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
 # Form of a setting -> what reads it.
 FORMS = {
     kind.metavar: kind
     for kind in (
         Numbers(2, metavar="U,V", positive=False), Parsed("U,V,W,H", parse_rectangle),
         Numbers(1, 2, metavar="MM[,MM]"), Numbers(1, metavar="MM|none", word="none"),
-        STIFFNESS, Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
+        Numbers(1, 3, metavar="N_PER_M[,Y,Z]"),
+        Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
         Parsed("all|longest|N", parse_stroke), Parsed("above|below|X,Y,Z", parse_side),
         Parsed("tre95[+MM]|p=P", parse_margin),
     )
@@ -401,15 +400,16 @@ def given_settings(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
 def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
     """The same of a fixture, with the margin of a campaign in place of its probability."""
     margin = arguments["margin"]
-    if arguments["tolerance_m"] and arguments["density_per_m"]:
-        raise click.UsageError("--tolerance and --density exclude each other. Give one")
     if isinstance(margin, float) != (arguments["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR belong together. Give both")
     if isinstance(margin, float):
         from vfplan.campaign.statistics import margin_for
 
         arguments = arguments | {"margin": margin_for(arguments["campaign"], margin)}
-    return given_settings(FixtureSettings, arguments)
+    given = given_settings(FixtureSettings, arguments)
+    if given.get("tolerance_m") and given.get("density_per_m"):
+        raise click.UsageError("--tolerance and --density exclude each other. Give one")
+    return given
 
 
 def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:

@@ -32,7 +32,7 @@ from unicodedata import category
 import click
 from vfplan.cli.options import FILE, option, options_in_order
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
-from vfplan.cli.settings_file import merge_settings_file
+from vfplan.cli.settings_file import settings_of_file
 
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
@@ -254,6 +254,19 @@ class CommandResult:
             object.__setattr__(self, "exit_code", 1)
 
 
+def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
+    """What a report holds, a line for each name that `--json` has, and for each record."""
+    for name, value in report.items():
+        if isinstance(value, dict):
+            yield from statistics(value, f"{place}{name}.")
+        elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            yield from (
+                f"  {place}{name}[{i}] = {json.dumps(part)}" for i, part in enumerate(value)
+            )
+        else:
+            yield f"  {place}{name} = {json.dumps(value)}"
+
+
 class Failure(NamedTuple):
     """An error as it is printed; `more` holds the code and the numbers of an error of vfplan."""
 
@@ -291,25 +304,26 @@ class Printer:
             click.echo(printable(f"vfplan: failed: {reason}"), err=True)
 
         # The result itself is the only thing on stdout.
+        name = click.get_current_context().info_name
+        data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
+        if labelled:
+            data.setdefault("warnings", [text for _, text in labelled])
+        if result.findings is not None:
+            data.setdefault("findings", [finding.as_dict() for finding in result.findings])
+        if result.verdict and result.verdict_in_json:
+            data.setdefault("verdict", result.verdict)
+            data.setdefault("next", result.next_step)
+        data = to_json_types(data | {"elapsed_s": data.get("elapsed_s", round(elapsed_s, 6))})
         if self.as_json:
-            name = click.get_current_context().info_name
-            data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
-            if labelled:
-                data.setdefault("warnings", [text for _, text in labelled])
-            if result.findings is not None:
-                data.setdefault("findings", [finding.as_dict() for finding in result.findings])
-            if result.verdict and result.verdict_in_json:
-                data.setdefault("verdict", result.verdict)
-                data.setdefault("next", result.next_step)
-            data.setdefault("elapsed_s", round(elapsed_s, 6))
-            text = json.dumps(to_json_types(data), indent=2, allow_nan=False)
+            text = json.dumps(data, indent=2, allow_nan=False)
             if sys.stdout is None:
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             click.echo(text)
         elif not self.quiet:
-            verdict = f"verdict: {result.verdict}" if result.verdict else ""
-            following = f"next: {result.next_step}" if result.next_step else ""
-            click.echo(printable("\n".join(filter(None, (result.text, verdict, following)))))
+            lines = [result.text, *(statistics(data) if self.verbose else ())]
+            lines.append(f"verdict: {result.verdict}" if result.verdict else "")
+            lines.append(f"next: {result.next_step}" if result.next_step else "")
+            click.echo(printable("\n".join(filter(None, lines))))
 
     def exit_with(self, failure: Failure) -> NoReturn:
         """Print a failure: one line on stderr, and with `--json` a document on stdout."""
@@ -334,7 +348,7 @@ COMMON_OPTIONS = (
     option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
     option("-q", "--quiet", is_flag=True, help="Print warnings and failures only."),
     option("-v", "--verbose", count=True,
-           help="Print the statistics too; -vv adds the traceback of an error."),
+           help="Print all of the report too; -vv adds the traceback of an error."),
 )  # fmt: skip
 
 
@@ -384,7 +398,9 @@ def command(
                         # NumPy would stumble on a SOURCE_DATE_EPOCH that is no time.
                         now_utc()
                         refuse_outputs()
-                        result = function(**merge_settings_file(path, arguments))
+                        if path is not None:
+                            arguments["from_file"] = settings_of_file(path)
+                        result = function(**arguments)
                         raise_if_stopped()
                     except (click.ClickException, click.Abort):
                         raise

@@ -241,8 +241,8 @@ class Study:
             table.writerow([row.case, row.outcome, *figures, row.unit, row.detail])
         return out.getvalue()
 
-    def as_text(self, every_case: bool = False) -> str:
-        """The short report: the verdict, and each case that failed, or every case."""
+    def as_text(self) -> str:
+        """The short report: the verdict, and each case that failed."""
         outcomes = Counter(row.outcome for row in self.rows)
         summary = "stable" if self.verdict.stable else "NOT STABLE"
         summary += f"; {len(self.rows)} cases: {outcomes['pass']} pass"
@@ -253,10 +253,7 @@ class Study:
                 f"; {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
         lines = [verdict_text(self.verdict), self.blows.detail, summary]
-        listed = self.rows if every_case else self.failed
-        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
-        if every_case:
-            lines += [f"left out {case}: {reason}" for case, reason in self.skipped.items()]
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)
 
 

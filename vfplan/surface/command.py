@@ -9,19 +9,16 @@ import click
 
 from vfplan.cli.next_commands import register_command
 from vfplan.cli.options import (
-    COLOUR,
     MM,
-    MM_OR_ZERO,
     PNG,
-    STIFFNESS,
     option,
     options_in_order,
     output_option,
-    setting_option,
+    setting_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
 
@@ -37,14 +34,8 @@ from vfplan.settings import settings_from_options
     option("--max-spacing", "max_spacing_m", type=MM,
            help="Interpolate between slices that are this far apart [mm].  [default: 1.5 times "
            "the usual distance]"),
-    setting_option(ExtractSettings, "curve_type"),
-    option("--colour", **COLOUR, help="Colour of the planning pen, on drawn slices."),
-    option("--stiffness", type=STIFFNESS, default="1000",
-           help="Stiffness K [N/m]: one number, or one for each axis."),
-    option("--contact-radius", type=MM, default="5",
-           help="Distance that the tool keeps from the surface [mm]."),
-    option("--point-radius", type=MM_OR_ZERO, default="0",
-           help="Radius of each point, added to the contact radius [mm]."),
+    setting_options(ExtractSettings, "curve_type colour"),
+    setting_options(FixtureSettings, "stiffness contact_radius point_radius"),
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write a picture of the surface with the outlines, and three slices of it."),
 )  # fmt: skip
