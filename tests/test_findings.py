@@ -39,24 +39,10 @@ def test_exit_code_holds_for_the_whole_branch(name, code):
     assert all(c.exit_code == code for c in tree() if issubclass(c, base))
 
 
-def test_text_names_the_place_first():
-    error = errors.MarkerError("three markers lie on a line", where="x1")
-    assert str(error) == "x1: three markers lie on a line"
-    assert (error.kind, error.where) == ("MarkerError", "x1")
-
-
 @pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
 def test_every_class_has_a_code_of_its_own(error):
     assert re.fullmatch(r"[a-z]+(-[a-z]+)*", error.code)
     assert [c.__name__ for c in tree() if c.code == error.code] == [error.__name__]
-
-
-def test_a_code_and_numbers_of_the_fault_take_the_place_of_the_class_s():
-    plain = errors.CurveError("no line")
-    assert (plain.code, plain.numbers) == ("curve", {})
-    forked = errors.CurveError("the line forks", code="line-forks", numbers={"branches": 3})
-    assert (forked.code, forked.numbers) == ("line-forks", {"branches": 3})
-    assert errors.CurveError.code == "curve"
 
 
 DOUBT = doubt("end-unsure", "extract", "The end is known to 2 px only.", place_px=(12.5, 40.0))
@@ -71,14 +57,6 @@ def test_a_doubt_is_open_until_somebody_answers_it():
     assert not answered.is_open
 
 
-def test_a_note_is_never_open():
-    assert not note("bridge-short", "extract", "A gap of 6 px is bridged.").is_open
-
-
-def test_its_text_is_its_string():
-    assert str(DOUBT) == "The end is known to 2 px only."
-
-
 @pytest.mark.parametrize(
     "finding",
     [DOUBT, note("side", "register", "The slice is seen from above.", place_m=(0.1, 0.2, 0.3))],
@@ -91,11 +69,6 @@ def test_json_has_the_keys_that_scripts_rely_on(finding):
     for name in ("place_px", "place_m"):
         place = getattr(finding, name)
         assert reported[name] == (None if place is None else list(place))
-
-
-def test_a_finding_cannot_be_changed():
-    with pytest.raises(AttributeError):
-        DOUBT.severity = "note"
 
 
 page = load(ROOT / "docs" / "make_findings.py")

@@ -154,13 +154,6 @@ def test_covering_radius_is_that_of_a_fine_search():
         assert nearest == pytest.approx(radius, rel=0.02)
 
 
-def test_largest_cover_of_a_coarse_sheet_leaks(tmp_path):
-    fixture = bundles.replace(bundles.sheet(), points=bundles.sheet().points * 5)
-    assert largest_cover(fixture.mesh, fixture.points) == pytest.approx(0.0075 * np.sqrt(2))
-    with pytest.raises(vfplan.errors.SceneError, match="leaks"):
-        vfplan.write_fixture(fixture, tmp_path / "a.h5")
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".npy", ".ply"])
 def test_points_come_back(suffix, vfplan_cli, tmp_path):
     points = bundles.minimal().points
@@ -187,13 +180,8 @@ UNREADABLE = {
     "a.csv": b"x,y\n1,2\n", "nan.csv": b"x,y,z\n1,2,nan\n", "none.csv": b"x,y,z\n",
     "text.csv": b"x,y,z\n1,2,three\n", "a.npy": b"no array", "a.ply": b"no mesh", "a.stl": b"",
     "a.off": b"v 0 0 0\n",
-    # Shorter than their own counts: VTK, left to itself, crashes or leaves parts out.
-    "count.ply": PLY % (b"ascii", 99999999999) + b"end_header\n0 0 0\n",
     "short.ply": PLY % (b"ascii", 3) + b"end_header\n0 0 0\n",
-    "binary.ply": PLY % (b"binary_little_endian", 3) + b"end_header\n" + bytes(35),
-    "count.stl": bytes(80) + b"\xff\xff\xff\xee" + bytes(50),
     "short.stl": bytes(80) + b"\2\0\0\0" + bytes(50),
-    "cut.stl": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n",
 }  # fmt: skip
 
 
@@ -216,10 +204,6 @@ def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, 
     assert raised.value.where.endswith("a.npy")
 
 
-def test_units_must_be_said(stl, vfplan_cli, tmp_path):
-    assert vfplan_cli("import", stl, "-o", tmp_path / "a.h5").code == 2
-
-
 def test_strokes_become_slicer_curves_in_mm(vfplan_cli, tmp_path):
     vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
     assert vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json").code == 0
@@ -227,12 +211,6 @@ def test_strokes_become_slicer_curves_in_mm(vfplan_cli, tmp_path):
     assert [m["type"] for m in markups] == ["Curve", "ClosedCurve"]
     positions = [p["position"] for m in markups for p in m["controlPoints"]]
     assert np.allclose(np.array(positions) / 1000, bundles.whole().points, atol=1e-15)
-
-
-def test_pixels_do_not_become_millimetres(vfplan_cli, tmp_path):
-    vfplan.write_fixture(bundles.pixels(), tmp_path / "a.h5")
-    run = vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json")
-    assert (run.code, (tmp_path / "c.mrk.json").exists()) == (3, False)
 
 
 def test_the_femur_is_certified(shared_data, tmp_path):

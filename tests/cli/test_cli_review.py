@@ -52,12 +52,6 @@ def test_plan_writes_the_sheet_beside_the_bundle(planned):
     assert len(report["digest"]) == 64
 
 
-def test_no_sheet_leaves_it_out(done, tmp_path):
-    run = done(*PLAN, "-o", tmp_path / "f.h5", "--no-sheet", "--json")
-    assert "sheet" not in run.json
-    assert list(tmp_path.iterdir()) == [tmp_path / "f.h5"]
-
-
 def test_sheet_that_exists_is_not_overwritten(vfplan_cli, done, tmp_path):
     sheet = tmp_path / "f-sheet.png"
     sheet.write_bytes(b"mine")
@@ -150,16 +144,6 @@ def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, folder, tmp_pat
     assert f"--slice IMAGE --sheet-out {sheet}" in run.json["next"]
 
 
-def test_another_slice_is_refused(vfplan_cli, folder, tmp_path):
-    other = tmp_path / "other.png"
-    picture = cv2.imread(str(IMAGE))
-    picture[0, 0] += 1
-    cv2.imwrite(str(other), picture)
-    vfplan_cli("review", folder / "elbow.h5", "--slice", other, "--sheet-out", tmp_path / "s.png",
-               "--json").fails(3, error="slice-other")  # fmt: skip
-    assert list(tmp_path.iterdir()) == [other]
-
-
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
 @pytest.mark.parametrize("output", ["--sheet-out", "-o"])
 def test_options_of_planning_are_refused_for_a_fixture(output, option, vfplan_cli, folder,
@@ -176,11 +160,6 @@ def test_review_of_a_bundle_without_a_slice(done, tmp_path, name):
     write_fixture(getattr(bundles, name)(), path)
     done("review", path, "--sheet-out", tmp_path / "s.png", "--json")
     assert sheet_size(tmp_path / "s.png")[1] == PAGE_WIDTH
-
-
-def test_review_of_a_slice_alone(done, tmp_path):
-    run = done("review", IMAGE, "--sheet-out", tmp_path / "s.png", "--json")
-    assert run.json["findings"] == []
 
 
 def test_plan_of_vectors_has_a_sheet(done, tmp_path):

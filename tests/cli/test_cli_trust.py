@@ -163,19 +163,6 @@ def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
 # --- Children that fail, and windows that are told to close ------------------------------------
 
 
-def test_what_a_probe_says_is_told(monkeypatch):
-    """Not a guess at a missing library."""
-    monkeypatch.setattr(view3d, "PROBE", "raise RuntimeError('no light here {off}')")
-    view3d.rendering_fault.cache_clear()
-    view3d.offscreen_window.cache_clear()
-    try:
-        with pytest.raises(vfplan.errors.MissingExtra, match="RuntimeError: no light here True"):
-            view3d.ready_pyvista(screen=False)
-    finally:
-        view3d.rendering_fault.cache_clear()
-        view3d.offscreen_window.cache_clear()
-
-
 def begun(folder, *words):
     """A Python program that is begun, with pipes to it."""
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
