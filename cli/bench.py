@@ -46,7 +46,6 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
     call or of one tick. The last sentences compare the chosen setting with other settings.
     `summary` measures the engines, and prints the last sentence alone.
     """
-    from vfplan.bench.peers import MESH_LIBRARIES
     from vfplan.bench.record import summaries, table_lines
     from vfplan.bench.stages import read_document
 
@@ -82,10 +81,6 @@ def vfplan_bench(stage, output, source, peers, quick, tolerance_m) -> CommandRes
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
         *(f"{name}: {sentences[name]}" for name in others),
     ]  # fmt: skip
-    peers_run = {peer["name"] for peer in document["peers"]}
-    absent = [name for name in MESH_LIBRARIES.values() if f"penalty by {name}" not in peers_run]
-    if absent and "proxy" in stages:
-        lines.append(f"not compared with {', '.join(absent)}, which are optional")
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
         lines.append(f"wrote {output}/")

@@ -25,9 +25,6 @@ from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
-# Number of hidden stretches whose places are printed; `--json` has all.
-LISTED_GAPS = 4
-
 # Codes of refusals that a person can mend on the review page.
 MENDED_ON_PAGE = {
     *("several-candidates", "line-forks", "double-line", "runs-side-by-side", "bridge-too-long"),
@@ -161,23 +158,4 @@ def extracted_text(report: dict[str, Any]) -> str:
         bridged = stroke.get("bridged_points")
         bridges = f", {bridged} of them bridged" if bridged else ""
         lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points{bridges}")
-    if report.get("account"):
-        lines.append(f"  {account_text(report['account'])}")
     return "\n".join(lines)
-
-
-def account_text(account: list[dict[str, Any]]) -> str:
-    """All other ink and the stretches that do not show, in one line."""
-    ink = [entry for entry in account if entry["what"] == "ink"]
-    hidden = [entry for entry in account if entry["what"] != "ink"]
-    parts = []
-    if ink:
-        share = sum(entry["share"] for entry in ink)
-        parts.append(
-            f"other ink: {count(len(ink), 'piece')}, {share:.1%} of the pen's pixels, the largest "
-            f"at ({ink[0]['u']:.0f}, {ink[0]['v']:.0f})"
-        )
-    if hidden:
-        places = [f"({entry['u']:.0f}, {entry['v']:.0f})" for entry in hidden[:LISTED_GAPS]]
-        parts.append(f"gaps or covers over the curve: {len(hidden)}, at {', '.join(places)}")
-    return "; ".join(parts)

@@ -39,7 +39,7 @@ def vfplan_info(fixture, everything) -> CommandResult:
 
 
 def summary_text(data: dict[str, Any]) -> str:
-    """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
+    """Frame, size, rendering, registration, leak and seal, where they are there."""
     seal = data["seal"]
     signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
     lines = [
@@ -47,14 +47,6 @@ def summary_text(data: dict[str, Any]) -> str:
         f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
         f"  seal        {'sound' if seal['ok'] else 'broken'}, {signed}",
     ]
-
-    # The geometry.
-    closed = data.get("/curve/closed", ())
-    closed_count = sum(map(bool, closed))
-    if len(closed):
-        lines.append(f"  curve       strokes {len(closed)}, of them closed {closed_count}")
-    if "/mesh/triangles" in data:
-        lines.append(f"  mesh        {data['/mesh/triangles']['shape'][0]} triangles")
 
     # How it is rendered.
     if "/rendering/stiffness" in data:
@@ -67,26 +59,6 @@ def summary_text(data: dict[str, Any]) -> str:
                 f"({work['at_most_us']:.0f} us are allowed)"
             )
         lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, {cost}")
-    if "/pieces/vertices" in data:
-        pieces = len(data["/pieces/bulges"]) - (len(closed) - closed_count)
-        error_um = 1e6 * data["/pieces@error_m"]
-        lines.append(f"  rendered as {pieces} lines and arcs within {error_um:.3g} µm of the curve")
-    if "/guidance@radius_m" in data:
-        which = "the curve"
-        if "/guidance@stroke" in data:
-            which = f"stroke {data['/guidance@stroke']}"
-        line = (
-            f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:.6g} mm, K "
-            f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
-        )
-        force_n = data.get("/guidance@lead_force_n")
-        if force_n is not None:
-            from vfplan.planning.settings import LEAD_SPEED_M_S
-
-            speed_m_s = data.get("/guidance@lead_speed_m_s", LEAD_SPEED_M_S)
-            line += f", led by {force_n:g} N up to {1e3 * speed_m_s:g} mm/s"
-        lines.append(line)
-
     # Where it lies, and what may slip through.
     if "/registration/source" in data:
         line = (
@@ -96,18 +68,10 @@ def summary_text(data: dict[str, Any]) -> str:
         if "/registration@tre_rms_m" in data:
             line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"
         lines.append(line)
-    if "/leak@limit_m" in data:
-        lines.append(
-            f"  leak        none: largest opening {millimetres(data['/leak@largest_m'])}, allowed "
-            f"{millimetres(data['/leak@limit_m'])}"
-        )
-        if "/leak@open_edges" in data:
-            lines.append(f"              but an open sheet: {data['/leak@open_edges']} rim edges")
-    elif "/leak@largest_m" in data:
-        lines.append(
-            "  leak        not certified: a bare cloud, points up to "
-            f"{millimetres(data['/leak@largest_m'])} apart"
-        )
+    if "/leak@largest_m" in data:
+        certified = "certified" if data["/leak@certified"] else "not certified"
+        opening = millimetres(data["/leak@largest_m"])
+        lines.append(f"  leak        {data['/leak@kind']}, {certified}: largest opening {opening}")
 
     # Who answers for it.
     lines += seal_lines(seal)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from typing import Any
 
@@ -17,7 +18,7 @@ from vfplan.cli.run import CommandResult, announce_if_slow, command
 @options_in_order(
     option("--screenshot", type=PNG, metavar="PNG",
            help="Write one view to this picture. It needs no screen."),
-    option("--at", "at_s", type=Number("S", positive=False),
+    option("--at", "at_s", type=Number("S", least=-math.inf),
            help="Time that --screenshot shows [s].  [default: that of the deepest tick]"),
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
            help="Show this slice, on which the curve was drawn (checked by its SHA-256).  "

@@ -201,13 +201,8 @@ METRES = {
 }  # fmt: skip
 # NRRD's name of an encoding -> the compression that it is.
 COMPRESSIONS = {"raw": None, "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
-# A NIfTI file's first bytes, its header's size -> the order of bytes and the version.
-NIFTI_HEADS = {
-    (348).to_bytes(4, "little"): ("little", 1),
-    (348).to_bytes(4, "big"): ("big", 1),
-    (540).to_bytes(4, "little"): ("little", 2),
-    (540).to_bytes(4, "big"): ("big", 2),
-}
+# A NIfTI file's first bytes, where it is of the first version: its header's size.
+NIFTI_1 = ((348).to_bytes(4, "little"), (348).to_bytes(4, "big"))
 GZIP = b"\x1f\x8b"
 NRRD = b"NRRD"
 
@@ -433,22 +428,26 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     """
     with requires_extra("reading NIfTI needs nibabel", "surface"):
         import nibabel
-    is_packed = data.startswith(GZIP)
-    max_bytes = max_nifti_bytes(first_decompressed(data) if is_packed else data, len(data))
-    if is_packed:
-        data = decompress(data, "gzip", max_bytes)
-    kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
+    is_packed = data.startswith(GZIP)
+    head = first_decompressed(data) if is_packed else data
+    kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
+    with library_errors("cannot be read as NIfTI"):
+        header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
+        shape = tuple(int(n) for n in header.get_data_shape())
+        size = int(np.prod(shape, dtype=object)) * header.get_data_dtype().itemsize
+    require_size(size, len(data))
+    if is_packed:
+        # Extensions come between the header and the voxels.
+        data = decompress(data, "gzip", min(size + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES))
+    if size > len(data):
+        raise InputError(
+            f"says that it holds {size} bytes of voxels, and has {len(data)} in all. Export it "
+            "again.",
+            code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
+        )  # fmt: skip
     with library_errors("cannot be read as NIfTI"):
         image = kind.from_bytes(data)
-        shape = tuple(int(n) for n in image.shape)
-        size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
-        if size > len(data):
-            raise InputError(
-                f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
-                "Export it again.",
-                code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
-            )  # fmt: skip
         labels = np.asanyarray(image.dataobj)
         T_lps_voxel = nifti_place(image)
     if labels.ndim == 4 and labels.shape[3] == 1:
@@ -466,24 +465,6 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         labels = labels.astype(np.int32)
     layers = labels[None]
     return LabelVolume(layers, places_of_labels(layers), T_lps_voxel)
-
-
-def nifti_order_and_version(head: bytes) -> tuple[str, int]:
-    """The order of a file's bytes, and 1 or 2; an unknown head is taken for the second version."""
-    return NIFTI_HEADS.get(head[:4], ("big", 2))
-
-
-def max_nifti_bytes(head: bytes, file_bytes: int) -> int:
-    """The most bytes that a file with this header can want, extensions included."""
-    order, version = nifti_order_and_version(head)
-    # The number of dimensions, then seven sizes: in the first version of two bytes each.
-    first, width = (40, 2) if version == 1 else (16, 8)
-    places = range(first, first + 8 * width, width)
-    numbers = [int.from_bytes(head[at : at + width], order) for at in places]
-    dimensions = min(max(numbers[0], 1), 7)
-    voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
-    require_size(voxels, file_bytes)  # A voxel has 1 to 8 bytes.
-    return min(8 * voxels + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES)
 
 
 def nifti_place(image: Any) -> NDArray:
@@ -527,17 +508,12 @@ def places_of_labels(layers: NDArray) -> dict[Structure, tuple[int, int]]:
             f"has {len(layers)} layers and names no segments. Save it from Slicer as .seg.nrrd.",
             code="volume-unsupported",
         )
-    smallest = int(layers.min())
-    largest = int(layers.max())
+    labels = np.unique(layers)
     largest_allowed = np.iinfo(np.uint16).max
-    if smallest < 0 or largest > largest_allowed:
+    if labels[0] < 0 or labels[-1] > largest_allowed:
         raise InputError(
-            f"holds labels {smallest} to {largest}; 0 to {largest_allowed} are allowed. Give a "
+            f"holds labels {labels[0]} to {labels[-1]}; 0 to {largest_allowed} are allowed. Give a "
             "label map.",
             code="not-a-label-map",
         )
-    is_used = np.zeros(largest + 1, dtype=bool)
-    for k in range(layers.shape[3]):
-        is_used[layers[0, :, :, k]] = True
-    labels = np.flatnonzero(is_used[1:]) + 1
-    return {Structure(label): (0, label) for label in labels.tolist()}
+    return {Structure(label): (0, label) for label in labels[labels > 0].tolist()}
