@@ -2,9 +2,6 @@
 
 import failures
 import pytest
-from failures import RC, K
-
-import vfplan
 
 BAND = 1e3 * 12.6e-6  # the default band of these clouds at 0.5 mm [mm]
 
@@ -30,10 +27,6 @@ def test_paper_fails_and_robust_holds(scene, settings, what, fails, holds):
     assert scene("robust", *settings)[what] <= holds
 
 
-def test_paper_is_entrenched_in_the_corner():
-    assert failures.corner("paper")["ticks entrenched"] >= 150
-
-
 def test_one_kilohertz_is_enough_for_paper_below_ten_metres_a_second():
     """The sweep that `paper` lacks is not missed at the speeds of a hand."""
     assert failures.press_through("paper", 2.0, 1000.0)["inside at 2 m/s, 1000 Hz [mm]"] < 1e-6
@@ -45,9 +38,3 @@ def test_gaps_wider_than_the_proxy_let_it_through(rule):
     lowest = "lowest proxy at spacing 8 mm [mm]"
     assert failures.coarse(rule, 8e-3)[lowest] < -4.0
     assert failures.coarse(rule, 4e-3)["lowest proxy at spacing 4 mm [mm]"] > 4.0
-
-
-def test_coarse_robust_stays_within_its_band():
-    band = vfplan.ProxyEngine(failures.floor(4e-3, 0.032)).parameters.band
-    assert failures.coarse("robust", 4e-3)["inside at spacing 4 mm [mm]"] <= 1e3 * band + 1e-9
-    assert (K, RC) == (1000.0, 5e-3)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
-
 import bundles
 import cv2
-import numpy as np
 import pytest
 from review_slices import MARKERS
 from review_slices import SLICE as IMAGE
@@ -134,16 +131,6 @@ def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folde
     assert not (tmp_path / "f.h5").exists()
 
 
-def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, folder, tmp_path):
-    sheet = tmp_path / "s.png"
-    bundle = folder / "elbow.h5"
-    run = vfplan_cli("review", bundle, "--slice", IMAGE, "--sheet-out", sheet, "--json")
-    words = run.json["next"].split(", then ")[1]
-    assert words == f"vfplan review {bundle} --slice {IMAGE} -o {tmp_path / 'elbow-approved.h5'}"
-    run = vfplan_cli("review", bundle, "--sheet-out", sheet, "--overwrite", "--json")
-    assert f"--slice IMAGE --sheet-out {sheet}" in run.json["next"]
-
-
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
 @pytest.mark.parametrize("output", ["--sheet-out", "-o"])
 def test_options_of_planning_are_refused_for_a_fixture(output, option, vfplan_cli, folder,
@@ -160,16 +147,3 @@ def test_review_of_a_bundle_without_a_slice(done, tmp_path, name):
     write_fixture(getattr(bundles, name)(), path)
     done("review", path, "--sheet-out", tmp_path / "s.png", "--json")
     assert sheet_size(tmp_path / "s.png")[1] == PAGE_WIDTH
-
-
-def test_plan_of_vectors_has_a_sheet(done, tmp_path):
-    picture = tmp_path / "slice.png"
-    shutil.copy(IMAGE, picture)
-    t = np.linspace(0, 1, 40)
-    rows = "\n".join(f"{250 + 300 * a:.3f},{300 + 200 * a * a:.3f}" for a in t)
-    curve = tmp_path / "curve.csv"
-    curve.write_text("u_px,v_px\n" + rows + "\n")
-    for words in (("plan", picture, *MARKERS, "--curve", curve), ("plan", curve, *MARKERS)):
-        out = tmp_path / "f.h5"
-        done(*words, "-o", out, "--overwrite", "--json")
-        assert sheet_size(tmp_path / "f-sheet.png")[1] == PAGE_WIDTH

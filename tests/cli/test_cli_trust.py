@@ -145,21 +145,6 @@ def test_q_hides_progress(monkeypatch):
         assert ("working" not in told.getvalue()) is silent
 
 
-FAILING = {"replay": ["replay", "f.h5", "s.csv", "--at-most", "ticks=1"],
-           "diff": ["diff", "f.h5", "g.h5"], "validate": ["validate", "bad.h5"]}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", FAILING)
-def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
-    for file in ("f.h5", "s.csv"):
-        (tmp_path / file).write_bytes((hostile / file).read_bytes())
-    vfplan.write_fixture(bundles.minimal(), tmp_path / "g.h5")
-    (tmp_path / "bad.h5").write_bytes((hostile / "f.h5").read_bytes()[:-1])
-    run = vfplan_cli(*FAILING[name], "-q", cwd=tmp_path)
-    assert (run.code, run.stdout) == (1, "")
-    assert run.error_line.startswith("vfplan: failed: ")
-
-
 # --- Children that fail, and windows that are told to close ------------------------------------
 
 
