@@ -172,25 +172,20 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     from vfplan.session.read import read_session
 
     recorded = read_session(session)
-    first = replay(a, recorded)
-    second = replay(b, recorded)
+    first, second = (replay(path, recorded) for path in (a, b))
     comparison = Comparison()
     comparison.update(first.trace, second.trace)
     report = comparison.report()
     tick = report.get("first_difference_tick")
-    data = {
-        "first_tick": tick,
-        "proxy_max_m": report["proxy_max_m"],
-        "force_max_n": report["force_max_n"],
-        "ticks": len(recorded.time),
-    }
+    data = {"first_tick": tick, "ticks": len(recorded.time)}
+    data |= {name: report[name] for name in ("proxy_max_m", "force_max_n")}
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
     results = (first.metrics, second.metrics)
     clearances = [result["clearance_min_m"] for result in results if "clearance_min_m" in result]
     if clearances:
         data["clearance_min_m"] = min(clearances)
-    return data, has_touched(first.metrics) or has_touched(second.metrics)
+    return data, any(map(has_touched, results))
 
 
 @command("validate")

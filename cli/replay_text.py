@@ -8,7 +8,7 @@ from typing import Any
 
 from vfplan.cli.run import command_line
 
-from vfplan.display import count, length, micrometres, millijoules, millimetres, milliseconds
+from vfplan.display import count, length, micrometres, millijoules, millimetres
 from vfplan.replaying.findings import has_touched, untested_reason
 from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 from vfplan.report.tables import bound_text
@@ -67,7 +67,7 @@ def figure_lines(report: dict[str, Any]) -> list[str]:
     if "fixture_energy_j" in report:
         lines.append(
             f"motion       gave the hand {millijoules(report['fixture_energy_j'])} besides; poses "
-            f"up to {milliseconds(report['pose_age_max_s'])} old, {report['stale_ticks']} ticks "
+            f"up to {1e3 * report['pose_age_max_s']:.1f} ms old, {report['stale_ticks']} ticks "
             f"stale, {report['poses_refused']} poses refused"
         )
     if "governor" in report:

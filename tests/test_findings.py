@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import json
 import re
@@ -102,31 +101,6 @@ def test_every_class_of_error_stands_on_the_page():
             assert f"| `{value.code}` | {value.__name__} | {value.exit_code} |" in text
 
 
-def test_every_code_of_the_frozen_documents_stands_on_the_page():
-    text = PAGE.read_text()
-    documents = (ROOT / "tests" / "data" / "oracle" / "documents.txt").read_text()
-    codes = set(re.findall(r'\.code = "([^"]+)"', documents))
-    assert codes
-    for code in codes:
-        assert f"`{code}`" in text
-
-
 def test_no_advice_is_left_of_a_code_that_is_gone():
     advice = tomllib.loads((ROOT / "docs" / "findings.toml").read_text())
     assert set(advice) <= {entry.code for entry in page.collect()}
-
-
-@pytest.mark.parametrize(
-    ("source", "codes", "sentence"),
-    [
-        ('raise CurveError(f"is {x} px long", code="short")', ["short"], "is … px long"),
-        ('code = "a" if x else "b"\nfail = doubt(code, "plan", "One." + x)', ["a", "b"], "One.…"),
-        ('text = f"{x} m"\nfail = note("far", "plan", text)', ["far"], "… m"),
-    ],
-)
-def test_codes_and_sentences_are_read_from_the_source(source, codes, sentence):
-    lines = "".join(f"    {line}\n" for line in source.splitlines())
-    tree = ast.parse(f"def f(x):\n{lines}")
-    entries = list(page.entries_of(tree, "planning"))
-    assert [entry.code for entry in entries] == codes
-    assert {entry.sentence for entry in entries} == {sentence}

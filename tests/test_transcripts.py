@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from conftest import ROOT
 from docs_modules import load
 
@@ -43,24 +42,6 @@ def test_page_holds_what_its_commands_print_in_its_own_form(capfd):
     assert transcripts.renewed("page.md", page) == now
     assert transcripts.renewed("page.md", now) == now
     assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize(
-    ("block", "reason"),
-    [
-        ("$ vfplan info FILE.h5\nold\n", "FILE.h5 stands for something"),
-        ("$ printf x\n$ sudo true\nold\n", "calls sudo"),
-        ("$ vfplan info nowhere.h5\nold\n", "there is no such file"),
-        ("$ python nowhere.py\nold\n", "No such file"),
-        ("$ printf entirely\nfirst\n...\nsecond\n", "prints nothing like 'first' any more"),
-    ],
-)
-def test_what_cannot_be_run_is_left_alone_and_named(block, reason, capfd):
-    page = f"# Page\n\n```\n{block}```\n"
-    assert transcripts.renewed("page.md", page) == page
-    named = capfd.readouterr().err
-    assert named.startswith("page.md:4: ")
-    assert reason in named
 
 
 def test_no_page_has_a_transcript_that_the_reader_overlooks():

@@ -25,12 +25,6 @@ def test_json_names_every_value_by_its_path(vfplan_cli, path):
     assert run.json["/points"]["shape"] == [70, 3]
 
 
-def test_the_page_names_frame_and_size(vfplan_cli, path):
-    run = vfplan_cli("info", path).sound
-    assert "robot_base" in run.stdout
-    assert "70" in run.stdout
-
-
 def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
     path.write_bytes(path.read_bytes()[:-100])
     run = vfplan_cli("info", path)

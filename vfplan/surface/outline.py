@@ -282,18 +282,15 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
     matches = matches or [structure for structure in structures if str(structure.number) == wanted]
     if len(matches) == 1:
         return matches[0]
-    listed = ", ".join(f"{one.number} {one.name!r}" if one.name else str(one.number)
-                       for one in structures)  # fmt: skip
+    several = matches or structures
+    names = (f"{one.number} {one.name!r}" if one.name else str(one.number) for one in several)
+    listed = ", ".join(names)
+    text = f"holds {len(several)} structures that fit: {listed}. Choose one with --structure."
     code = "structure-several"
     if not matches:
         text = f"holds no structure of that name or number. Choose one of {listed}."
         code = "structure-unknown"
-    elif wanted is None:
-        text = f"holds {len(structures)} structures: {listed}. Choose one with --structure."
-    else:
-        text = f"holds several structures of that name. Choose one by its number: {listed}."
-    numbers = {"structures": len(matches or structures)}
-    raise InputError(text, code=code, numbers=numbers)
+    raise InputError(text, code=code, numbers={"structures": len(several)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -506,18 +503,17 @@ def runs_of_slices(
             code="slices-too-few", numbers={"slices": len(outlines), "slices_min": 2},
         )  # fmt: skip
     usual = float(np.median(np.diff([outline.z for outline in outlines])))
-    for before, after in pairwise(outlines):
-        gap = after.z - before.z
-        if gap < DOUBLED * usual:
-            raise CurveError(
-                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
-                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
-                code="slices-doubled", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )  # fmt: skip
     widest = max_gap_m or WIDEST * usual
     runs = [[outlines[0]]]
     for before, after in pairwise(outlines):
         gap = after.z - before.z
+        numbers = {"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual}
+        if gap < DOUBLED * usual:
+            raise CurveError(
+                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
+                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
+                code="slices-doubled", numbers=numbers,
+            )  # fmt: skip
         if ((empty > before.z + SAME_M) & (empty < after.z - SAME_M)).any():
             runs.append([after])
             continue
@@ -526,7 +522,7 @@ def runs_of_slices(
                 f"slices are missing: {slice_name(normal, before.z)} and the next, at "
                 f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
                 "Add them, or give a larger --max-spacing to interpolate across.",
-                code="slices-missing", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+                code="slices-missing", numbers=numbers,
             )  # fmt: skip
         runs[-1].append(after)
     for run in runs:
@@ -539,19 +535,33 @@ def runs_of_slices(
     return tuple(Stack(tuple(run)) for run in runs)
 
 
+# What a person should know where parts or holes of two slices do not correspond one by one.
+FORKS = (
+    "a {} forks, and the saddle may be off by a fifth of the slices' distance. Add a slice there "
+    "if it matters."
+)
+ENDS = (
+    "a {} begins or ends, and the surface is closed there by interpolation. Check the outlines of "
+    "both slices."
+)
+
+
 def branching_remarks(stacks: tuple[Stack, ...], normal: Array) -> list[str]:
     """Where parts or holes of the structure fork, join, begin or end between two slices."""
+    from shapely import intersects
+
     places_of: dict[str, list[str]] = {}
     for stack in stacks:
         for before, after in pairwise(stack.outlines):
             place = f"{slice_name(normal, before.z)} to {1e3 * after.z:.2f} mm"
-            for name, pieces, next_pieces in (
-                ("part", list(before.parts), list(after.parts)),
-                ("hole", holes_of(before), holes_of(after)),
-            ):
-                remark = branching(name, pieces, next_pieces)
-                if remark:
-                    places_of.setdefault(remark, []).append(place)
+            for name, pieces_of in (("part", lambda outline: outline.parts), ("hole", holes_of)):
+                pieces, following = (np.array(pieces_of(o), object) for o in (before, after))
+                meets = intersects(pieces[:, None], following[None])
+                counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
+                if (counts > 1).any():
+                    places_of.setdefault(FORKS.format(name), []).append(place)
+                elif (counts == 0).any():
+                    places_of.setdefault(ENDS.format(name), []).append(place)
     return [f"{first_of(places)}: {remark}" for remark, places in places_of.items()]
 
 
@@ -560,21 +570,3 @@ def holes_of(outline: Outline) -> list[Any]:
     from shapely import Polygon
 
     return [Polygon(interior) for part in outline.parts for interior in part.interiors]
-
-
-def branching(name: str, pieces: list[Any], next_pieces: list[Any]) -> str:
-    """How the pieces of one slice go on in the next: "" where each has its one continuation."""
-    meets = [[piece.intersects(next_piece) for next_piece in next_pieces] for piece in pieces]
-    meets = np.array(meets, dtype=int).reshape(len(pieces), len(next_pieces))
-    counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
-    if (counts > 1).any():
-        return (
-            f"a {name} forks, and the saddle may be off by a fifth of the slices' distance. Add a "
-            "slice there if it matters."
-        )
-    if (counts == 0).any():
-        return (
-            f"a {name} begins or ends, and the surface is closed there by interpolation. Check the "
-            "outlines of both slices."
-        )
-    return ""

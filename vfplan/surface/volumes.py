@@ -302,29 +302,23 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         raise InputError("has no NRRD header that ends. Export it again.", code="volume-unreadable")
     with library_errors("its NRRD header cannot be read"):
         header = dict(nrrd.read_header(io.BytesIO(data[: end.end()])))
-    if "data file" in header or "datafile" in header:
-        raise InputError(
-            "its voxels are in another file. Save it from Slicer as one .seg.nrrd.",
-            code="volume-unsupported",
-        )
     with library_errors("its NRRD header does not say what it holds"):
         dtype = np.dtype(_determine_datatype(header))
         sizes = [int(n) for n in header["sizes"]]
         encoding = str(header["encoding"]).lower()
-    if encoding not in COMPRESSIONS:
-        raise InputError(
-            f"has the encoding {encoding!r}. Give raw, gzip or bzip2.", code="volume-unsupported"
-        )
-    if (
-        dtype.kind not in ("iu" if has_labels else "iuf")
-        or len(sizes) not in (3, 4)
-        or min(sizes) < 1
-    ):
+    unsupported = ""
+    if "data file" in header or "datafile" in header:
+        unsupported = "its voxels are in another file"
+    elif encoding not in COMPRESSIONS:
+        unsupported = f"has the encoding {encoding!r}, and not raw, gzip or bzip2"
+    elif header.get("line skip") or header.get("byte skip"):
+        unsupported = "skips lines or bytes"
+    if unsupported:
+        message = f"{unsupported}. Save it from Slicer as one .seg.nrrd."
+        raise InputError(message, code="volume-unsupported")
+    kinds = "iu" if has_labels else "iuf"
+    if dtype.kind not in kinds or len(sizes) not in (3, 4) or min(sizes) < 1:
         raise InputError(f"holds {dtype} of {sizes}. Give a label map.", code="not-a-label-map")
-    if header.get("line skip") or header.get("byte skip"):
-        raise InputError(
-            "skips lines or bytes. Save it from Slicer as .seg.nrrd.", code="volume-unsupported"
-        )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
     require_size(size, len(data))
     voxels = data[end.end() :]
