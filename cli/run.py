@@ -21,12 +21,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType, MappingProxyType
-from typing import Any, NamedTuple, NoReturn, TextIO
+from types import FrameType
+from typing import Any, NoReturn, TextIO
 from unicodedata import category
 
 import click
@@ -267,16 +267,6 @@ def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
             yield f"  {place}{name} = {json.dumps(value)}"
 
 
-class Failure(NamedTuple):
-    """An error as it is printed; `more` holds the code and the numbers of an error of vfplan."""
-
-    kind: str
-    message: str
-    where: str | None
-    exit_code: int
-    more: Mapping[str, Any] = MappingProxyType({})
-
-
 @dataclass(frozen=True)
 class Printer:
     """Prints the result of a command, or the failure that ended it."""
@@ -325,19 +315,34 @@ class Printer:
             lines.append(f"next: {result.next_step}" if result.next_step else "")
             click.echo(printable("\n".join(filter(None, lines))))
 
-    def exit_with(self, failure: Failure) -> NoReturn:
+    def exit_with(
+        self, kind: str, message: str, where: str | None, exit_code: int, **more: Any
+    ) -> NoReturn:
         """Print a failure: one line on stderr, and with `--json` a document on stdout."""
         if self.verbose >= 2:
             import traceback
 
             traceback.print_exc()
-        kind, message, where, exit_code, more = failure
         if self.as_json:
             error = {"kind": kind, "message": message, "where": where, **more}
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
         line = f"{where}: {message}" if where else message
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
         sys.exit(exit_code)
+
+    def exit_with_error(self, error: Exception) -> NoReturn:
+        """Print an exception as a failure."""
+        kind, where = type(error).__name__, None
+        if isinstance(error, VfplanError):
+            more = {"code": error.code, "numbers": to_json_types(error.numbers)}
+            self.exit_with(kind, error.message, error.where, error.exit_code, **more)
+        message = f"unforeseen {kind}: {error} (-vv shows where; please report)"
+        if isinstance(error, OSError):
+            # A device, a name or a folder that nobody foresaw.
+            kind, message, where = "OSError", error.strerror or kind, error.filename
+        elif isinstance(error, MemoryError):
+            message = "not enough memory for this input"
+        self.exit_with(kind, message, where, 3)
 
 
 # Options of every command, but for the first one, which only some have.
@@ -405,37 +410,23 @@ def command(
                     except (click.ClickException, click.Abort):
                         raise
                     except Exception as error:
-                        printer.exit_with(describe_error(error))
+                        printer.exit_with_error(error)
                     try:
                         printer.print_result(result, time.perf_counter() - started)
                     except OSError as error:
                         if not as_json:
                             silence(sys.stdout)
                         what = f"cannot be written: {error.strerror}. Check where it goes"
-                        printer.exit_with(Failure("OutputError", what, "the report", 2))
+                        printer.exit_with("OutputError", what, "the report", 2)
                     sys.exit(result.exit_code)
                 except Stopped as stop:
-                    printer.exit_with(Failure("Stopped", str(stop), None, stop.exit_code))
+                    printer.exit_with("Stopped", str(stop), None, stop.exit_code)
 
         body = options_in_order(*COMMON_OPTIONS[not settings_file :])(body)
         listed = first_screen.split()
         return click.command(name, cls=PagedCommand, first_screen=listed, **attributes)(body)
 
     return wrap
-
-
-def describe_error(error: Exception) -> Failure:
-    """An exception as the line, the exit code and the JSON that a command ends with."""
-    kind = type(error).__name__
-    if isinstance(error, VfplanError):
-        more = {"code": error.code, "numbers": to_json_types(error.numbers)}
-        return Failure(kind, error.message, error.where, error.exit_code, more)
-    if isinstance(error, OSError):
-        # A device, a name or a folder that nobody foresaw.
-        return Failure("OSError", error.strerror or kind, error.filename, 3)
-    if isinstance(error, MemoryError):
-        return Failure("MemoryError", "not enough memory for this input", None, 3)
-    return Failure(kind, f"unforeseen {kind}: {error} (-vv shows where; please report)", None, 3)
 
 
 class _PrintableLines(logging.Formatter):

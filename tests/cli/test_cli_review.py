@@ -64,17 +64,6 @@ def test_sheet_and_overlay_need_two_names(vfplan_cli, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_same_plan_has_the_same_sheet_at_any_time(done, tmp_path):
-    digests, pictures = set(), set()
-    for epoch in ("1700000000", "1800000000"):
-        folder = tmp_path / epoch
-        folder.mkdir()
-        run = done(*PLAN, "-o", folder / "f.h5", "--json", env={"SOURCE_DATE_EPOCH": epoch})
-        digests.add(run.json["digest"])
-        pictures.add((folder / "f-sheet.png").read_bytes())
-    assert len(digests) == len(pictures) == 1
-
-
 def test_review_of_slice_and_markers_is_that_of_the_plan(done, planned, tmp_path):
     _, report = planned
     sheet = tmp_path / "s.png"

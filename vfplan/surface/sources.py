@@ -375,9 +375,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                 continue
             extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
         except InputError as error:
-            raise type(error)(
-                error.message, where=where, code=error.code, numbers=error.numbers
-            ) from None
+            error.where = where
+            raise
         place = extracted.image.T_patient_image
         if place is None:
             raise ImageError(

@@ -67,12 +67,6 @@ class LabelVolume:
     # (4, 4) maps [i j k 1] to patient LPS [m].
     T_lps_voxel: Array
 
-    @property
-    def slice_axis(self) -> int:
-        """The axis along which the voxels are longest; the last of equal ones."""
-        sides = np.linalg.norm(self.T_lps_voxel[:3, :3], axis=0)
-        return 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
-
 
 def checked_place(T_lps_voxel: Array) -> Array:
     """The affine itself; raises `InputError` where it gives voxels no sound place."""
@@ -156,8 +150,9 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     """
     structures = tuple(volume.places)
     chosen = choose_structure(structures, structure)
-    across = volume.slice_axis
     steps = volume.T_lps_voxel[:3, :3]
+    sides = np.linalg.norm(steps, axis=0)
+    across = 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
     first, second = (axis for axis in range(3) if axis != across)
     normal = plane_normal(steps[:, (first, second)])
     layer, label = volume.places[chosen]
