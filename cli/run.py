@@ -264,7 +264,8 @@ def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
                 f"  {place}{name}[{i}] = {json.dumps(part)}" for i, part in enumerate(value)
             )
         else:
-            yield f"  {place}{name} = {json.dumps(value)}"
+            shown = f"{value:.9g}" if isinstance(value, float) else json.dumps(value)
+            yield f"  {place}{name} = {shown}"
 
 
 @dataclass(frozen=True)
