@@ -285,12 +285,12 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
     several = matches or structures
     names = (f"{one.number} {one.name!r}" if one.name else str(one.number) for one in several)
     listed = ", ".join(names)
-    text = f"holds {len(several)} structures that fit: {listed}. Choose one with --structure."
-    code = "structure-several"
+    numbers = {"structures": len(several)}
     if not matches:
         text = f"holds no structure of that name or number. Choose one of {listed}."
-        code = "structure-unknown"
-    raise InputError(text, code=code, numbers={"structures": len(several)})
+        raise InputError(text, code="structure-unknown", numbers=numbers)
+    text = f"holds {len(several)} structures that fit: {listed}. Choose one with --structure."
+    raise InputError(text, code="structure-several", numbers=numbers)
 
 
 @dataclass(frozen=True, eq=False)
