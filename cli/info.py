@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 from vfplan.cli.next_commands import approval_command
-from vfplan.cli.options import FILE, FIXTURE, option
+from vfplan.cli.options import FILE, FIXTURE
 from vfplan.cli.run import CommandResult, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
@@ -19,13 +19,11 @@ from vfplan.display import count, millimetres
 
 @command("info")
 @FIXTURE
-@option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
-def vfplan_info(fixture, everything) -> CommandResult:
-    """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it."""
+def vfplan_info(fixture) -> CommandResult:
+    """Show what FIXTURE.h5 holds, in about ten lines. With -v, show all of it."""
     from vfplan.bundle.validation import describe
 
     data = describe(fixture, work=True)
-    text = full_text(data) if everything else summary_text(data)
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
@@ -35,6 +33,7 @@ def vfplan_info(fixture, everything) -> CommandResult:
             has_image=any(path.startswith("/image@") for path in data),
             has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
         )  # fmt: skip
+    text = summary_text(data)
     return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
@@ -77,21 +76,6 @@ def summary_text(data: dict[str, Any]) -> str:
     lines += seal_lines(seal)
     if "/rendering/stiffness" in data or data["findings"]:
         lines += finding_lines(data["findings"], data["reviewed"])
-    return "\n".join(lines)
-
-
-def full_text(data: dict[str, Any]) -> str:
-    """Every attribute and table, a line each; a long table as its shape and range."""
-    lines = [f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points"]
-    for path, value in data.items():
-        if path[0] != "/":
-            continue
-        if isinstance(value, dict):
-            shape = " x ".join(map(str, value["shape"]))
-            value = f"{shape}, from {value['min']:.6g} to {value['max']:.6g}"
-        elif hasattr(value, "tolist"):
-            value = value.tolist()
-        lines.append(f"  {path} = {value}")
     return "\n".join(lines)
 
 
@@ -146,7 +130,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
         next_step = "give a session that touches the fixtures"
     elif failed:
         verdict = "fail"
-        calls = [["info", "--all", str(path)] for path in (a, b)]
+        calls = [["info", "-v", str(path)] for path in (a, b)]
         if session is not None:
             calls = [["replay", str(path), str(session)] for path in (a, b)]
         next_step = "; ".join(shlex.join(["vfplan", *words]) for words in calls)
