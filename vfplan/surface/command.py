@@ -77,20 +77,11 @@ def surface_text(report: dict[str, Any]) -> str:
     is_open = volume is None
     closed = f"{report['open_edges']} open edges" if is_open else f"closed, {volume / 1e3:.2f} cm3"
     error = report["contour_error_mm"]
-    lines = [
-        f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
-        f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
-        f"across; {closed}",
-        f"from the outlines {error['rms']:.4f} mm rms, {error['max']:.4f} mm at most",
-    ]
-    left_out = report["left_out_slice_mm"]
-    if left_out is not None:
-        lines.append(
-            f"a slice left out is missed by {left_out['rms']:.3f} mm rms, {left_out['max']:.3f} mm "
-            "at most: more than the surface is off between slices"
+    return "\n".join(
+        (
+            f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
+            f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
+            f"across; {closed}",
+            f"from the outlines {error['rms']:.4f} mm rms, {error['max']:.4f} mm at most",
         )
-    lines.append(
-        f"largest opening {report['largest_opening_mm']:.3f} mm, band "
-        f"{1e3 * report['band_mm']:.1f} um"
     )
-    return "\n".join(lines)
