@@ -14,7 +14,7 @@ from typing import Any
 import click
 from vfplan.cli.options import FILE, MM, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import CommandResult, announce_if_slow, command, is_verbose, progress
+from vfplan.cli.run import CommandResult, announce_if_slow, command, progress
 
 from vfplan.errors import SettingError
 
@@ -64,14 +64,10 @@ def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
         return CommandResult(document, sentences["proxy"], verdict="", next_step="")
     *others, last = sentences
     lines = [
-        *table_lines(document, stages, every_setting=is_verbose()), "",
+        *table_lines(document, stages), "",
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
         *(f"{name}: {sentences[name]}" for name in others),
     ]  # fmt: skip
-    peers_run = {peer["name"] for peer in document["peers"]}
-    absent = [name for name in MESH_LIBRARIES.values() if f"penalty by {name}" not in peers_run]
-    if absent and "proxy" in stages:
-        lines.append(f"not compared with {', '.join(absent)}, which are optional")
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
         lines.append(f"wrote {output}/")

@@ -11,17 +11,17 @@ from vfplan.cli.options import (
     FILE,
     FIXTURE,
     MM,
-    Number,
-    Numbers,
     OutputFile,
     option,
     options_in_order,
     output_option,
+    setting_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
 from vfplan.display import count, millimetres
+from vfplan.planning.settings import FixtureSettings
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -40,12 +40,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     option("--spacing", type=MM,
            help="Distance between the samples that rules robust and paper take of a mesh [mm].  "
            "[default: R/10]"),
-    option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
-           default="1000", help="Stiffness K [N/m]: one number, or one for each axis."),
-    option("--contact-radius", type=MM, default="5",
-           help="Distance that the tool keeps from the points [mm]."),
-    option("--point-radius", type=Number("MM", 1e-3, positive=False), default="0",
-           help="Radius of each point, added to the contact radius [mm]."),
+    setting_options(FixtureSettings, "stiffness contact_radius point_radius"),
     option("--ignore-axis", type=click.Choice(list(AXES)), default="none",
            help="Extend the fixture without end along this axis."),
     output_option("Write the fixture to this bundle."),

@@ -13,10 +13,9 @@ from vfplan.cli.next_commands import page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     FILE,
-    Number,
-    option,
     options_in_order,
     output_option,
+    setting_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
@@ -25,9 +24,6 @@ from vfplan.display import count
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
-
-# Number of hidden stretches whose places are printed; `--json` has all.
-LISTED_GAPS = 4
 
 # Codes of refusals that a person can mend on the review page.
 MENDED_ON_PAGE = {
@@ -50,9 +46,7 @@ MENDED_ON_PAGE = {
 @options_in_order(
     output_option("Write the curve to this bundle, in the frame of the image."),
     EXTRACT_OPTIONS,
-    option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
-           help="Put this many points on a millimetre. This needs a pixel spacing.  [default: "
-           "one a pixel]"),
+    setting_options(ExtractSettings, "density_per_mm"),
 )  # fmt: skip
 def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
     """Measure the curve that is drawn on IMAGE.
@@ -164,23 +158,4 @@ def extracted_text(report: dict[str, Any]) -> str:
         bridged = stroke.get("bridged_points")
         bridges = f", {bridged} of them bridged" if bridged else ""
         lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points{bridges}")
-    if report.get("account"):
-        lines.append(f"  {account_text(report['account'])}")
     return "\n".join(lines)
-
-
-def account_text(account: list[dict[str, Any]]) -> str:
-    """All other ink and the stretches that do not show, in one line."""
-    ink = [entry for entry in account if entry["what"] == "ink"]
-    hidden = [entry for entry in account if entry["what"] != "ink"]
-    parts = []
-    if ink:
-        share = sum(entry["share"] for entry in ink)
-        parts.append(
-            f"other ink: {count(len(ink), 'piece')}, {share:.1%} of the pen's pixels, the largest "
-            f"at ({ink[0]['u']:.0f}, {ink[0]['v']:.0f})"
-        )
-    if hidden:
-        places = [f"({entry['u']:.0f}, {entry['v']:.0f})" for entry in hidden[:LISTED_GAPS]]
-        parts.append(f"gaps or covers over the curve: {len(hidden)}, at {', '.join(places)}")
-    return "; ".join(parts)

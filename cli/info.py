@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 from vfplan.cli.next_commands import approval_command
-from vfplan.cli.options import FILE, FIXTURE, option
+from vfplan.cli.options import FILE, FIXTURE
 from vfplan.cli.run import CommandResult, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
@@ -19,17 +19,11 @@ from vfplan.display import count, millimetres
 
 @command("info")
 @FIXTURE
-@option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
-@option("--values", is_flag=True, help="Put the whole tables into --json.")
-def vfplan_info(fixture, everything, values) -> CommandResult:
-    """Show what FIXTURE.h5 holds, in about ten lines. With --all, show all of it.
-
-    `--json` always has all of it.
-    """
+def vfplan_info(fixture) -> CommandResult:
+    """Show what FIXTURE.h5 holds, in about ten lines. With -v, show all of it."""
     from vfplan.bundle.validation import describe
 
-    data = describe(fixture, values=values, work=True)
-    text = full_text(data) if everything else summary_text(data)
+    data = describe(fixture, work=True)
     verdict = "broken seal"
     next_step = "make the bundle anew; a robot refuses this one"
     if data["seal"]["ok"]:
@@ -39,11 +33,12 @@ def vfplan_info(fixture, everything, values) -> CommandResult:
             has_image=any(path.startswith("/image@") for path in data),
             has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
         )  # fmt: skip
+    text = summary_text(data)
     return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
 def summary_text(data: dict[str, Any]) -> str:
-    """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
+    """Frame, size, rendering, registration, leak and seal, where they are there."""
     seal = data["seal"]
     signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
     lines = [
@@ -51,14 +46,6 @@ def summary_text(data: dict[str, Any]) -> str:
         f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
         f"  seal        {'sound' if seal['ok'] else 'broken'}, {signed}",
     ]
-
-    # The geometry.
-    closed = data.get("/curve/closed", ())
-    closed_count = sum(map(bool, closed))
-    if len(closed):
-        lines.append(f"  curve       strokes {len(closed)}, of them closed {closed_count}")
-    if "/mesh/triangles" in data:
-        lines.append(f"  mesh        {data['/mesh/triangles']['shape'][0]} triangles")
 
     # How it is rendered.
     if "/rendering/stiffness" in data:
@@ -71,26 +58,6 @@ def summary_text(data: dict[str, Any]) -> str:
                 f"({work['at_most_us']:.0f} us are allowed)"
             )
         lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, {cost}")
-    if "/pieces/vertices" in data:
-        pieces = len(data["/pieces/bulges"]) - (len(closed) - closed_count)
-        error_um = 1e6 * data["/pieces@error_m"]
-        lines.append(f"  rendered as {pieces} lines and arcs within {error_um:.3g} µm of the curve")
-    if "/guidance@radius_m" in data:
-        which = "the curve"
-        if "/guidance@stroke" in data:
-            which = f"stroke {data['/guidance@stroke']}"
-        line = (
-            f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:.6g} mm, K "
-            f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
-        )
-        force_n = data.get("/guidance@lead_force_n")
-        if force_n is not None:
-            from vfplan.planning.settings import LEAD_SPEED_M_S
-
-            speed_m_s = data.get("/guidance@lead_speed_m_s", LEAD_SPEED_M_S)
-            line += f", led by {force_n:g} N up to {1e3 * speed_m_s:g} mm/s"
-        lines.append(line)
-
     # Where it lies, and what may slip through.
     if "/registration/source" in data:
         line = (
@@ -100,38 +67,15 @@ def summary_text(data: dict[str, Any]) -> str:
         if "/registration@tre_rms_m" in data:
             line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"
         lines.append(line)
-    if "/leak@limit_m" in data:
-        lines.append(
-            f"  leak        none: largest opening {millimetres(data['/leak@largest_m'])}, allowed "
-            f"{millimetres(data['/leak@limit_m'])}"
-        )
-        if "/leak@open_edges" in data:
-            lines.append(f"              but an open sheet: {data['/leak@open_edges']} rim edges")
-    elif "/leak@largest_m" in data:
-        lines.append(
-            "  leak        not certified: a bare cloud, points up to "
-            f"{millimetres(data['/leak@largest_m'])} apart"
-        )
+    if "/leak@largest_m" in data:
+        certified = "certified" if data["/leak@certified"] else "not certified"
+        opening = millimetres(data["/leak@largest_m"])
+        lines.append(f"  leak        {data['/leak@kind']}, {certified}: largest opening {opening}")
 
     # Who answers for it.
     lines += seal_lines(seal)
     if "/rendering/stiffness" in data or data["findings"]:
         lines += finding_lines(data["findings"], data["reviewed"])
-    return "\n".join(lines)
-
-
-def full_text(data: dict[str, Any]) -> str:
-    """Every attribute and table, a line each; a long table as its shape and range."""
-    lines = [f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points"]
-    for path, value in data.items():
-        if path[0] != "/":
-            continue
-        if isinstance(value, dict):
-            shape = " x ".join(map(str, value["shape"]))
-            value = f"{shape}, from {value['min']:.6g} to {value['max']:.6g}"
-        elif hasattr(value, "tolist"):
-            value = value.tolist()
-        lines.append(f"  {path} = {value}")
     return "\n".join(lines)
 
 
@@ -186,7 +130,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
         next_step = "give a session that touches the fixtures"
     elif failed:
         verdict = "fail"
-        calls = [["info", "--all", str(path)] for path in (a, b)]
+        calls = [["info", "-v", str(path)] for path in (a, b)]
         if session is not None:
             calls = [["replay", str(path), str(session)] for path in (a, b)]
         next_step = "; ".join(shlex.join(["vfplan", *words]) for words in calls)
@@ -212,25 +156,20 @@ def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bo
     from vfplan.session.read import read_session
 
     recorded = read_session(session)
-    first = replay(a, recorded)
-    second = replay(b, recorded)
+    first, second = (replay(path, recorded) for path in (a, b))
     comparison = Comparison()
     comparison.update(first.trace, second.trace)
     report = comparison.report()
     tick = report.get("first_difference_tick")
-    data = {
-        "first_tick": tick,
-        "proxy_max_m": report["proxy_max_m"],
-        "force_max_n": report["force_max_n"],
-        "ticks": len(recorded.time),
-    }
+    data = {"first_tick": tick, "ticks": len(recorded.time)}
+    data |= {name: report[name] for name in ("proxy_max_m", "force_max_n")}
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
     results = (first.metrics, second.metrics)
     clearances = [result["clearance_min_m"] for result in results if "clearance_min_m" in result]
     if clearances:
         data["clearance_min_m"] = min(clearances)
-    return data, has_touched(first.metrics) or has_touched(second.metrics)
+    return data, any(map(has_touched, results))
 
 
 @command("validate")

@@ -109,50 +109,33 @@ class Numbers(Parsed):
         """The numbers of a text, as a tuple."""
         if text == self.word:
             return ()
-        try:
-            numbers = tuple(map(parse_decimal, text.split(",")))
-        except ValueError as error:
-            raise ValueError(
-                f"{text!r} cannot be read: {error}. Type numbers with commas between them"
-            ) from None
+        numbers = tuple(map(parse_decimal, text.split(",")))
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
             raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
         if self.positive and not min(numbers) > 0:
-            problem = "is not above 0. Type a larger number"
-            if len(numbers) > 1:
-                problem = (
-                    "holds a number that is not above 0. The comma separates two numbers: type "
-                    "0.5 for a half"
-                )
-            raise ValueError(f"{text!r} {problem}")
+            raise ValueError(
+                f"{text!r} holds a number that is not above 0. The comma separates two numbers: "
+                "type 0.5 for a half"
+            )
         return numbers
 
 
-class Number(Numbers):
-    """One number, in another unit: times `scale`.
+class Number(Parsed):
+    """One number, in another unit: times `scale`; above 0, or `least` or above."""
 
-    Parameters
-    ----------
-    positive
-        Whether it must be above 0.
-    zero_allowed
-        Whether it must be 0 or above.
-    """
-
-    def __init__(
-        self, metavar: str, scale: float = 1.0, positive: bool = True, zero_allowed: bool = False
-    ) -> None:
-        super().__init__(1, metavar=metavar, positive=positive and not zero_allowed)
-        self.zero_allowed = zero_allowed
+    def __init__(self, metavar: str, scale: float = 1.0, least: float | None = None) -> None:
+        super().__init__(metavar, self.number)
         self.scale = scale
-        self.parse = self.number
+        self.least = least
 
     def number(self, text: str) -> float:
         """The number of a text, scaled."""
-        value = self.numbers(text)[0]
-        if self.zero_allowed and value < 0:
-            raise ValueError(f"{text!r} is below 0. Type 0 or a number above")
+        value = parse_decimal(text)
+        if self.least is None and value <= 0:
+            raise ValueError(f"{text!r} is not above 0. Type a larger number")
+        if self.least is not None and value < self.least:
+            raise ValueError(f"{text!r} is below {self.least:g}. Type that or a number above")
         return float(value * self.scale)
 
 
@@ -160,7 +143,7 @@ class Number(Numbers):
 MM = Number("MM", 1e-3)
 
 # A length of 0 or above: typed in millimetres, handed on in metres.
-MM_OR_ZERO = Number("MM", 1e-3, zero_allowed=True)
+MM_OR_ZERO = Number("MM", 1e-3, least=0)
 
 
 class _StrictNumber(click.ParamType):
@@ -299,15 +282,14 @@ PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",
                help="The printer's paper.")  # fmt: skip
 
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
-STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
-COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
 # Form of a setting -> what reads it.
 FORMS = {
     kind.metavar: kind
     for kind in (
         Numbers(2, metavar="U,V", positive=False), Parsed("U,V,W,H", parse_rectangle),
         Numbers(1, 2, metavar="MM[,MM]"), Numbers(1, metavar="MM|none", word="none"),
-        STIFFNESS, Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
+        Numbers(1, 3, metavar="N_PER_M[,Y,Z]"),
+        Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
         Parsed("all|longest|N", parse_stroke), Parsed("above|below|X,Y,Z", parse_side),
         Parsed("tre95[+MM]|p=P", parse_margin),
     )
@@ -331,7 +313,7 @@ def setting_option(kind: type, name: str) -> Callable[[F], F]:
     elif "choices" in rule:
         attributes["type"] = click.Choice(rule["choices"])
     elif form in ("MM", "PTS_PER_MM"):
-        attributes["type"] = Number(form, scale_of(setting), zero_allowed=rule.get("least") == 0)
+        attributes["type"] = Number(form, scale_of(setting), 0 if rule.get("least") == 0 else None)
         if default is not None:
             default = f"{default / scale_of(setting):g}"
     elif form in FORMS:
@@ -401,15 +383,16 @@ def given_settings(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
 def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
     """The same of a fixture, with the margin of a campaign in place of its probability."""
     margin = arguments["margin"]
-    if arguments["tolerance_m"] and arguments["density_per_m"]:
-        raise click.UsageError("--tolerance and --density exclude each other. Give one")
     if isinstance(margin, float) != (arguments["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR belong together. Give both")
     if isinstance(margin, float):
         from vfplan.campaign.statistics import margin_for
 
         arguments = arguments | {"margin": margin_for(arguments["campaign"], margin)}
-    return given_settings(FixtureSettings, arguments)
+    given = given_settings(FixtureSettings, arguments)
+    if given.get("tolerance_m") and given.get("density_per_m"):
+        raise click.UsageError("--tolerance and --density exclude each other. Give one")
+    return given
 
 
 def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:

@@ -24,8 +24,10 @@ from vfplan.io.writing import (
 RAISE_IF_STOPPED = "vfplan.cli.raise_if_stopped"
 
 
-def refuse_outputs() -> None:
+def refuse_outputs(*more: Path | None) -> None:
     """Check every file that the running command is to write, before any work is done.
+
+    more: files that the command names by itself besides its options
 
     Raises
     ------
@@ -34,13 +36,10 @@ def refuse_outputs() -> None:
         two outputs share it. A path that is also an input of this call is refused even with
         `--overwrite`.
     """
-    _refuse(_output_options())
-
-
-def refuse_named_files(*paths: Path | None) -> None:
-    """As `refuse_outputs`, with files that the command names by itself besides its options."""
-    outputs = _output_options()
-    _refuse([*outputs, *(path for path in paths if path is not None and path not in outputs)])
+    context = click.get_current_context()
+    params = [param for param in context.command.params if isinstance(param.type, OutputFile)]
+    outputs = [path for param in params if (path := context.params.get(param.name))]
+    _refuse([*outputs, *(path for path in more if path is not None and path not in outputs)])
 
 
 def refuse_folder(folder: Path | None, *names: str) -> None:
@@ -56,13 +55,6 @@ def refuse_folder(folder: Path | None, *names: str) -> None:
     elif any(folder.iterdir()) and not is_overwriting():
         message = "is not empty. Give --overwrite to replace what is in it, or name a new folder"
         raise refusal(folder, message, "folder-not-empty")
-
-
-def _output_options() -> list[Path]:
-    """The files that the options of the running command name as its outputs."""
-    context = click.get_current_context()
-    outputs = [param for param in context.command.params if isinstance(param.type, OutputFile)]
-    return [path for param in outputs if (path := context.params.get(param.name))]
 
 
 def refusal(path: Path, message: str, code: str) -> OutputError:

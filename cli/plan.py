@@ -17,7 +17,7 @@ from vfplan.cli.extract import (
 )
 from vfplan.cli.next_commands import page_command, review_command
 from vfplan.cli.options import FILE, option, options_in_order, output_option
-from vfplan.cli.outputs import outputs, refuse_named_files
+from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -71,7 +71,7 @@ def vfplan_plan(
     if output is None:
         output = Path(f"{image.stem}.h5")
     sheet_path = None if no_sheet else output.with_name(f"{output.stem}-sheet.png")
-    refuse_named_files(output, sheet_path)
+    refuse_outputs(output, sheet_path)
 
     # From the slice to a fixture.
     extraction = settings_from_options(ExtractSettings, arguments)

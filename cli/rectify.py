@@ -11,7 +11,7 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.options import FILE, PNG, options_in_order, output_option, setting_options
-from vfplan.cli.outputs import outputs, refuse_named_files
+from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.display import millimetres
@@ -46,7 +46,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
     from vfplan.registration.rectify import flattening
 
     markers_path = output.with_name(f"{output.stem}_markers.csv")
-    refuse_named_files(output, markers_path)
+    refuse_outputs(output, markers_path)
     reading = settings_from_options(ExtractSettings, arguments)
     settings = FixtureSettings(**options.given_settings(FixtureSettings, arguments))
     with announce_if_slow(f"making {image.name} flat"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from vfplan.cli.extract import findings_verdict
 from vfplan.cli.next_commands import register_command, review_command
 from vfplan.cli.options import FILE, MM_OR_ZERO, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, is_verbose
+from vfplan.cli.run import CommandResult, command
 
 from vfplan.display import count, micrometres, millimetres
 
@@ -97,34 +96,28 @@ def write_registration_picture(
 
 
 def registered_text(report: dict[str, Any]) -> str:
-    """The registration on a screen: how well the markers fit, and how far off the curve may be.
-
-    With `-v` also the statistics of each marker, of the error and of the map.
-    """
+    """The registration on a screen: how well the markers fit, and how far off the curve may be."""
     residuals = report["residuals"]
-    if is_verbose():
-        lines = statistics_lines(report)
-    else:
-        used = [marker for marker in residuals if marker["used"]]
-        worst = max(used, key=lambda marker: marker["residual_m"])
-        markers = count(len(used), "marker")
-        if len(used) < report["markers"]:
-            markers = f"{len(used)} of {report['markers']} markers"
-        lines = [
-            f"{markers} ({report['model']}) fit to {millimetres(report['fre_rms_m'])} rms; the "
-            f"largest residual is that of {worst['label']}, {millimetres(worst['residual_m'])}",
-            "  95 % bound of the error on the whole curve: "
-            f"{millimetres(report['tre']['curve95_max_m'])}",
-        ]
-        unused = [str(marker["label"]) for marker in residuals if not marker["used"]]
-        if unused:
-            lines.append(f"  left out: {', '.join(unused)}")
-        suspect = [str(m["label"]) for m in used if m["label"] in report["outliers"]]
-        if suspect:
-            lines.append(f"  suspect: {', '.join(suspect)}")
-        if "markers_found" in report:
-            moved_px = max(marker["moved_px"] for marker in report["markers_found"])
-            lines.append(f"  the marks on the slice are up to {moved_px:.2f} px away")
+    used = [marker for marker in residuals if marker["used"]]
+    worst = max(used, key=lambda marker: marker["residual_m"])
+    markers = count(len(used), "marker")
+    if len(used) < report["markers"]:
+        markers = f"{len(used)} of {report['markers']} markers"
+    lines = [
+        f"{markers} ({report['model']}) fit to {millimetres(report['fre_rms_m'])} rms; the "
+        f"largest residual is that of {worst['label']}, {millimetres(worst['residual_m'])}",
+        "  95 % bound of the error on the whole curve: "
+        f"{millimetres(report['tre']['curve95_max_m'])}",
+    ]
+    unused = [str(marker["label"]) for marker in residuals if not marker["used"]]
+    if unused:
+        lines.append(f"  left out: {', '.join(unused)}")
+    suspect = [str(m["label"]) for m in used if m["label"] in report["outliers"]]
+    if suspect:
+        lines.append(f"  suspect: {', '.join(suspect)}")
+    if "markers_found" in report:
+        moved_px = max(marker["moved_px"] for marker in report["markers_found"])
+        lines.append(f"  the marks on the slice are up to {moved_px:.2f} px away")
     if "touched" in report:
         refined = report["touched"]
         used = refined["points"] - len(refined["left_out"])
@@ -145,92 +138,13 @@ def registered_text(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def statistics_lines(report: dict[str, Any]) -> list[str]:
-    """What `-v` prints of a registration."""
-    error = report["tre"]
-    lines = [
-        f"{report['model']} registration from {report['markers']} markers: FRE "
-        f"{millimetres(report['fre_rms_m'])} rms, leave-one-out "
-        f"{millimetres(report['loo_rms_m'])} rms",
-        f"  localisation error (FLE) about {millimetres(report['fle_rms_m'])} a marker",
-        *marker_table(report),
-    ]
-
-    # Marks on the slice beside the given positions; where marks were measured, the table has them.
-    marks = report.get("marks_drawn")
-    if marks is not None and "markers_found" not in report:
-        line = "  no marks are drawn at the given positions: they are taken as given"
-        if "rms_px" in marks:
-            line = (
-                f"  {marks['near']} of {report['markers']} given positions have a mark near them "
-                f"on the slice, {marks['rms_px']:.2f} px rms away"
-            )
-        lines.append(line)
-
-    # The predicted error, with its worst place in pixels, or in millimetres for 3-D markers.
-    worst = error["worst_source"]
-    scale, unit = (1e3, " mm") if len(worst) == 3 else (1.0, "")
-    place = ", ".join(f"{x * scale:.1f}" for x in worst) + unit
-    lines += [
-        f"  predicted TRE over the curve {millimetres(error['rms_m'])} rms, at most "
-        f"{millimetres(error['max_rms_m'])}",
-        f"  95 % bound: {millimetres(error['bound95_max_m'])} at its worst point ({place}), "
-        f"{millimetres(error['curve95_max_m'])} for the whole curve at once",
-    ]
-
-    # The map itself.
-    if "scale_m_per_px" in report:
-        line = (
-            f"  {millimetres(report['scale_m_per_px'], 5)}/px, anisotropy "
-            f"{report['anisotropy']:.2%}, shear {report['shear']:+.2%}"
-        )
-        if "spacing_departure" in report:
-            departure = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
-            line += f"; against the known pixel spacing {departure} along u, v"
-        lines.append(line)
-    else:
-        lines.append(f"  scale {report['scale']:.6f}")
-    return lines
-
-
-def marker_table(report: dict[str, Any]) -> list[str]:
-    """A line a marker: its residual, its error when left out, its leverage and its F [mm]."""
-    moved_px = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
-    width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
-    lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
-    for marker in report["residuals"]:
-        label = marker["label"]
-        line = (
-            f"  {label!s:<{width}}  {number_or_dash(1e3 * marker['residual_m'], 8, 3)}"
-            f"  {number_or_dash(1e3 * marker['loo_m'], 13, 3)}"
-            f"  {number_or_dash(marker['leverage'], 8, 3)}  {number_or_dash(marker['f'], 6, 1)}"
-        )
-        if label in moved_px:
-            line += f"  found {moved_px[label]:.2f} px away"
-        if not marker["used"]:
-            line += "  left out"
-        elif label in report["outliers"]:
-            line += "  suspect"
-        lines.append(line)
-    return lines
-
-
-def number_or_dash(value: float, width: int, decimals: int) -> str:
-    """A number of a table; a dash where it is not known."""
-    if not math.isfinite(value):
-        return f"{'-':>{width}}"
-    return f"{value:{width}.{decimals}f}"
-
-
 def rendering_line(report: dict[str, Any]) -> str:
     """What the robot renders, and how far that is from the curve."""
-    line = points = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
+    line = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
     if "pieces" in report:
         pieces = report["pieces"]
         error = micrometres(pieces["error_m"], 1)
         line = f"{pieces['lines_and_arcs']} lines and arcs within {error} of the curve"
-        if is_verbose():
-            line += f"; {points}, for engines that know points alone"
     if "sampling_error_m" in report:
         line += (
             "; between points the surface departs from the curve's by at most "

@@ -43,7 +43,7 @@ LIMIT = options.Parsed("NAME=NUMBER", parse_limit)
 LINK_OPTIONS = options_in_order(
     option("--drop", type=DecimalNumber(0, 1, max_open=True), metavar="P",
            help="Lossy link: lose each packet with this probability."),
-    option("--jitter", "jitter_s", type=Number("MS", 1e-3, zero_allowed=True),
+    option("--jitter", "jitter_s", type=Number("MS", 1e-3, least=0),
            help="Lossy link: delay each sample by up to this time, at random [ms]."),
     option("--delay", "delay_ticks", type=WholeNumber(0), metavar="TICKS",
            help="Lossy link: delay all samples by this many ticks."),

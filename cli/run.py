@@ -21,18 +21,18 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType, MappingProxyType
-from typing import Any, NamedTuple, NoReturn, TextIO
+from types import FrameType
+from typing import Any, NoReturn, TextIO
 from unicodedata import category
 
 import click
 from vfplan.cli.options import FILE, option, options_in_order
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
-from vfplan.cli.settings_file import merge_settings_file
+from vfplan.cli.settings_file import settings_of_file
 
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
@@ -254,14 +254,18 @@ class CommandResult:
             object.__setattr__(self, "exit_code", 1)
 
 
-class Failure(NamedTuple):
-    """An error as it is printed; `more` holds the code and the numbers of an error of vfplan."""
-
-    kind: str
-    message: str
-    where: str | None
-    exit_code: int
-    more: Mapping[str, Any] = MappingProxyType({})
+def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
+    """What a report holds, a line for each name that `--json` has, and for each record."""
+    for name, value in report.items():
+        if isinstance(value, dict):
+            yield from statistics(value, f"{place}{name}.")
+        elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            yield from (
+                f"  {place}{name}[{i}] = {json.dumps(part)}" for i, part in enumerate(value)
+            )
+        else:
+            shown = f"{value:.9g}" if isinstance(value, float) else json.dumps(value)
+            yield f"  {place}{name} = {shown}"
 
 
 @dataclass(frozen=True)
@@ -291,39 +295,55 @@ class Printer:
             click.echo(printable(f"vfplan: failed: {reason}"), err=True)
 
         # The result itself is the only thing on stdout.
+        name = click.get_current_context().info_name
+        data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
+        if labelled:
+            data.setdefault("warnings", [text for _, text in labelled])
+        if result.findings is not None:
+            data.setdefault("findings", [finding.as_dict() for finding in result.findings])
+        if result.verdict and result.verdict_in_json:
+            data.setdefault("verdict", result.verdict)
+            data.setdefault("next", result.next_step)
+        data = to_json_types(data | {"elapsed_s": data.get("elapsed_s", round(elapsed_s, 6))})
         if self.as_json:
-            name = click.get_current_context().info_name
-            data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
-            if labelled:
-                data.setdefault("warnings", [text for _, text in labelled])
-            if result.findings is not None:
-                data.setdefault("findings", [finding.as_dict() for finding in result.findings])
-            if result.verdict and result.verdict_in_json:
-                data.setdefault("verdict", result.verdict)
-                data.setdefault("next", result.next_step)
-            data.setdefault("elapsed_s", round(elapsed_s, 6))
-            text = json.dumps(to_json_types(data), indent=2, allow_nan=False)
+            text = json.dumps(data, indent=2, allow_nan=False)
             if sys.stdout is None:
                 raise OSError(errno.EBADF, os.strerror(errno.EBADF))
             click.echo(text)
         elif not self.quiet:
-            verdict = f"verdict: {result.verdict}" if result.verdict else ""
-            following = f"next: {result.next_step}" if result.next_step else ""
-            click.echo(printable("\n".join(filter(None, (result.text, verdict, following)))))
+            lines = [result.text, *(statistics(data) if self.verbose else ())]
+            lines.append(f"verdict: {result.verdict}" if result.verdict else "")
+            lines.append(f"next: {result.next_step}" if result.next_step else "")
+            click.echo(printable("\n".join(filter(None, lines))))
 
-    def exit_with(self, failure: Failure) -> NoReturn:
+    def exit_with(
+        self, kind: str, message: str, where: str | None, exit_code: int, **more: Any
+    ) -> NoReturn:
         """Print a failure: one line on stderr, and with `--json` a document on stdout."""
         if self.verbose >= 2:
             import traceback
 
             traceback.print_exc()
-        kind, message, where, exit_code, more = failure
         if self.as_json:
             error = {"kind": kind, "message": message, "where": where, **more}
             echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
         line = f"{where}: {message}" if where else message
         echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
         sys.exit(exit_code)
+
+    def exit_with_error(self, error: Exception) -> NoReturn:
+        """Print an exception as a failure."""
+        kind, where = type(error).__name__, None
+        if isinstance(error, VfplanError):
+            more = {"code": error.code, "numbers": to_json_types(error.numbers)}
+            self.exit_with(kind, error.message, error.where, error.exit_code, **more)
+        message = f"unforeseen {kind}: {error} (-vv shows where; please report)"
+        if isinstance(error, OSError):
+            # A device, a name or a folder that nobody foresaw.
+            kind, message, where = "OSError", error.strerror or kind, error.filename
+        elif isinstance(error, MemoryError):
+            message = "not enough memory for this input"
+        self.exit_with(kind, message, where, 3)
 
 
 # Options of every command, but for the first one, which only some have.
@@ -334,7 +354,7 @@ COMMON_OPTIONS = (
     option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
     option("-q", "--quiet", is_flag=True, help="Print warnings and failures only."),
     option("-v", "--verbose", count=True,
-           help="Print the statistics too; -vv adds the traceback of an error."),
+           help="Print all of the report too; -vv adds the traceback of an error."),
 )  # fmt: skip
 
 
@@ -384,42 +404,30 @@ def command(
                         # NumPy would stumble on a SOURCE_DATE_EPOCH that is no time.
                         now_utc()
                         refuse_outputs()
-                        result = function(**merge_settings_file(path, arguments))
+                        if path is not None:
+                            arguments["from_file"] = settings_of_file(path)
+                        result = function(**arguments)
                         raise_if_stopped()
                     except (click.ClickException, click.Abort):
                         raise
                     except Exception as error:
-                        printer.exit_with(describe_error(error))
+                        printer.exit_with_error(error)
                     try:
                         printer.print_result(result, time.perf_counter() - started)
                     except OSError as error:
                         if not as_json:
                             silence(sys.stdout)
                         what = f"cannot be written: {error.strerror}. Check where it goes"
-                        printer.exit_with(Failure("OutputError", what, "the report", 2))
+                        printer.exit_with("OutputError", what, "the report", 2)
                     sys.exit(result.exit_code)
                 except Stopped as stop:
-                    printer.exit_with(Failure("Stopped", str(stop), None, stop.exit_code))
+                    printer.exit_with("Stopped", str(stop), None, stop.exit_code)
 
         body = options_in_order(*COMMON_OPTIONS[not settings_file :])(body)
         listed = first_screen.split()
         return click.command(name, cls=PagedCommand, first_screen=listed, **attributes)(body)
 
     return wrap
-
-
-def describe_error(error: Exception) -> Failure:
-    """An exception as the line, the exit code and the JSON that a command ends with."""
-    kind = type(error).__name__
-    if isinstance(error, VfplanError):
-        more = {"code": error.code, "numbers": to_json_types(error.numbers)}
-        return Failure(kind, error.message, error.where, error.exit_code, more)
-    if isinstance(error, OSError):
-        # A device, a name or a folder that nobody foresaw.
-        return Failure("OSError", error.strerror or kind, error.filename, 3)
-    if isinstance(error, MemoryError):
-        return Failure("MemoryError", "not enough memory for this input", None, 3)
-    return Failure(kind, f"unforeseen {kind}: {error} (-vv shows where; please report)", None, 3)
 
 
 class _PrintableLines(logging.Formatter):

@@ -10,32 +10,19 @@ import json
 from collections import Counter
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.options import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, parse_decimal, read_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import argument_of
-
-# Options that say how a command is called, and nothing of its result.
-OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
+from vfplan.settings import MISFIT, argument_of, flat, value_as
 
 
-# Fields whose option has another name or unit: the option's name, and the way to its value.
-CONVERTED_FIELDS = {
-    setting.name: (argument_of(setting), setting.metadata["to_option"])
-    for kind in (ExtractSettings, FixtureSettings)
-    for setting in fields(kind)
-    if "to_option" in setting.metadata
-}
-
-
-def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a command, with those of the file in place of the options not typed.
+def settings_of_file(path: Path) -> dict[str, Any]:
+    """The settings in a file, of those whose options the running command has and nobody typed.
 
     Raises
     ------
@@ -44,19 +31,7 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
     SettingError
         A name that the command has no option for, or a value that it does not take.
     """
-    if path is None:
-        return arguments
-    context = click.get_current_context()
-    params = {
-        param.name: param
-        for param in context.command.params
-        if isinstance(param, click.Option)
-        and not isinstance(param.type, OutputFile)
-        and param.name not in OPTIONS_OF_THE_CALL
-    }
     where = str(path)
-
-    # The file holds one JSON object.
     data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         with naming_place(where):
@@ -71,35 +46,32 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
         message = "is no JSON object. Write one object of settings"
         raise InputError(message, where=where, code="not-json")
 
-    # Each of its settings takes the place of an option that was not typed.
-    merged = dict(arguments)
-    for field, raw in settings.items():
-        name, convert = CONVERTED_FIELDS.get(field, (field, None))
-        if name not in params:
+    context = click.get_current_context()
+    known = {}
+    for kind in (ExtractSettings, FixtureSettings):
+        types = get_type_hints(kind)
+        for setting in fields(kind):
+            if argument_of(setting) in context.params:
+                known[setting.name] = setting, types[setting.name]
+    chosen = {}
+    for name, raw in settings.items():
+        if name not in known:
             raise SettingError(
-                f"has a setting {field!r}, which {context.info_name} does not have. Choose "
-                f"among {', '.join(sorted(params))}",
+                f"has a setting {name!r}, which {context.info_name} does not have. Choose among "
+                f"{', '.join(sorted(known))}",
                 where=where, code="unknown-setting",
             )  # fmt: skip
-        kind, value = params[name].type, _lists_to_tuples(raw)
-        if convert is not None:
-            try:
-                value = convert(value)
-            except TypeError:
-                message = f"{field} {raw!r} is no such setting. See its form in docs/cli.md"
-                raise SettingError(message, where=where, code="setting-of-another-form") from None
-        elif isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
-            message = f"{field} is {value!r}. Choose one of {', '.join(kind.choices)}"
+        setting, declared = known[name]
+        value = value_as(declared, flat(raw))
+        if value is MISFIT and "choices" in setting.metadata:
+            message = f"{name} is {raw!r}. Choose one of {', '.join(setting.metadata['choices'])}"
             raise SettingError(message, where=where, code="unknown-choice")
-        elif not fits_option(params[name], value):
-            message = f"{field} is {raw!r}. Give a value as docs/cli.md has it for this option"
+        if value is MISFIT:
+            message = f"{name} is {raw!r}. Give a value as docs/cli.md has it for this option"
             raise SettingError(message, where=where, code="setting-of-another-form")
-        elif isinstance(kind, Numbers) and not isinstance(kind, Number) and is_number(value):
-            value = (value,)
-        if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
-            merged[name] = value
-            context.set_parameter_source(name, ParameterSource.DEFAULT_MAP)
-    return merged
+        if context.get_parameter_source(argument_of(setting)) is not ParameterSource.COMMANDLINE:
+            chosen[name] = value
+    return chosen
 
 
 def refuse_constant(name: str) -> float:
@@ -121,32 +93,3 @@ def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         message = f"{name!r} stands there {count} times. Leave one"
         raise InputError(message, code="setting-twice", numbers={"count": count})
     return settings
-
-
-def fits_option(param: click.Option, value: Any) -> bool:
-    """Whether a value of a settings file has the form of an option's value: `None` always has."""
-    kind = param.type
-    if value is None:
-        return True
-    if param.is_flag:
-        return isinstance(value, bool)
-    if isinstance(kind, Numbers) or param.multiple:
-        return all_numbers(value)
-    if isinstance(kind, (click.FloatRange, click.IntRange)):
-        return is_number(value)
-    return isinstance(value, str) or (isinstance(kind, Parsed) and all_numbers(value))
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def all_numbers(value: Any) -> bool:
-    """Whether a value is a number, or a list of numbers or of such lists."""
-    return all(map(all_numbers, value)) if isinstance(value, tuple) else is_number(value)
-
-
-def _lists_to_tuples(raw: Any) -> Any:
-    """JSON's lists as tuples, which the settings hold."""
-    return tuple(map(_lists_to_tuples, raw)) if isinstance(raw, list) else raw

@@ -13,7 +13,7 @@ from vfplan.cli import options
 from vfplan.cli.next_commands import approval_command
 from vfplan.cli.options import FILE, OVERWRITE, DecimalNumber, WholeNumber, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import CommandResult, command, is_verbose, progress
+from vfplan.cli.run import CommandResult, command, progress
 
 from vfplan.bundle.content import max_number
 from vfplan.display import count
@@ -43,14 +43,6 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Ticks between a position and its force.  [default: 0]"),
     option("--filter", "filter_hz", type=DecimalNumber(min=0), metavar="HZ",
            help="Cutoff of the robot's filter on forces [Hz]; 0: none.  [default: the robot's]"),
-    option("--friction", "friction_n", type=ABOVE_0, metavar="N",
-           help="Coulomb friction at the tip [N].  [default: the robot's]"),
-    option("--quantum", "quantum_m", type=ABOVE_0, metavar="M",
-           help="Resolution of a measured position [m].  [default: the robot's]"),
-    option("--force-limit", "force_limit_n", type=ABOVE_0, metavar="N",
-           help="Largest force [N].  [default: the robot's]"),
-    option("--force-step-limit", "force_step_limit_n", type=ABOVE_0, metavar="N",
-           help="Largest change of force in a tick [N].  [default: the robot's]"),
     option("--stiffness", type=DecimalNumber(0, max_number("/rendering/stiffness"), min_open=True),
            metavar="N_PER_M",
            help="Stiffness K to judge [N/m].  [default: the bundle's, or 1000]"),
@@ -89,7 +81,7 @@ def vfplan_stability(
             judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
             jobs=jobs, progress=progress,
         )  # fmt: skip
-    lines = [studied.as_text(every_case=is_verbose())]
+    lines = [studied.as_text()]
     if output is not None:
         write_study(output, studied)
         lines.append(f"wrote {output}")

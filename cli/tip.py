@@ -69,16 +69,17 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
     from vfplan.engine.moving import matrices
 
     table = open_number_table(OpenedFile(path).view, str(path), InputError, header_optional=True)
-    named = POSE_COLUMNS[1:]
-    has_names = set(named) <= set(table.columns)
-    is_bare = table.columns[0] == "column 1"
-    if not has_names and len(table.columns) != 16 and not (is_bare and len(table.columns) == 7):
-        message = (
-            f"has {count(len(table.columns), 'column')}: {', '.join(table.columns)[:70]}. Give "
-            f"{','.join(named)}, or 16 numbers of a matrix"
-        )
-        raise InputError(message, where=str(path), code="pose-columns")
-    columns = named if has_names else table.columns
+    columns = named = POSE_COLUMNS[1:]
+    if not set(named) <= set(table.columns):
+        # Without these names a pose is 7 bare numbers, or 16 of a matrix.
+        columns = table.columns
+        is_bare = columns[0] == "column 1"
+        if len(columns) != 16 and not (is_bare and len(columns) == 7):
+            message = (
+                f"has {count(len(columns), 'column')}: {', '.join(columns)[:70]}. Give "
+                f"{','.join(named)}, or 16 numbers of a matrix"
+            )
+            raise InputError(message, where=str(path), code="pose-columns")
     rows = np.concatenate([np.zeros((0, len(columns))), *table.blocks(columns)])
     if len(columns) == 7:
         length = np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)

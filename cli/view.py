@@ -6,7 +6,7 @@ import shlex
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, FIXTURE, OVERWRITE, PNG, Number, option, options_in_order
+from vfplan.cli.options import FILE, FIXTURE, OVERWRITE, PNG, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -17,14 +17,12 @@ from vfplan.cli.run import CommandResult, announce_if_slow, command
 @options_in_order(
     option("--screenshot", type=PNG, metavar="PNG",
            help="Write one view to this picture. It needs no screen."),
-    option("--at", "at_s", type=Number("S", positive=False),
-           help="Time that --screenshot shows [s].  [default: that of the deepest tick]"),
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
            help="Show this slice, on which the curve was drawn (checked by its SHA-256).  "
                 "[default: its border only]"),
     OVERWRITE,
 )  # fmt: skip
-def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
+def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     """Show FIXTURE.h5 in three dimensions.
 
     With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The
@@ -35,8 +33,6 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
     from vfplan.review.rendered import check_slice
     from vfplan.session.result import read_result, require_fixture
 
-    if at_s is not None and (screenshot is None or result is None):
-        raise click.UsageError("--at picks a tick. Give --screenshot PNG and RESULT.h5 too")
     planned, seal = read_sealed(fixture)
     ticks = None
     if result is not None:
@@ -58,7 +54,7 @@ def vfplan_view(fixture, result, screenshot, at_s, slice_path) -> CommandResult:
         view3d.show(planned, ticks, image)
         return CommandResult(data, verdict="seen and closed", next_step=next_step)
     with outputs(screenshot) as (picture,):
-        view3d.draw_view(planned, picture, ticks=ticks, at_s=at_s, image=image)
+        view3d.draw_view(planned, picture, ticks=ticks, image=image)
     data["files"] = [str(screenshot)]
     look = f"look at {screenshot}"
     return CommandResult(data, f"wrote {screenshot}", verdict="drawn", next_step=look)

@@ -19,7 +19,7 @@ shows the usual options, and `--help-all` every option.
 
 ## What every command shares
 
-- The text ends with a *verdict* and a *next* step. `-v` adds the statistics. `-q` prints warnings
+- The text ends with a *verdict* and a *next* step. `-v` adds the report. `-q` prints warnings
   and failures only.
 - `--json` prints one JSON document on stdout and nothing else there. After a failure it is
   `{"error": {"kind", "message", "where", "code", "numbers"}}`.

@@ -32,7 +32,6 @@ def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run the slow tests as well, as CI does")
     parser.addoption("--full", action="store_true", help="run the long studies as well")
-    parser.addoption("--cpu-times", action="store_true", help="print each file's processor time")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -67,29 +66,13 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 _codes_left: list[str] = []
-_cpu_s: dict[str, float] = {}
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item):
-    """Note the processor time of a test's file, that of the programs it calls included."""
-    before = sum(os.times()[:4])
-    result = yield
-    name = item.nodeid.split("::")[0]
-    _cpu_s[name] = _cpu_s.get(name, 0.0) + sum(os.times()[:4]) - before
-    return result
-
-
-def pytest_terminal_summary(terminalreporter, config: pytest.Config) -> None:
-    """Print the codes that no test raised, and the processor time of each file."""
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Print the codes that no test raised."""
     if _codes_left:
         terminalreporter.section("codes that no test names or raises", red=True)
         terminalreporter.write_line(" ".join(_codes_left))
-    if config.getoption("--cpu-times"):
-        terminalreporter.section("processor time")
-        for name, seconds in sorted(_cpu_s.items(), key=lambda row: -row[1]):
-            terminalreporter.write_line(f"{seconds:8.1f} s  {name}")
-        terminalreporter.write_line(f"{sum(_cpu_s.values()):8.1f} s  in all")
 
 
 @pytest.fixture(scope="session")

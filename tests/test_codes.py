@@ -62,7 +62,7 @@ from vfplan.session.read import _NpzMember
 from vfplan.session.result import ResultWriter, read_result, stored_ticks
 from vfplan.surface import mesh, outline, sources, volumes
 from vfplan.surface.build import read_contours
-from vfplan.view3d import Stage, ready_pyvista
+from vfplan.view3d import Stage
 
 SMALL, SOLID = bundles.small(), bundles.patient()
 
@@ -274,8 +274,6 @@ PATCHED = {
         lambda d: god_object.follow(
             (as_is(look=lambda x: Look(np.full(1, 9.0), np.eye(3)[:1], np.zeros((1, 3, 3)))),),
             np.zeros(3), np.ones(3), 1.0)),
-    "pyvista-missing": (
-        "vfplan.view3d.find_spec", lambda name: None, lambda d: ready_pyvista(screen=False)),
     "peer-not-built": (
         "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
     "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),

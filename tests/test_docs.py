@@ -99,20 +99,6 @@ def test_all_pages_together_are_no_more_than_a_book():
     assert sum(words.count(page.read_text()).words for page in words.pages()) <= MOST_WORDS
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("One two. Three `a b` four.", (5, 2)),
-        ("# No heading\n\n| no | table |\n\n    no code\n\nOne [two](x.md).", (2, 1)),
-        ("- One\n- Two three", (3, 2)),
-        ("```text\nno code. None.\n```\n<!-- none -->", (0, 0)),
-        ("One e.g. two: three 4 µm.", (6, 1)),
-    ],
-)
-def test_only_prose_is_counted(text, expected):
-    assert words.count(text) == expected
-
-
 def test_each_promise_of_security_names_a_test_that_exists():
     rows = (ROOT / "docs" / "security.md").read_text().split("## Written whole")[0].splitlines()
     promises = [row for row in rows if row.startswith("| ") and not row.startswith("| what")]

@@ -80,11 +80,6 @@ def millijoules(joules: float | None) -> str:
     return _scaled(joules, 1e3, 4, "mJ")
 
 
-def milliseconds(seconds: float | None) -> str:
-    """A time [s] in milliseconds, e.g. "12.5 ms"; "unknown" for `None`."""
-    return _scaled(seconds, 1e3, 1, "ms")
-
-
 def count(number: int, noun: str) -> str:
     """A number of things, e.g. "1 point" or "3 points"."""
     if number == 1:

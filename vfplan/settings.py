@@ -37,7 +37,7 @@ def setting(default: Any, text: str, **rule: Any) -> Any:
         choices: the values that are allowed; `flag` for an option without a value
         least, above, most: the range, in the unit of the field; `whole` for whole numbers alone
         repeatable: whether the option may be given several times
-        to_option, from_option: the way between the values of field and option, where they differ
+        from_option: makes the field's value of the option's, where they differ
     """
     return field(default=default, metadata={"help": text, **rule})
 
@@ -50,7 +50,7 @@ def option_words(setting: Field) -> list[str]:
 
 def argument_of(setting: Field) -> str:
     """The name under which a command gets the option of a field."""
-    if "to_option" in setting.metadata:
+    if "from_option" in setting.metadata:
         return option_words(setting)[0].replace("-", "_")
     return setting.name
 
@@ -61,11 +61,17 @@ def scale_of(setting: Field) -> float:
 
 
 def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a class among a command's arguments; `None` is an option not typed."""
+    """The settings of a class among a command's arguments; `None` is an option not typed.
+
+    Those that came from a file are the argument `from_file`, by their names.
+    """
+    from_file = arguments.get("from_file", {})
     chosen = {}
     for setting in fields(kind):
         value = arguments.get(argument_of(setting))
-        if value is not None:
+        if setting.name in from_file:
+            chosen[setting.name] = from_file[setting.name]
+        elif value is not None:
             convert = setting.metadata.get("from_option")
             chosen[setting.name] = value if convert is None else convert(value)
     return chosen

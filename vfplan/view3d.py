@@ -11,7 +11,6 @@ import io
 import os
 import subprocess
 import time
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +80,6 @@ def rendering_fault(window: str | None) -> str:
 
 def ready_pyvista(*, screen: bool) -> Any:
     """PyVista, ready to render; raises `MissingExtra` where it would crash."""
-    if find_spec("pyvista") is None:
-        message = "three-dimensional views need the package pyvista. Run pip install pyvista"
-        raise MissingExtra(message, code="pyvista-missing")
     if screen:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise MissingExtra("there is no screen here. Give --screenshot PNG", code="no-screen")

@@ -49,33 +49,6 @@ def test_results_hold_what_the_contract_names(document):
     assert names[:2] == ["nanoflann_peer", "nearest-point penalty"]
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_every_scene_compares_two_methods_or_more(document, stage):
-    assert scenes(document, stage)
-    for scene in scenes(document, stage):
-        methods = {r["method"] for r in of(document, stage=stage, scene=scene)}
-        assert len(methods) >= 2
-
-
-def error(result):
-    """The RMS error to six digits, and to a nanometre: below that programs differ by rounding."""
-    rounded = float(f"{result['error_rms']:.6g}")
-    return max(rounded, 1e-9) if result["unit"] == "m" else rounded
-
-
-@pytest.mark.parametrize("stage", STAGES)
-def test_fronts_are_not_dominated(document, stage):
-    for scene in scenes(document, stage):
-        rows = of(document, stage=stage, scene=scene)
-        for r in rows:
-            better = [
-                o for o in rows
-                if error(o) <= error(r) and o["time_us_median"] <= r["time_us_median"]
-                and (error(o), o["time_us_median"]) != (error(r), r["time_us_median"])
-            ]  # fmt: skip
-            assert r["pareto"] == (not better)
-
-
 def falling(rows, key, tightest_last):
     ordered = sorted(rows, key=lambda r: r["settings"][key], reverse=not tightest_last)
     return [r["error_rms"] for r in ordered]
@@ -104,24 +77,6 @@ def test_errors_fall_as_settings_tighten(document):
             continue
         coarse, fine = falling(rows, "spacing_m", tightest_last=False)
         assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
-
-
-def test_only_the_affine_map_follows_a_stretched_print(document):
-    rows = {r["method"]: r["error_rms"] for r in of(document, stage="register")
-            if "stretched" in r["scene"] and r["settings"]["markers"] == 25}  # fmt: skip
-    assert rows["rigid"] > 5 * rows["affine"], "the floor of a model that cannot stretch"
-    assert rows["similarity"] > 3 * rows["affine"]
-
-
-def test_the_engines_of_one_rule_agree_and_the_peer_with_them(document):
-    for scene in ("segment, above", "circle, outside"):
-        rows = of(document, stage="proxy", scene=scene)
-        for spacing in (1e-3, 0.5e-3):
-            errors = [r["error_rms"] for r in rows
-                      if r["method"] in ("paper", "paper in NumPy", "nanoflann_peer")
-                      and r["settings"]["spacing_m"] == spacing]  # fmt: skip
-            assert len(errors) == 3
-            assert errors == pytest.approx([errors[0]] * 3, rel=1e-6)
 
 
 def test_no_baseline_is_as_near_as_the_robust_rule(document):
@@ -163,12 +118,11 @@ def test_files_say_what_the_document_says(quick):
     assert stored["results"] == document["results"]
 
 
-def test_the_table_has_a_head_a_key_and_more_rows_when_asked(document):
+def test_the_table_has_a_head_and_a_key(document):
     lines = table_lines(document, ["proxy"])
     assert lines[0].split()[:5] == ["proxy:", "median", "a", "tick", "p99.9"]
     assert any(line.startswith("* on the front") for line in lines)
     assert not any(" us " in line or "e-0" in line for line in lines)
-    assert len(table_lines(document, ["proxy"], every_setting=True)) > len(lines)
 
 
 def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):

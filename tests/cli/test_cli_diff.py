@@ -22,11 +22,6 @@ def pair(tmp_path):
     return tmp_path
 
 
-def test_the_same_bundle_does_not_differ(vfplan_cli, pair):
-    run = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", "--json")
-    assert (run.code, run.json["differences"]) == (0, [])
-
-
 def test_a_difference_is_named_by_its_path_and_size(vfplan_cli, pair):
     run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", "--json").fails(1)
     (found,) = run.json["differences"]

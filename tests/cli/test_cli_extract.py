@@ -76,20 +76,6 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     assert not (tmp_path / "d.h5").exists()
 
 
-def test_same_image_same_points(vfplan_cli, image, tmp_path):
-    for name in ("a.h5", "b.h5"):
-        assert vfplan_cli("extract", image, "-o", tmp_path / name).code == 0
-    a, b = (vfplan.read_fixture(tmp_path / name) for name in ("a.h5", "b.h5"))
-    assert np.array_equal(a.points, b.points)
-    assert np.array_equal(a.sigma, b.sigma)
-
-
-def test_density_in_points_a_millimetre(vfplan_cli, image, tmp_path):
-    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", "--pixel-spacing", 0.5,
-                      "--density", 1, "--json")  # fmt: skip
-    assert done.json["density_per_mm"] == pytest.approx(1, rel=0.03)  # ends included
-
-
 @pytest.mark.parametrize(("spacing", "noted"), [("1,5", True), ("1,2", False), ("0.5", False)])
 def test_a_decimal_comma_in_a_pixel_spacing_is_noted(spacing, noted, vfplan_cli, image, tmp_path):
     words = "--pixel-spacing", spacing, "--json"
@@ -112,13 +98,6 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     assert [entry["what"] for entry in chosen.json["account"]] == ["ink"]
     everything = vfplan_cli("extract", image, "-o", out, "--stroke", "all", "--overwrite", "--json")
     assert len(everything.json["strokes"]) == 2
-
-
-@pytest.mark.parametrize("method", ["ridge", "skeleton", "mask"])
-def test_lengths_agree_between_methods(vfplan_cli, image, tmp_path, method):
-    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", "--method", method, "--json")
-    truth = np.hypot(*np.diff(CURVE, axis=0).T).sum()
-    assert done.json["strokes"][0]["length_px"] == pytest.approx(truth, rel=0.015)
 
 
 def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
@@ -144,14 +123,6 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
         assert done.json["error"]["kind"] == "OutputError"
         assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == [image.name]
-
-
-def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
-    one, again = tmp_path / "c.png", tmp_path / "." / "c.png"
-    pictures = ("--mask-out", one, "--overlay-out", again)
-    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *pictures).fails(2)
-    assert "two outputs" in done.stderr
-    assert not one.exists()
 
 
 @pytest.mark.parametrize("name", ["-", "curve", "curve.csv", "curve.png"])

@@ -8,8 +8,6 @@ import click
 import pytest
 from vfplan.cli.main import COMMANDS, GROUPS, cli
 
-import vfplan
-
 PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
 
 
@@ -69,17 +67,6 @@ def written(folder, **settings):
     path = folder / "settings.json"
     path.write_text(json.dumps(settings))
     return path
-
-
-def test_settings_of_a_file_are_those_of_the_options(vfplan_cli, elbow):
-    path = written(elbow, pixel_spacing_mm=[0.5, 0.5], roi=[20, 20, 800, 740], method="skeleton")
-    image = elbow / "elbow.png"
-    done = vfplan_cli("extract", image, "--settings", path, "-o", elbow / "a.h5", "--json").sound
-    typed = vfplan_cli("extract", image, "--pixel-spacing", "0.5", "--roi", "20,20,800,740",
-                       "--method", "skeleton", "-o", elbow / "b.h5", "--json")  # fmt: skip
-    assert done.json["strokes"] == typed.json["strokes"]
-    curves = [vfplan.read_fixture(elbow / name) for name in ("a.h5", "b.h5")]
-    assert curves[0].points.tolist() == curves[1].points.tolist()
 
 
 def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, root, elbow):

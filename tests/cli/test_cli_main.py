@@ -8,7 +8,6 @@ from click.testing import CliRunner
 from conftest import ROOT
 from vfplan.cli.main import cli
 
-import vfplan
 from vfplan.errors import CurveError
 
 
@@ -25,10 +24,6 @@ def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hin
     run = vfplan_cli(word)
     assert (run.code, run.stdout) == (2, "")
     assert f"no command '{word}'. {hint}" in run.error_line
-
-
-def test_cmake_dir_is_the_packages(vfplan_cli):
-    assert vfplan_cli("--cmake-dir").stdout.strip() == str(vfplan.cmake_dir())
 
 
 def test_an_error_in_json_has_a_code_and_numbers(vfplan_cli, tmp_path):

@@ -51,14 +51,6 @@ def test_a_command_that_follows_is_understood(name):
         assert (parsed["case"], parsed["robot_serial"]) == ("it's", "a 7")
 
 
-@pytest.mark.parametrize("make", [register_command, sign_command])
-def test_what_follows_writes_another_file_beside_the_first(make):
-    words = shlex.split(make(Path("folder/elbow.h5")))
-    output = Path(words[words.index("-o") + 1])
-    assert output.parent == Path("folder")
-    assert output.stem.startswith("elbow-")
-
-
 def result_calls():
     """Each call of `CommandResult` in a command: where, and its keywords."""
     for path in sorted([*(ROOT / "cli").glob("*.py"), *(ROOT / "vfplan").glob("*/command.py")]):
@@ -77,13 +69,6 @@ def test_a_bundle_that_is_there_already_is_not_named_again(tmp_path):
     assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed.h5")
     (tmp_path / "f-signed.h5").touch()
     assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed-2.h5")
-
-
-def test_a_sheet_that_is_there_already_is_not_named_again(tmp_path):
-    for name in ("f-sheet.png", "f-sheet-2.png", "f-sheet-3.png"):
-        words = shlex.split(review_command(tmp_path / "f.h5", None, has_page=False))
-        assert words[words.index("--sheet-out") + 1] == str(tmp_path / name)
-        (tmp_path / name).touch()
 
 
 # What a person knows who pastes a command, in place of the words in capitals.

@@ -54,12 +54,6 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
 
 
-def test_short_report(vfplan_cli, files):
-    run = vfplan_cli("replay", *files, *PAPER).sound
-    assert "4 episodes" in run.stdout
-    assert run.stderr == ""
-
-
 @pytest.mark.parametrize("rate", [(), ("--rate", 1000)])
 def test_the_verdict_names_what_a_gap_leaves_open(vfplan_cli, files, tmp_path, rate):
     fixture, session = files
@@ -91,15 +85,6 @@ def test_a_link_that_loses_nothing_is_told_too(vfplan_cli, files, fault):
     assert "packets lost" not in run.stdout
 
 
-def test_nothing_is_overwritten(vfplan_cli, files, tmp_path):
-    out = tmp_path / "r.h5"
-    out.write_bytes(b"mine")
-    run = vfplan_cli("replay", *files, *PAPER, "-o", out)
-    assert (run.code, out.read_bytes()) == (2, b"mine")
-    assert vfplan_cli("replay", *files, *PAPER, "-o", out, "--overwrite").code == 0
-    assert vfplan.read_result(out)[1]["rule"] == "paper"
-
-
 def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
     fixture, session = tmp_path / "f.h5", tmp_path / "s.csv"
     for path, source in zip((fixture, session), files, strict=True):
@@ -109,16 +94,6 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
                    "--overwrite").fails(2, "is an input of this call")  # fmt: skip
     assert (fixture.read_bytes(), session.read_bytes()) == tuple(p.read_bytes() for p in files)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "s.csv"]
-
-
-@pytest.mark.parametrize(
-    "text", ["", "t,x,y,z\n0,1,2,3\n", "t,x,y\n0,1,2\n", "t,x,y,z\n0,1,2,3\n1,nan,2,3\n"]
-)
-def test_bad_session_leaves_nothing(vfplan_cli, files, tmp_path, text):
-    session = tmp_path / "s.csv"
-    session.write_text(text)
-    vfplan_cli("replay", files[0], session, *PAPER, "-o", tmp_path / "r.h5").fails(3, "s.csv")
-    assert [p.name for p in tmp_path.iterdir()] == ["s.csv"]
 
 
 def test_corrupt_bundle_is_4_and_missing_is_3(vfplan_cli, files, tmp_path):

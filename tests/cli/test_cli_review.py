@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-
-import bundles
 import cv2
-import numpy as np
 import pytest
 from review_slices import MARKERS
 from review_slices import SLICE as IMAGE
 
-from vfplan.bundle.write import write_fixture
 from vfplan.review.paper import PAGE_HEIGHT, PAGE_WIDTH
 
 PLAN = ("plan", IMAGE, *MARKERS, "--pixel-spacing", 0.5)
@@ -50,12 +45,6 @@ def test_plan_writes_the_sheet_beside_the_bundle(planned):
     assert report["sheet"] == str(folder / "elbow-sheet.png")
     assert sheet_size(folder / "elbow-sheet.png") == (PAGE_HEIGHT, PAGE_WIDTH, 3)
     assert len(report["digest"]) == 64
-
-
-def test_no_sheet_leaves_it_out(done, tmp_path):
-    run = done(*PLAN, "-o", tmp_path / "f.h5", "--no-sheet", "--json")
-    assert "sheet" not in run.json
-    assert list(tmp_path.iterdir()) == [tmp_path / "f.h5"]
 
 
 def test_sheet_that_exists_is_not_overwritten(vfplan_cli, done, tmp_path):
@@ -123,14 +112,8 @@ def test_settings_of_extraction_are_refused_for_a_bundle_unless_it_has_them(vfpl
     assert vfplan_cli(*command, "--colour", "red", "--max-gap", "20").code == 0
 
 
-@pytest.mark.parametrize("change", ["half", "cut"])
-def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folder, tmp_path,
-                                                               change):  # fmt: skip
-    picture = cv2.imread(str(IMAGE))
-    if change == "half":
-        picture = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    else:
-        picture = picture[100:, 80:]
+def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folder, tmp_path):
+    picture = cv2.imread(str(IMAGE))[100:, 80:]
     cv2.imwrite(str(tmp_path / "other.png"), picture)
     run = vfplan_cli(
         "register", folder / "curve.h5", *MARKERS, "--image", tmp_path / "other.png",
@@ -138,26 +121,6 @@ def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folde
     ).fails(3, error="image-size-differs")  # fmt: skip
     assert run.json["error"]["numbers"]["width_px"] == picture.shape[1]
     assert not (tmp_path / "f.h5").exists()
-
-
-def test_the_next_step_of_a_sheet_is_a_whole_command(vfplan_cli, folder, tmp_path):
-    sheet = tmp_path / "s.png"
-    bundle = folder / "elbow.h5"
-    run = vfplan_cli("review", bundle, "--slice", IMAGE, "--sheet-out", sheet, "--json")
-    words = run.json["next"].split(", then ")[1]
-    assert words == f"vfplan review {bundle} --slice {IMAGE} -o {tmp_path / 'elbow-approved.h5'}"
-    run = vfplan_cli("review", bundle, "--sheet-out", sheet, "--overwrite", "--json")
-    assert f"--slice IMAGE --sheet-out {sheet}" in run.json["next"]
-
-
-def test_another_slice_is_refused(vfplan_cli, folder, tmp_path):
-    other = tmp_path / "other.png"
-    picture = cv2.imread(str(IMAGE))
-    picture[0, 0] += 1
-    cv2.imwrite(str(other), picture)
-    vfplan_cli("review", folder / "elbow.h5", "--slice", other, "--sheet-out", tmp_path / "s.png",
-               "--json").fails(3, error="slice-other")  # fmt: skip
-    assert list(tmp_path.iterdir()) == [other]
 
 
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
@@ -168,29 +131,3 @@ def test_options_of_planning_are_refused_for_a_fixture(output, option, vfplan_cl
     words = ("--slice", IMAGE, *option, output, tmp_path / name, "--no-browser", "--json")
     vfplan_cli("review", folder / "elbow.h5", *words).fails(2, error="planned-already")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["minimal", "sheet", "patient"])
-def test_review_of_a_bundle_without_a_slice(done, tmp_path, name):
-    path = tmp_path / "f.h5"
-    write_fixture(getattr(bundles, name)(), path)
-    done("review", path, "--sheet-out", tmp_path / "s.png", "--json")
-    assert sheet_size(tmp_path / "s.png")[1] == PAGE_WIDTH
-
-
-def test_review_of_a_slice_alone(done, tmp_path):
-    run = done("review", IMAGE, "--sheet-out", tmp_path / "s.png", "--json")
-    assert run.json["findings"] == []
-
-
-def test_plan_of_vectors_has_a_sheet(done, tmp_path):
-    picture = tmp_path / "slice.png"
-    shutil.copy(IMAGE, picture)
-    t = np.linspace(0, 1, 40)
-    rows = "\n".join(f"{250 + 300 * a:.3f},{300 + 200 * a * a:.3f}" for a in t)
-    curve = tmp_path / "curve.csv"
-    curve.write_text("u_px,v_px\n" + rows + "\n")
-    for words in (("plan", picture, *MARKERS, "--curve", curve), ("plan", curve, *MARKERS)):
-        out = tmp_path / "f.h5"
-        done(*words, "-o", out, "--overwrite", "--json")
-        assert sheet_size(tmp_path / "f-sheet.png")[1] == PAGE_WIDTH

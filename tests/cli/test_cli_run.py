@@ -128,10 +128,3 @@ def test_long_work_says_so_on_a_terminal_only(monkeypatch, capsys, terminal):
     with announce_if_slow("working", after_s=0.01):
         time.sleep(0.3)
     assert ("working" in capsys.readouterr().err) is terminal
-
-
-def test_short_work_says_nothing(monkeypatch, capsys):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with announce_if_slow("working", after_s=60):
-        pass
-    assert capsys.readouterr().err == ""

@@ -1,7 +1,6 @@
 """`vfplan keygen`, `sign` and `verify`: who approved what, for which case, robot and day."""
 
 import os
-import shlex
 import stat
 from datetime import UTC, datetime, timedelta
 
@@ -80,41 +79,6 @@ def test_what_was_not_approved_is_code_4_and_why(file, keys, words, reason, desk
     words = ("verify", desk / file, "--keys", desk / keys, *words, "--json")
     run = vfplan_cli(*words).fails(4, reason)
     assert run.json["error"]["kind"] == "SignatureError"
-
-
-def next_words(run):
-    """The words of the command after `next:`."""
-    (line,) = [line for line in run.stdout.splitlines() if line.startswith("next: ")]
-    return shlex.split(line.removeprefix("next: "))
-
-
-def test_what_follows_names_case_and_robot_and_runs_as_printed(desk, vfplan_cli, tmp_path):
-    words = ["--key", desk / "alice.key", "--case", "it's 2", "--robot-serial", "R7"]
-    words += ["--despite-findings", "-o", tmp_path / "again.h5"]
-    after_sign = next_words(vfplan_cli("sign", desk / "a.h5", *words))
-    after_info = next_words(vfplan_cli("info", tmp_path / "again.h5"))
-    for words in (after_sign, after_info):
-        assert words[:2] == ["vfplan", "verify"]
-        assert words[words.index("--case") + 1] == "it's 2"
-        assert words[words.index("--robot-serial") + 1] == "R7"
-        known = [str(desk / "alice.pub") if word == "KEYS.pub" else word for word in words]
-        assert vfplan_cli(*known[1:]).code == 0
-
-
-def test_a_bundle_accepted_anew_is_signed_for_the_same_case(desk, vfplan_cli, tmp_path):
-    sheet = ("review", desk / "s.h5", "--sheet-out", tmp_path / "s.png", "--json")
-    digest = vfplan_cli(*sheet).json["digest"]
-    words = ("--digest", digest, "--by", "A", "--answer-all", "-o", tmp_path / "b.h5")
-    run = vfplan_cli("accept", desk / "s.h5", *words)
-    words = next_words(run)
-    assert words[:2] == ["vfplan", "sign"]
-    assert words[words.index("--case") + 1] == "C1"
-    known = [str(desk / "alice.key") if word == "KEY" else word for word in words]
-    assert vfplan_cli(*known[1:]).code == 0
-    signed = words[words.index("-o") + 1]
-    following = next_words(vfplan_cli("verify", signed, "--keys", desk / "alice.pub"))
-    assert following[-2:] == ["--robot-serial", "SERIAL"]
-    assert following[following.index("--case") + 1] == "CASE"
 
 
 def test_a_changed_and_resealed_bundle_is_not_what_was_signed(desk):

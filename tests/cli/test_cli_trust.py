@@ -145,35 +145,7 @@ def test_q_hides_progress(monkeypatch):
         assert ("working" not in told.getvalue()) is silent
 
 
-FAILING = {"replay": ["replay", "f.h5", "s.csv", "--at-most", "ticks=1"],
-           "diff": ["diff", "f.h5", "g.h5"], "validate": ["validate", "bad.h5"]}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", FAILING)
-def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
-    for file in ("f.h5", "s.csv"):
-        (tmp_path / file).write_bytes((hostile / file).read_bytes())
-    vfplan.write_fixture(bundles.minimal(), tmp_path / "g.h5")
-    (tmp_path / "bad.h5").write_bytes((hostile / "f.h5").read_bytes()[:-1])
-    run = vfplan_cli(*FAILING[name], "-q", cwd=tmp_path)
-    assert (run.code, run.stdout) == (1, "")
-    assert run.error_line.startswith("vfplan: failed: ")
-
-
 # --- Children that fail, and windows that are told to close ------------------------------------
-
-
-def test_what_a_probe_says_is_told(monkeypatch):
-    """Not a guess at a missing library."""
-    monkeypatch.setattr(view3d, "PROBE", "raise RuntimeError('no light here {off}')")
-    view3d.rendering_fault.cache_clear()
-    view3d.offscreen_window.cache_clear()
-    try:
-        with pytest.raises(vfplan.errors.MissingExtra, match="RuntimeError: no light here True"):
-            view3d.ready_pyvista(screen=False)
-    finally:
-        view3d.rendering_fault.cache_clear()
-        view3d.offscreen_window.cache_clear()
 
 
 def begun(folder, *words):

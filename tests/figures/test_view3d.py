@@ -109,16 +109,6 @@ def test_no_screen_is_said(vfplan_cli, files):
     assert "--screenshot PNG" in run.error_line
 
 
-def test_wrong_use(vfplan_cli, files, tmp_path):
-    for name in ("m.jpg", "m"):
-        run = vfplan_cli("view", *files, "--screenshot", tmp_path / name)
-        assert run.code == 2
-        assert ".png" in run.error_line
-    assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2
-    assert vfplan_cli("view", tmp_path / "no.h5", "--screenshot", tmp_path / "m.png").code == 3
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_result_of_another_fixture_or_a_damaged_one_is_refused(vfplan_cli, files, tmp_path):
     other, result, png = tmp_path / "o.h5", tmp_path / "r.h5", tmp_path / "v.png"
     vfplan.write_fixture(fixture_of(line(length=0.05)), other)

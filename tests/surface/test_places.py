@@ -88,7 +88,7 @@ def outline_places(made):
     return 1e3 * np.concatenate(found)
 
 
-@pytest.mark.parametrize("series", ["flipped rows", "flipped slices", "oblique", "tilted"])
+@pytest.mark.parametrize("series", ["oblique", "tilted"])
 def test_a_label_map_lies_where_its_file_says(series, tmp_path):
     """The same voxels written in another order, or carried, to within a micrometre."""
     grid = bones.grid_round(BENT, GAP, pixel=1.0)
@@ -96,13 +96,7 @@ def test_a_label_map_lies_where_its_file_says(series, tmp_path):
     plain = surface(bones.write_nifti(tmp_path / "p.nii", labels, grid), settings=COARSE)
     wanted = outline_places(plain)
     corner, axes = grid.corner, grid.axes
-    if series == "flipped rows":
-        corner, axes = corner + axes[:, 1] * (grid.size[1] - 1), axes * [1, -1, 1]
-        labels = labels[:, ::-1]
-    elif series == "flipped slices":
-        corner, axes = corner + axes[:, 2] * (grid.size[2] - 1), axes * [1, 1, -1]
-        labels = labels[:, :, ::-1]
-    elif series == "oblique":
+    if series == "oblique":
         corner, axes = turned(corner), (turned(axes.T) - turned(np.zeros((1, 3)))).T
         wanted = turned(wanted)
     else:  # the gantry leans: each slice slides along its rows against the one below

@@ -303,16 +303,8 @@ KEY = (
 SHORT_KEY = "Of each method the setting with the least error is listed; -v lists all of them."
 
 
-def table_lines(
-    document: dict[str, Any], stages: list[str], *, every_setting: bool = False
-) -> list[str]:
-    """A table of each scene, cheapest first, under one header a stage, and the key.
-
-    Parameters
-    ----------
-    every_setting
-        List every setting of a method, and not only the one that errs least.
-    """
+def table_lines(document: dict[str, Any], stages: list[str]) -> list[str]:
+    """A table of each scene, cheapest first, under one header a stage, and the key."""
     lines = []
     for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
@@ -321,16 +313,13 @@ def table_lines(
         lines.append(f"{stage}: " + header.strip())
         for scene, scene_results in grouped(results, "scene").items():
             lines.append(f"  {scene}")
-            visible = scene_results if every_setting else best_of_each_method(scene_results)
+            visible = best_of_each_method(scene_results)
             lines += map(result_row, sorted(visible, key=lambda r: r["time_us_median"]))
     for refusal in document.get("refused", ()):
         if refusal["stage"] in stages:
             what = f"{refusal['method']} {settings_text(refusal['settings'])}"
             lines.append(f"refused: {refusal['scene']}: {what}: {refusal['message']}")
-    lines += ["", *KEY]
-    if not every_setting:
-        lines.append(SHORT_KEY)
-    return lines
+    return [*lines, "", *KEY, SHORT_KEY]
 
 
 def best_of_each_method(results: list[Record]) -> list[Record]:

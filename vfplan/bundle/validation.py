@@ -194,12 +194,12 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
     return texts
 
 
-def describe(path: str | Path, *, values: bool = False, work: bool = False) -> dict[str, Any]:
+def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:
     """Head, seal, findings, and every attribute and table of a bundle by its path in the format.
 
     Tables with a row for each point or triangle are summed up as `shape`, `min`, `max` and the
-    SHA-256 of their little-endian bytes, with `values` as well if wanted; all others are plain.
-    With `work`, `tick_work` bounds what a tick of the engine may take.
+    SHA-256 of their little-endian bytes; all others are plain. With `work`, `tick_work` bounds what
+    a tick of the engine may take.
 
     Raises as `read_fixture` does.
     """
@@ -217,7 +217,7 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         described["tick_work"] = tick_work(content)
     for row in table():
         if row.path in content:
-            described[row.path] = summary(content[row.path], row, values)
+            described[row.path] = summary(content[row.path], row)
     return described
 
 
@@ -243,20 +243,17 @@ def tick_work(content: Content) -> dict[str, Any]:
     return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MAX_TICK_TIME}
 
 
-def summary(value: Any, row: Row, values: bool) -> Any:
+def summary(value: Any, row: Row) -> Any:
     """A value as it is; of a table with a row for each point or triangle a summary."""
     if "N" not in row.shape and "K" not in row.shape:
         return list(value) if isinstance(value, tuple) else value
     data = np.ascontiguousarray(value)
-    described = {
+    return {
         "shape": list(data.shape),
         "min": data.min().item(),
         "max": data.max().item(),
         "sha256": hashlib.sha256(data.data).hexdigest(),
     }
-    if values:
-        described["values"] = data.tolist()
-    return described
 
 
 def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:

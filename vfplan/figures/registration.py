@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -230,16 +229,15 @@ def drawn_segments(curve: Fixture, points: Array) -> tuple[NDArray[np.intp], NDA
     if curve.curve is not None:
         stroke, closed = curve.curve.stroke, curve.curve.closed
     every = max(1, count // MAX_DRAWN)
-    ends: list[tuple[int, int]] = []
+    starts, ends = [], []
     for number, is_closed in enumerate(closed):
         members = np.flatnonzero(stroke == number)
-        drawn = np.unique(np.append(members[::every], members[-1:]))
-        ends += itertools.pairwise(drawn)
-        if is_closed and len(drawn) > 1:
-            ends.append((drawn[-1], drawn[0]))
-    pairs = np.array(ends, dtype=np.intp).reshape(-1, 2)
-    lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    return pairs[lengths > 0, 0], pairs[lengths > 0, 1]
+        drawn = [*members[::every], members[-1], *members[: int(is_closed)]]
+        starts += drawn[:-1]
+        ends += drawn[1:]
+    start, end = np.array(starts), np.array(ends)
+    has_length = (points[start] != points[end]).any(axis=1)
+    return start[has_length], end[has_length]
 
 
 def draw_markers(

@@ -16,10 +16,9 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_NUMBERED, nice_length
-from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, TEXT_PX, WIDTH_PX, on_slice
+from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, on_slice
 from vfplan.geometry.lines import ring_of
 from vfplan.io.writing import write_whole
-from vfplan.markers.find_marks import MIN_CONTRAST
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:
@@ -75,12 +74,6 @@ RING_PT = 3 * TEXT_PT
 # Distance [pt] of a word from the place that it speaks of: clear of the ring.
 WORD_DISTANCE_PT = RING_PT / 2 + 1
 
-# Width [px of the picture] of a letter: two thirds of its height, if it is bold.
-LETTER_PX = TEXT_PX * 2 / 3
-
-# Height [px of the picture] of a line of text in a box.
-LINE_PX = TEXT_PX * 1.6
-
 # Share of a direction from which on its side is named too: less is nearer to the main one.
 OBLIQUE = np.sin(np.pi / 8)
 
@@ -125,40 +118,26 @@ def draw_overlay(
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
-    with drawing_on(image, path) as (axes, scale):
+    with drawing_on(image, path) as (axes, _):
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             axes.plot(*line.T, color=colour, lw=1.2, label=f"--stroke {number}")
-            _write_beside(axes, image, line[0], str(number), colour, scale)
+            write_beside(axes, image, line[0], str(number), colour)
         if "u_px" in error.numbers:
             place = error.numbers["u_px"], error.numbers["v_px"]
             axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
-            _write_beside(axes, image, place, error.code, CONTACT, scale)
+            write_beside(axes, image, place, error.code, CONTACT)
 
 
-def _write_beside(
-    axes: Any, image: PlannedImage, place: Sequence[float], text: str, colour: str, scale: float
+def write_beside(
+    axes: Any, image: PlannedImage, place: Sequence[float], text: str, colour: str
 ) -> None:
-    """Write a word beside a place, on the side where it covers the least ink."""
-    distance = WORD_DISTANCE_PT * DPI / 72 / scale
-    width, height = len(text) * LETTER_PX / scale, LINE_PX / scale
-    rgb = image.rgb / np.iinfo(image.rgb.dtype).max
-    inked = np.ptp(rgb, axis=2) > MIN_CONTRAST
-    covered = {}
-    for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        u = place[0] + right * (distance + width / 2)
-        v = place[1] - up * (distance + height / 2)
-        left, top = round(u - width / 2), round(v - height / 2)
-        end, bottom = u + width / 2, v + height / 2
-        if left >= 0 and top >= 0 and end <= image.width_px and bottom <= image.height_px:
-            box = inked[top : round(bottom), left : round(end)]
-            covered[right, up] = np.count_nonzero(box)
-    # Where it has no room on any side, it stands at the lower right.
-    right, up = min(covered, key=covered.get, default=(1, -1))
+    """Write a word beside a place, towards the middle of the slice, where it has room."""
+    is_left, is_low = place[0] < image.width_px / 2, place[1] > image.height_px / 2
     look = {"color": colour, "weight": "bold", "bbox": {"fc": "white", "ec": colour, "pad": 1.5}}
-    where = {"xytext": (right * WORD_DISTANCE_PT, up * WORD_DISTANCE_PT), "zorder": 9}
-    where |= {"ha": "left" if right > 0 else "right", "va": "bottom" if up > 0 else "top"}
-    axes.annotate(text, place, textcoords="offset points", **where, **look)
+    shift = np.where([is_left, is_low], WORD_DISTANCE_PT, -WORD_DISTANCE_PT)
+    where = {"ha": "left" if is_left else "right", "va": "bottom" if is_low else "top", "zorder": 9}
+    axes.annotate(text, place, xytext=shift, textcoords="offset points", **where, **look)
 
 
 @contextmanager

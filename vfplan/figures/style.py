@@ -22,9 +22,6 @@ DPI = 150
 # Height [pt] of text that reads at the width of a page.
 TEXT_PT = 9.0
 
-# The same as it is printed [px of the picture]; 72 pt are an inch.
-TEXT_PX = TEXT_PT * DPI / 72
-
 # Width [px of the picture] of the smallest slice: the 6 inches of a page.
 WIDTH_PX = 6 * DPI
 

@@ -41,19 +41,10 @@ def margin_length(margin: str | float | None, bound_m: float | None) -> str | fl
     return None if bound_m is None else bound_m + tip_m
 
 
-def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
-    """The option of a gate: millimetres, () for none, `None` for the default of --max-tre."""
-    if metres is None:
-        return ()
-    if isinstance(metres, str):
-        return None
-    return (1e3 * metres,)
-
-
 GATE = {
-    "form": "MM|none", "to_option": gate_from_metres,
+    "form": "MM|none",
     "from_option": lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -252,13 +243,9 @@ class FixtureSettings:
         None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
         "[default: 0.001, if it can be reached]", form="MM|none",
         unit="mm", least=MIN_ARCS_M, most=max_number("/pieces@error_m"),
-        to_option=lambda metres: None if metres is None else (1e3 * metres,),
         from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
     )  # fmt: skip
-    points_only: bool = setting(
-        False, "", option="arcs", from_option=lambda arcs: arcs == (),
-        to_option=lambda points_only: () if points_only else None,
-    )  # fmt: skip
+    points_only: bool = setting(False, "", option="arcs", from_option=lambda arcs: arcs == ())
     # One number is held as a tuple of one.
     stiffness: float | tuple[float, ...] = setting(
         (1000.0,), "Stiffness K [N/m]: one number, or one for each axis.", form="N_PER_M[,Y,Z]",
@@ -266,7 +253,7 @@ class FixtureSettings:
     )  # fmt: skip
     # A contact radius, or a tube, below the band cannot be rendered.
     contact_radius: float = setting(
-        5e-3, "Distance that the tool keeps from the curve [mm].", form="MM", unit="mm",
+        5e-3, "Distance that the tool keeps from what is drawn [mm].", form="MM", unit="mm",
         least=PAPER_BAND, most=max_number("/rendering@contact_radius_m"),
     )  # fmt: skip
     point_radius: float = setting(
@@ -314,7 +301,6 @@ class FixtureSettings:
     guide_pull: tuple[float, ...] = setting(
         (), "Pull the tip along the curve with this force [N], which falls to 0 at this speed "
         "[mm/s].  [default: no pull; 20 mm/s]", form="N[,MM_PER_S]",
-        to_option=lambda pull: (*pull[:1], *(1e3 * speed for speed in pull[1:])),
         from_option=lambda pull: (*pull[:1], *(1e-3 * speed for speed in pull[1:])),
     )  # fmt: skip
     guide_cut_bends: bool = setting(

@@ -227,8 +227,8 @@ class Study:
             "elapsed_s": round(self.elapsed_s, 3),
         }
 
-    def as_text(self, every_case: bool = False) -> str:
-        """The short report: the verdict, and each case that failed, or every case."""
+    def as_text(self) -> str:
+        """The short report: the verdict, and each case that failed."""
         outcomes = Counter(row.outcome for row in self.rows)
         summary = f"{count(len(self.rows), 'case')}: {outcomes['pass']} pass"
         if outcomes["fail"]:
@@ -237,14 +237,8 @@ class Study:
             summary += (
                 f", {outcomes['finding']} show what the paper's rule does, which no robot renders"
             )
-        listed, skipped = self.failed, {}
-        if every_case:
-            listed, skipped = self.rows, self.skipped
-        else:
-            summary += "; -v lists them"
         lines = [verdict_text(self.verdict), self.blows.detail, summary]
-        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in listed]
-        lines += [f"left out {case}: {reason}" for case, reason in skipped.items()]
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)
 
 

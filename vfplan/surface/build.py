@@ -19,7 +19,7 @@ from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
-from vfplan.surface.mesh import MIN_SLOPE, LevelSurface, Triangles, grid_axes, level_surface
+from vfplan.surface.mesh import MIN_SLOPE, Triangles, grid_axes, level_surface
 from vfplan.surface.outline import Contours, SlicedVolume, Stack, holes_of, slice_contours
 from vfplan.surface.sources import read_contours
 
@@ -132,10 +132,11 @@ def surface(
     step, thin = step_for_thin(sliced, step, closed)
     levels = [level_surface(stack, step, closed=closed) for stack in sliced.stacks]
     # One mesh of all runs of slices, in the patient.
-    points = np.concatenate([level.points for level in levels]) @ sliced.R_slice_patient
-    starts = np.cumsum([0, *(len(level.points) for level in levels)])
-    faces = [level.triangles + start for level, start in zip(levels, starts, strict=False)]
-    triangles = np.concatenate(faces).astype(np.int32)
+    corners, faces, distances = zip(*levels, strict=True)
+    points = np.concatenate(corners) @ sliced.R_slice_patient
+    starts = np.cumsum([0, *map(len, corners)])
+    triangles = np.concatenate([rows + start for rows, start in zip(faces, starts, strict=False)])
+    triangles = triangles.astype(np.int32)
 
     radius = settings.contact_radius + settings.point_radius
     fixture = Fixture(
@@ -150,7 +151,8 @@ def surface(
             point_radius=settings.point_radius,
         ),
     )
-    report = report_of(contours, sliced, levels, fixture, settings) | {"grid_mm": 1e3 * step}
+    report = report_of(contours, sliced, fixture, settings)
+    report |= {"level_error_mm": 1e3 * max(distances), "grid_mm": 1e3 * step}
     report["elapsed_s"] = time.perf_counter() - started
     texts = [*contours.remarks, *sliced.remarks, ends_remark(sliced, settings)]
     if thin:
@@ -199,8 +201,7 @@ def is_thin(shape: Any, width: float) -> bool:
 
 
 def report_of(
-    contours: Contours, sliced: SlicedVolume, levels: list[LevelSurface], fixture: Fixture,
-    settings: SurfaceSettings,
+    contours: Contours, sliced: SlicedVolume, fixture: Fixture, settings: SurfaceSettings
 ) -> dict[str, Any]:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
@@ -231,7 +232,6 @@ def report_of(
         "band_mm": 1e3 * fixture.band,
         "contour_error_mm": contour_error(sliced, points, fixture.mesh),
         "left_out_slice_mm": left_out_error(sliced),
-        "level_error_mm": 1e3 * max(level.distance_max_m for level in levels),
     }
 
 

@@ -9,19 +9,16 @@ import click
 
 from vfplan.cli.next_commands import register_command
 from vfplan.cli.options import (
-    COLOUR,
     MM,
-    MM_OR_ZERO,
     PNG,
-    STIFFNESS,
     option,
     options_in_order,
     output_option,
-    setting_option,
+    setting_options,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
 
@@ -37,14 +34,8 @@ from vfplan.settings import settings_from_options
     option("--max-spacing", "max_spacing_m", type=MM,
            help="Interpolate between slices that are this far apart [mm].  [default: 1.5 times "
            "the usual distance]"),
-    setting_option(ExtractSettings, "curve_type"),
-    option("--colour", **COLOUR, help="Colour of the planning pen, on drawn slices."),
-    option("--stiffness", type=STIFFNESS, default="1000",
-           help="Stiffness K [N/m]: one number, or one for each axis."),
-    option("--contact-radius", type=MM, default="5",
-           help="Distance that the tool keeps from the surface [mm]."),
-    option("--point-radius", type=MM_OR_ZERO, default="0",
-           help="Radius of each point, added to the contact radius [mm]."),
+    setting_options(ExtractSettings, "curve_type colour"),
+    setting_options(FixtureSettings, "stiffness contact_radius point_radius"),
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write a picture of the surface with the outlines, and three slices of it."),
 )  # fmt: skip
@@ -86,20 +77,11 @@ def surface_text(report: dict[str, Any]) -> str:
     is_open = volume is None
     closed = f"{report['open_edges']} open edges" if is_open else f"closed, {volume / 1e3:.2f} cm3"
     error = report["contour_error_mm"]
-    lines = [
-        f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
-        f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
-        f"across; {closed}",
-        f"from the outlines {error['rms']:.4f} mm rms, {error['max']:.4f} mm at most",
-    ]
-    left_out = report["left_out_slice_mm"]
-    if left_out is not None:
-        lines.append(
-            f"a slice left out is missed by {left_out['rms']:.3f} mm rms, {left_out['max']:.3f} mm "
-            "at most: more than the surface is off between slices"
+    return "\n".join(
+        (
+            f"{report['outlines']} outlines on {report['slices']} slices, {spacing} mm apart",
+            f"{report['points']} points, {report['triangles']} triangles, {', '.join(sizes_mm)} mm "
+            f"across; {closed}",
+            f"from the outlines {error['rms']:.4f} mm rms, {error['max']:.4f} mm at most",
         )
-    lines.append(
-        f"largest opening {report['largest_opening_mm']:.3f} mm, band "
-        f"{1e3 * report['band_mm']:.1f} um"
     )
-    return "\n".join(lines)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vfplan.bundle.dicom import crossings
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP
-from vfplan.surface.outline import area
+from vfplan.surface.outline import rings_of
 
 if TYPE_CHECKING:
     from vfplan.surface.build import Surface
@@ -90,11 +90,14 @@ def cut_pieces(result: Surface, z: float) -> list[Array]:
 def draw_from_side(axes: Any, result: Surface) -> None:
     """The surface from the side and a little above, lit from the eye, with its outlines."""
     from matplotlib.collections import LineCollection, PolyCollection
+    from shapely import Polygon
 
     mesh = result.fixture.mesh
     local = 1e3 * result.fixture.points @ result.sliced.R_slice_patient.T
     corners = (local @ VIEW.T)[mesh]
-    facing = facing_cosines(corners, mesh, len(local))
+    # The cosine between the eye's direction and each triangle's normal.
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-15)
     order = np.argsort(corners[:, :, 2].mean(axis=1))
     # Open ends show the inside, which is darker.
     shade = np.where(facing > 0, 0.35 + 0.6 * facing, 0.25 - 0.15 * facing)[order]
@@ -106,7 +109,7 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
-        for ring in [ring for ring in outline.rings if area(ring) > 0]:  # No holes.
+        for ring in rings_of([Polygon(part.exterior) for part in outline.parts]):  # No holes.
             line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
             following = np.roll(line, -1, axis=0)
             # Only what faces the eye: a ring runs anticlockwise round what is inside.
@@ -116,17 +119,3 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_axis_off()
-
-
-def facing_cosines(corners: Array, triangles: NDArray[np.int32], count: int) -> Array:
-    """(K,) cosine between the eye's direction and the surface's normal, smoothed over corners.
-
-    corners: (K, 3, 3) of the triangles, along the eye's axes
-    triangles, count: which points these are, and how many points there are
-    """
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal_of_point = np.zeros((count, 3))
-    for corner in range(3):
-        np.add.at(normal_of_point, triangles[:, corner], normal)
-    smooth = normal_of_point[triangles].sum(axis=1)
-    return smooth[:, 2] / np.maximum(np.linalg.norm(smooth, axis=1), 1e-15)

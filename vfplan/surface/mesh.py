@@ -7,8 +7,6 @@ triangle is a needle, and edges opposite wide corners are flipped last.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,20 +32,11 @@ MIN_SLOPE = 0.1
 WIDE_CORNER_DEG = 150.0
 
 
-@dataclass(frozen=True, eq=False)
-class LevelSurface:
-    """The surface of one stack, in its own frame."""
+def level_surface(stack: Stack, step: float, *, closed: bool) -> tuple[Array, Triangles, float]:
+    """The surface on which a stack's function is 0, in the frame of the stack.
 
-    # (N, 3) corners [m].
-    points: Array
-    # (K, 3) rows of `points`, seen anticlockwise from outside.
-    triangles: Triangles
-    # How far the farthest corner that could be moved onto the level is from it [m].
-    distance_max_m: float
-
-
-def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
-    """The surface on which a stack's function is 0.
+    (N, 3) corners [m], (K, 3) rows of them, seen anticlockwise from outside, and how far the
+    farthest corner that could be moved onto the level is from it [m].
 
     Parameters
     ----------
@@ -84,7 +73,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> LevelSurface:
     ends = (axes[2][0], axes[2][-1])
     on_end = np.isin(places[:, 2], ends)
     points, distance_max = moved_onto_level(stack, places, on_end, on_end & ~in_plane, step, ends)
-    return LevelSurface(points, without_wide_corners(points, triangles), distance_max)
+    return points, without_wide_corners(points, triangles), distance_max
 
 
 def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:

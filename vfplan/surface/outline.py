@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
 if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
     from shapely import Polygon
 
 
@@ -47,25 +46,6 @@ WIDEST = 1.5
 STRAY_SHARE = 1e-3
 
 
-class Edges(NamedTuple):
-    """The edges of all rings of an outline. Places and directions are complex numbers, x + iy."""
-
-    # (E,) the corner that each edge starts in [m].
-    start: NDArray[np.complex128]
-    # (E,) the way from there to its end [m].
-    along: NDArray[np.complex128]
-    # (E,) the unit normal of each edge, outwards.
-    normal: NDArray[np.complex128]
-    # (E,) the sum of the normals of both edges that meet in its start.
-    corner_normal: NDArray[np.complex128]
-    # (E,) the edge before each in its ring.
-    before: Indices
-    # (E,) the edge after each in its ring.
-    after: Indices
-    # The starts, as a k-d tree.
-    corners: cKDTree
-
-
 @dataclass(frozen=True, eq=False)
 class Outline:
     """What a slice shows of a structure."""
@@ -83,50 +63,51 @@ class Outline:
         H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG
         11, 2005).
         """
-        edges = self.edges
+        start, along, normal, corner_normal, before, after, corners = self.edges
         # The edges that begin or end in the two nearest corners.
-        _, corners = edges.corners.query(xy, k=2, workers=-1)
-        candidates = np.concatenate([corners, edges.before[corners]], axis=1)
+        _, nearest_corners = corners.query(xy, k=2, workers=-1)
+        candidates = np.concatenate([nearest_corners, before[nearest_corners]], axis=1)
 
         # The place on each candidate, as a share t of the edge, that is nearest to the point.
-        along = edges.along[candidates]
-        offset = to_complex(xy)[:, None] - edges.start[candidates]
-        t = np.clip((offset * along.conj()).real / (along.real**2 + along.imag**2), 0.0, 1.0)
-        offset -= t * along
+        way = along[candidates]
+        offset = to_complex(xy)[:, None] - start[candidates]
+        t = np.clip((offset * way.conj()).real / (way.real**2 + way.imag**2), 0.0, 1.0)
+        offset -= t * way
         square = offset.real**2 + offset.imag**2
         nearest = np.arange(len(xy)), square.argmin(axis=1)
-        offset = offset[nearest]
-        t = t[nearest]
-        edge = candidates[nearest]
+        offset, t, edge = offset[nearest], t[nearest], candidates[nearest]
         distance = np.sqrt(square[nearest])
 
-        at_corner = edges.corner_normal[np.where(t <= 0, edge, edges.after[edge])]
-        normal = np.where((t > 0) & (t < 1), edges.normal[edge], at_corner)
+        at_corner = corner_normal[np.where(t <= 0, edge, after[edge])]
+        outwards = np.where((t > 0) & (t < 1), normal[edge], at_corner)
         has_distance = distance > 1e-12
-        distance[(offset * normal.conj()).real < 0] *= -1
+        distance[(offset * outwards.conj()).real < 0] *= -1
         # Divided by the signed distance the gradient points outwards on both sides.
         gradient = np.where(
-            has_distance, offset / np.where(has_distance, distance, 1.0), edges.normal[edge]
+            has_distance, offset / np.where(has_distance, distance, 1), normal[edge]
         )
         return distance, gradient.view(np.float64).reshape(-1, 2)
 
     @cached_property
     def rings(self) -> tuple[Array, ...]:
         """(M, 2) corners of each ring: outer ones anticlockwise, holes clockwise."""
-        from shapely import orient_polygons
-
-        parts = orient_polygons(list(self.parts))
-        rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
-        return tuple(np.array(ring.coords)[:-1, :2] for ring in rings)
+        return rings_of(self.parts)
 
     @cached_property
     def cut_rings(self) -> tuple[Array, ...]:
-        """The same with corners at most `FINE_M` apart."""
-        return tuple(map(with_short_edges, self.rings))
+        """The same with corners at most `FINE_M` apart, so that the nearest one finds the edge."""
+        from shapely import segmentize
+
+        return rings_of(segmentize(self.parts, FINE_M))
 
     @cached_property
-    def edges(self) -> Edges:
-        """The edges of all rings, ready to be searched."""
+    def edges(self) -> tuple[Any, ...]:
+        """The edges of all rings, ready to be searched; places and ways are complex, x + iy.
+
+        (E,) each: the corner [m] that an edge starts in, the way to its end, its unit normal
+        outwards, the sum of the normals of both edges that meet in its start, and the edges before
+        and after it in its ring; and a k-d tree of the starts.
+        """
         from scipy.spatial import cKDTree
 
         start = np.concatenate(self.cut_rings)
@@ -135,22 +116,22 @@ class Outline:
         after = np.concatenate([np.roll(ring, -1) for ring in numbers])
         along = to_complex(start[after] - start)
         normal = -1j * along / np.abs(along)
-        corner_normal = normal + normal[before]
-        return Edges(to_complex(start), along, normal, corner_normal, before, after, cKDTree(start))
+        tree = cKDTree(start)
+        return to_complex(start), along, normal, normal + normal[before], before, after, tree
+
+
+def rings_of(parts: Any) -> tuple[Array, ...]:
+    """(M, 2) corners of each ring of some polygons: outer ones anticlockwise, holes clockwise."""
+    from shapely import orient_polygons
+
+    parts = orient_polygons(list(parts))
+    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    return tuple(np.array(ring.coords)[:-1, :2] for ring in rings)
 
 
 def to_complex(xy: Array) -> NDArray[np.complex128]:
     """(M,) points of the plane (M, 2) as complex numbers."""
     return np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0]
-
-
-def with_short_edges(ring: Array) -> Array:
-    """The ring with corners at most `FINE_M` apart, so that the nearest one finds the edge."""
-    along = np.roll(ring, -1, axis=0) - ring
-    pieces = np.maximum(1, np.ceil(np.linalg.norm(along, axis=1) / FINE_M)).astype(int)
-    edge = np.repeat(np.arange(len(ring)), pieces)
-    number = np.arange(len(edge)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    return ring[edge] + (number / pieces[edge])[:, None] * along[edge]
 
 
 def outline_of(rings: list[Array], z: float) -> tuple[Outline, int]:
@@ -192,11 +173,12 @@ def polygon_of(ring: Array) -> Polygon:
             code="outline-empty", numbers={"corners": len(ring)},
         )  # fmt: skip
     ring = with_closed_channel(ring)
-    ring_area = abs(area(ring))
+    polygon = Polygon(ring) if len(ring) > 2 else Polygon()
+    # Of a ring that crosses itself this is the area that it runs round more often to the left.
+    ring_area = polygon.area
     if not ring_area > 0:
         text = "an outline encloses nothing. Remove or redraw it."
         raise CurveError(text, code="outline-empty")
-    polygon = Polygon(ring)
     if polygon.is_valid:
         return polygon
 
@@ -213,12 +195,6 @@ def polygon_of(ring: Array) -> Polygon:
             code="outline-crosses", numbers={"x_mm": x, "y_mm": y},
         )  # fmt: skip
     return largest
-
-
-def area(ring: Array) -> float:
-    """Signed area [m²] of a ring (M, 2), above 0 where it runs anticlockwise."""
-    x, y = (ring - ring.mean(axis=0)).T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
 
 
 def without_repeated_corners(ring: Array) -> Array:
@@ -306,18 +282,15 @@ def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> S
     matches = matches or [structure for structure in structures if str(structure.number) == wanted]
     if len(matches) == 1:
         return matches[0]
-    listed = ", ".join(f"{one.number} {one.name!r}" if one.name else str(one.number)
-                       for one in structures)  # fmt: skip
-    code = "structure-several"
+    several = matches or structures
+    names = (f"{one.number} {one.name!r}" if one.name else str(one.number) for one in several)
+    listed = ", ".join(names)
+    numbers = {"structures": len(several)}
     if not matches:
         text = f"holds no structure of that name or number. Choose one of {listed}."
-        code = "structure-unknown"
-    elif wanted is None:
-        text = f"holds {len(structures)} structures: {listed}. Choose one with --structure."
-    else:
-        text = f"holds several structures of that name. Choose one by its number: {listed}."
-    numbers = {"structures": len(matches or structures)}
-    raise InputError(text, code=code, numbers=numbers)
+        raise InputError(text, code="structure-unknown", numbers=numbers)
+    text = f"holds {len(several)} structures that fit: {listed}. Choose one with --structure."
+    raise InputError(text, code="structure-several", numbers=numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,34 +304,41 @@ class Stack:
         """(S,) places of the slices [m]."""
         return np.array([outline.z for outline in self.outlines])
 
-    def weights(self, z: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Which four slices (M, 4) make up the value at z (M,), with weights and their slopes."""
+    def weights(self, z: Array) -> tuple[Indices, Array, Array]:
+        """Which slices (M, 4) make up the value at z (M,), with weights and their slopes.
+
+        Fewer than four where there are no more slices.
+        """
         places = self.z
         count = len(places)
         inside = np.clip(z, places[0], places[-1])
         first = np.clip(np.searchsorted(places, inside, "right") - 1, 0, count - 2)
         gap = places[first + 1] - places[first]
         t = (inside - places[first]) / gap
-        four = first[:, None] + np.arange(-1, 3)
-        slopes = slope_weights(places)
+        # The slope at each slice [1/m]: of the parabola through it and its neighbours, or of the
+        # one through the last three slices; of two slices the straight line.
+        slopes = np.gradient(np.eye(count), places, axis=0, edge_order=min(2, count - 1))
+        width = min(4, count)
+        which = np.clip(first - 1, 0, count - width)[:, None] + np.arange(width)
 
-        def combine(basis: tuple[Array, Array, Array, Array]) -> Array:
-            """Weights of the four slices, from those of both values and both slopes."""
-            value_first, slope_first, value_last, slope_last = basis
-            weights = np.zeros((len(z), 4))
-            weights[:, 1] = value_first
-            weights[:, 2] = value_last
-            weights += (slope_first * gap)[:, None] * slopes[first, 1:]
-            weights += (slope_last * gap)[:, None] * slopes[first + 1, :-1]
-            return weights
+        def combine(*basis: Array) -> Array:
+            """Weights of the slices, from those of value and slope at the first and the last."""
+            value_first, slope_first, value_last, slope_last = (row[:, None] for row in basis)
+            weights = value_first * (which == first[:, None])
+            weights += value_last * (which == first[:, None] + 1)
+            weights += slope_first * gap[:, None] * slopes[first[:, None], which]
+            return weights + slope_last * gap[:, None] * slopes[first[:, None] + 1, which]
 
-        # Hermite's cubics and their derivatives: value and slope at the first, then at the last.
-        cubics = ((1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1))
-        derivatives = (6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t)
-        weights = combine(cubics)
-        weight_slopes = combine(derivatives) / gap[:, None]
+        # Hermite's cubics and their derivatives.
+        weights = combine(
+            (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1)
+        )
+        weight_slopes = combine(
+            6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t
+        )
+        weight_slopes /= gap[:, None]
         weight_slopes[(z < places[0]) | (z > places[-1])] = 0.0
-        return np.clip(four, 0, count - 1), weights, weight_slopes
+        return which, weights, weight_slopes
 
     def signed(self, points: Array) -> tuple[Array, Array]:
         """The function (M,) [m] at points (M, 3), below 0 inside, and its gradient (M, 3)."""
@@ -373,32 +353,10 @@ class Stack:
             of_slice = order[first[k] : first[k + 1]]
             row, column = rows[of_slice], columns[of_slice]
             distance, direction = self.outlines[k].signed(points[row, :2])
-            # A slice stands once in a row: beyond the ends all weights are 0.
             value[row] += weights[row, column] * distance
             gradient[row, :2] += weights[row, column, None] * direction
             gradient[row, 2] += weight_slopes[row, column] * distance
         return value, gradient
-
-
-def slope_weights(z: Array) -> Array:
-    """(S, 5) weights of the values two slices before to two after in the slope at each [1/m].
-
-    Of the parabola through a slice and its neighbours; at the ends of the one through the last
-    three slices; of two slices the straight line.
-    """
-    count = len(z)
-    weights = np.zeros((count, 5))
-    if count == 2:
-        slope = 1.0 / (z[1] - z[0])
-        weights[0, 2:4] = -slope, slope
-        weights[1, 1:3] = -slope, slope
-        return weights
-    for at in range(count):
-        three = np.clip(at - 1, 0, count - 3) + np.arange(3)
-        for one in three:
-            others = z[three[three != one]]
-            weights[at, one - at + 2] = (2 * z[at] - others.sum()) / np.prod(z[one] - others)
-    return weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -545,18 +503,17 @@ def runs_of_slices(
             code="slices-too-few", numbers={"slices": len(outlines), "slices_min": 2},
         )  # fmt: skip
     usual = float(np.median(np.diff([outline.z for outline in outlines])))
-    for before, after in pairwise(outlines):
-        gap = after.z - before.z
-        if gap < DOUBLED * usual:
-            raise CurveError(
-                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
-                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
-                code="slices-doubled", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
-            )  # fmt: skip
     widest = max_gap_m or WIDEST * usual
     runs = [[outlines[0]]]
     for before, after in pairwise(outlines):
         gap = after.z - before.z
+        numbers = {"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual}
+        if gap < DOUBLED * usual:
+            raise CurveError(
+                f"{slice_name(normal, before.z)} seems doubled: another is {1e3 * gap:.3g} mm "
+                f"apart, the others {1e3 * usual:.3g} mm. Remove one of the two.",
+                code="slices-doubled", numbers=numbers,
+            )  # fmt: skip
         if ((empty > before.z + SAME_M) & (empty < after.z - SAME_M)).any():
             runs.append([after])
             continue
@@ -565,7 +522,7 @@ def runs_of_slices(
                 f"slices are missing: {slice_name(normal, before.z)} and the next, at "
                 f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
                 "Add them, or give a larger --max-spacing to interpolate across.",
-                code="slices-missing", numbers={"gap_mm": 1e3 * gap, "usual_mm": 1e3 * usual},
+                code="slices-missing", numbers=numbers,
             )  # fmt: skip
         runs[-1].append(after)
     for run in runs:
@@ -578,19 +535,33 @@ def runs_of_slices(
     return tuple(Stack(tuple(run)) for run in runs)
 
 
+# What a person should know where parts or holes of two slices do not correspond one by one.
+FORKS = (
+    "a {} forks, and the saddle may be off by a fifth of the slices' distance. Add a slice there "
+    "if it matters."
+)
+ENDS = (
+    "a {} begins or ends, and the surface is closed there by interpolation. Check the outlines of "
+    "both slices."
+)
+
+
 def branching_remarks(stacks: tuple[Stack, ...], normal: Array) -> list[str]:
     """Where parts or holes of the structure fork, join, begin or end between two slices."""
+    from shapely import intersects
+
     places_of: dict[str, list[str]] = {}
     for stack in stacks:
         for before, after in pairwise(stack.outlines):
             place = f"{slice_name(normal, before.z)} to {1e3 * after.z:.2f} mm"
-            for name, pieces, next_pieces in (
-                ("part", list(before.parts), list(after.parts)),
-                ("hole", holes_of(before), holes_of(after)),
-            ):
-                remark = branching(name, pieces, next_pieces)
-                if remark:
-                    places_of.setdefault(remark, []).append(place)
+            for name, pieces_of in (("part", lambda outline: outline.parts), ("hole", holes_of)):
+                pieces, following = (np.array(pieces_of(o), object) for o in (before, after))
+                meets = intersects(pieces[:, None], following[None])
+                counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
+                if (counts > 1).any():
+                    places_of.setdefault(FORKS.format(name), []).append(place)
+                elif (counts == 0).any():
+                    places_of.setdefault(ENDS.format(name), []).append(place)
     return [f"{first_of(places)}: {remark}" for remark, places in places_of.items()]
 
 
@@ -599,21 +570,3 @@ def holes_of(outline: Outline) -> list[Any]:
     from shapely import Polygon
 
     return [Polygon(interior) for part in outline.parts for interior in part.interiors]
-
-
-def branching(name: str, pieces: list[Any], next_pieces: list[Any]) -> str:
-    """How the pieces of one slice go on in the next: "" where each has its one continuation."""
-    meets = [[piece.intersects(next_piece) for next_piece in next_pieces] for piece in pieces]
-    meets = np.array(meets, dtype=int).reshape(len(pieces), len(next_pieces))
-    counts = np.concatenate([meets.sum(axis=0), meets.sum(axis=1)])
-    if (counts > 1).any():
-        return (
-            f"a {name} forks, and the saddle may be off by a fifth of the slices' distance. Add a "
-            "slice there if it matters."
-        )
-    if (counts == 0).any():
-        return (
-            f"a {name} begins or ends, and the surface is closed there by interpolation. Check the "
-            "outlines of both slices."
-        )
-    return ""

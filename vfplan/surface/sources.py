@@ -15,15 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, ImageError, InputError, MarkerError
+from vfplan.errors import CurveError, ImageError, InputError
 from vfplan.geometry.lines import plane_normal
-from vfplan.images.dataset import (
-    begins_like_dicom,
-    group_value,
-    open_dataset,
-    pixel_axes,
-    refuse_costly,
-)  # fmt: skip
+from vfplan.images.dataset import begins_like_dicom, group_value, open_dataset, refuse_costly
+from vfplan.images.dicom import place_in_patient
 from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_whole
 from vfplan.surface import volumes
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
@@ -286,15 +281,8 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
 
 def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:
     """Corner (3,) and axes (3, 2) of a frame, LPS [m]."""
-    corner = group_value(dataset, "PlanePositionSequence", "ImagePositionPatient", k)
-    orientation = group_value(dataset, "PlaneOrientationSequence", "ImageOrientationPatient", k)
-    spacing = group_value(dataset, "PixelMeasuresSequence", "PixelSpacing", k)
-    if corner is None or orientation is None or spacing is None:
-        raise InputError(
-            f"frame {k + 1} does not say where it lies in the patient. Export it with its place.",
-            code="volume-without-place",
-        )
     # DICOM writes the distance between rows first.
+    spacing = group_value(dataset, "PixelMeasuresSequence", "PixelSpacing", k) or ()
     between = [float(x) for x in spacing]
     if len(between) != 2 or not all(MIN_VOXEL_M < 1e-3 * x < MAX_VOXEL_M for x in between):
         raise InputError(
@@ -302,14 +290,13 @@ def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:
             f"{1e3 * MAX_VOXEL_M:g} mm. Export it again.",
             code="volume-without-place",
         )
-    axes = pixel_axes(orientation, (between[1], between[0]))
-    if axes is None:
+    place = place_in_patient(dataset, (between[1], between[0]), k)
+    if place is None:
         raise InputError(
-            f"ImageOrientationPatient of frame {k + 1} is no pair of square unit vectors. Export "
-            "it again.",
+            f"frame {k + 1} does not say where it lies in the patient. Export it with its place.",
             code="volume-without-place",
         )
-    return np.array([float(x) for x in corner]) * 1e-3, axes
+    return place[:3, 2], place[:3, :2]
 
 
 def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Contours:
@@ -339,10 +326,6 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
         except UnicodeDecodeError:
             text = "is not UTF-8 text. Save the markups from Slicer as .mrk.json."
             raise InputError(text, where=where) from None
-        except MarkerError as error:
-            raise InputError(
-                error.message, where=error.where, code=error.code, numbers=error.numbers
-            ) from None
         for points in curves:
             if len(points) < 3:
                 text = f"a curve has {len(points)} points. Give at least 3."
@@ -392,9 +375,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                 continue
             extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
         except InputError as error:
-            raise type(error)(
-                error.message, where=where, code=error.code, numbers=error.numbers
-            ) from None
+            error.where = where
+            raise
         place = extracted.image.T_patient_image
         if place is None:
             raise ImageError(

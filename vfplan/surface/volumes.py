@@ -67,12 +67,6 @@ class LabelVolume:
     # (4, 4) maps [i j k 1] to patient LPS [m].
     T_lps_voxel: Array
 
-    @property
-    def slice_axis(self) -> int:
-        """The axis along which the voxels are longest; the last of equal ones."""
-        sides = np.linalg.norm(self.T_lps_voxel[:3, :3], axis=0)
-        return 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
-
 
 def checked_place(T_lps_voxel: Array) -> Array:
     """The affine itself; raises `InputError` where it gives voxels no sound place."""
@@ -156,8 +150,9 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     """
     structures = tuple(volume.places)
     chosen = choose_structure(structures, structure)
-    across = volume.slice_axis
     steps = volume.T_lps_voxel[:3, :3]
+    sides = np.linalg.norm(steps, axis=0)
+    across = 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
     first, second = (axis for axis in range(3) if axis != across)
     normal = plane_normal(steps[:, (first, second)])
     layer, label = volume.places[chosen]
@@ -201,13 +196,8 @@ METRES = {
 }  # fmt: skip
 # NRRD's name of an encoding -> the compression that it is.
 COMPRESSIONS = {"raw": None, "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
-# A NIfTI file's first bytes, its header's size -> the order of bytes and the version.
-NIFTI_HEADS = {
-    (348).to_bytes(4, "little"): ("little", 1),
-    (348).to_bytes(4, "big"): ("big", 1),
-    (540).to_bytes(4, "little"): ("little", 2),
-    (540).to_bytes(4, "big"): ("big", 2),
-}
+# A NIfTI file's first bytes, where it is of the first version: its header's size.
+NIFTI_1 = ((348).to_bytes(4, "little"), (348).to_bytes(4, "big"))
 GZIP = b"\x1f\x8b"
 NRRD = b"NRRD"
 
@@ -307,29 +297,23 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         raise InputError("has no NRRD header that ends. Export it again.", code="volume-unreadable")
     with library_errors("its NRRD header cannot be read"):
         header = dict(nrrd.read_header(io.BytesIO(data[: end.end()])))
-    if "data file" in header or "datafile" in header:
-        raise InputError(
-            "its voxels are in another file. Save it from Slicer as one .seg.nrrd.",
-            code="volume-unsupported",
-        )
     with library_errors("its NRRD header does not say what it holds"):
         dtype = np.dtype(_determine_datatype(header))
         sizes = [int(n) for n in header["sizes"]]
         encoding = str(header["encoding"]).lower()
-    if encoding not in COMPRESSIONS:
-        raise InputError(
-            f"has the encoding {encoding!r}. Give raw, gzip or bzip2.", code="volume-unsupported"
-        )
-    if (
-        dtype.kind not in ("iu" if has_labels else "iuf")
-        or len(sizes) not in (3, 4)
-        or min(sizes) < 1
-    ):
+    unsupported = ""
+    if "data file" in header or "datafile" in header:
+        unsupported = "its voxels are in another file"
+    elif encoding not in COMPRESSIONS:
+        unsupported = f"has the encoding {encoding!r}, and not raw, gzip or bzip2"
+    elif header.get("line skip") or header.get("byte skip"):
+        unsupported = "skips lines or bytes"
+    if unsupported:
+        message = f"{unsupported}. Save it from Slicer as one .seg.nrrd."
+        raise InputError(message, code="volume-unsupported")
+    kinds = "iu" if has_labels else "iuf"
+    if dtype.kind not in kinds or len(sizes) not in (3, 4) or min(sizes) < 1:
         raise InputError(f"holds {dtype} of {sizes}. Give a label map.", code="not-a-label-map")
-    if header.get("line skip") or header.get("byte skip"):
-        raise InputError(
-            "skips lines or bytes. Save it from Slicer as .seg.nrrd.", code="volume-unsupported"
-        )
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
     require_size(size, len(data))
     voxels = data[end.end() :]
@@ -433,22 +417,26 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     """
     with requires_extra("reading NIfTI needs nibabel", "surface"):
         import nibabel
-    is_packed = data.startswith(GZIP)
-    max_bytes = max_nifti_bytes(first_decompressed(data) if is_packed else data, len(data))
-    if is_packed:
-        data = decompress(data, "gzip", max_bytes)
-    kind = nibabel.Nifti1Image if nifti_order_and_version(data)[1] == 1 else nibabel.Nifti2Image
     logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
+    is_packed = data.startswith(GZIP)
+    head = first_decompressed(data) if is_packed else data
+    kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
+    with library_errors("cannot be read as NIfTI"):
+        header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
+        shape = tuple(int(n) for n in header.get_data_shape())
+        size = int(np.prod(shape, dtype=object)) * header.get_data_dtype().itemsize
+    require_size(size, len(data))
+    if is_packed:
+        # Extensions come between the header and the voxels.
+        data = decompress(data, "gzip", min(size + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES))
+    if size > len(data):
+        raise InputError(
+            f"says that it holds {size} bytes of voxels, and has {len(data)} in all. Export it "
+            "again.",
+            code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
+        )  # fmt: skip
     with library_errors("cannot be read as NIfTI"):
         image = kind.from_bytes(data)
-        shape = tuple(int(n) for n in image.shape)
-        size = int(np.prod(shape, dtype=object)) * image.get_data_dtype().itemsize
-        if size > len(data):
-            raise InputError(
-                f"says that it holds {size} bytes of voxels, and has {len(data)} in all. "
-                "Export it again.",
-                code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
-            )  # fmt: skip
         labels = np.asanyarray(image.dataobj)
         T_lps_voxel = nifti_place(image)
     if labels.ndim == 4 and labels.shape[3] == 1:
@@ -466,24 +454,6 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         labels = labels.astype(np.int32)
     layers = labels[None]
     return LabelVolume(layers, places_of_labels(layers), T_lps_voxel)
-
-
-def nifti_order_and_version(head: bytes) -> tuple[str, int]:
-    """The order of a file's bytes, and 1 or 2; an unknown head is taken for the second version."""
-    return NIFTI_HEADS.get(head[:4], ("big", 2))
-
-
-def max_nifti_bytes(head: bytes, file_bytes: int) -> int:
-    """The most bytes that a file with this header can want, extensions included."""
-    order, version = nifti_order_and_version(head)
-    # The number of dimensions, then seven sizes: in the first version of two bytes each.
-    first, width = (40, 2) if version == 1 else (16, 8)
-    places = range(first, first + 8 * width, width)
-    numbers = [int.from_bytes(head[at : at + width], order) for at in places]
-    dimensions = min(max(numbers[0], 1), 7)
-    voxels = int(np.prod(numbers[1 : dimensions + 1], dtype=object))
-    require_size(voxels, file_bytes)  # A voxel has 1 to 8 bytes.
-    return min(8 * voxels + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES)
 
 
 def nifti_place(image: Any) -> NDArray:
@@ -527,17 +497,12 @@ def places_of_labels(layers: NDArray) -> dict[Structure, tuple[int, int]]:
             f"has {len(layers)} layers and names no segments. Save it from Slicer as .seg.nrrd.",
             code="volume-unsupported",
         )
-    smallest = int(layers.min())
-    largest = int(layers.max())
+    labels = np.unique(layers)
     largest_allowed = np.iinfo(np.uint16).max
-    if smallest < 0 or largest > largest_allowed:
+    if labels[0] < 0 or labels[-1] > largest_allowed:
         raise InputError(
-            f"holds labels {smallest} to {largest}; 0 to {largest_allowed} are allowed. Give a "
+            f"holds labels {labels[0]} to {labels[-1]}; 0 to {largest_allowed} are allowed. Give a "
             "label map.",
             code="not-a-label-map",
         )
-    is_used = np.zeros(largest + 1, dtype=bool)
-    for k in range(layers.shape[3]):
-        is_used[layers[0, :, :, k]] = True
-    labels = np.flatnonzero(is_used[1:]) + 1
-    return {Structure(label): (0, label) for label in labels.tolist()}
+    return {Structure(label): (0, label) for label in labels[labels > 0].tolist()}
