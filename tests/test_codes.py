@@ -36,7 +36,7 @@ from vfplan.bundle.importing import check_spacing, drawn
 from vfplan.bundle.validation import validate
 from vfplan.burr.burr import burr
 from vfplan.campaign import trial
-from vfplan.campaign.store import Store, blocks_on_cluster, run_campaign
+from vfplan.campaign.store import open_folder, workers_of_cluster
 from vfplan.errors import InputError, VfplanError
 from vfplan.fixture import Stroke
 from vfplan.images.read import read_image
@@ -176,11 +176,7 @@ CROSS[44:46] = CROSS[:, 44:46] = True
 # fmt: off
 CALLS = {
     # What a campaign or a rehearsal is given.
-    "error-size": lambda d: trial.CampaignSettings(tremor_m=-1),
-    "hand-stiffness": lambda d: trial.CampaignSettings(hand_stiffness=0),
-    "no-trials": lambda d: run_campaign(SMALL, [probing()], d / "c", 0),
-    "no-session": lambda d: run_campaign(SMALL, [], d / "c", 1),
-    "folder-not-made": lambda d: Store(d / "no" / "c", {}),
+    "folder-not-made": lambda d: open_folder(d / "no" / "c", {}),
     "not-rendered": lambda d: trial.checked_registration(replace(SOLID, frame="patient_lps")),
     "no-fle": lambda d: trial.fle_of(as_is(source=np.zeros((3, 2)), model="affine")),
     "other-frame": lambda d: check_session(replace(probing(), frame="world"), SMALL, 1e3),
@@ -269,7 +265,7 @@ CALLS = {
 PATCHED = {
     "no-scheduler": (
         "distributed.Client", no_scheduler,
-        lambda d: blocks_on_cluster(None, [], "tcp://none").__enter__()),
+        lambda d: workers_of_cluster("tcp://none", b"").__enter__()),
     "not-settled": (
         "vfplan.scenes.god_object.MAX_STEPS", 0,
         lambda d: god_object.follow(

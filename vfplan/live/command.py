@@ -169,17 +169,15 @@ def pass_on(
             "first_bad_datagram": ""}  # fmt: skip
     started = time.monotonic()
     with noted_signals() as stopped:
-        for portion in ticks:
-            if len(portion.ticks):
-                data["ticks"] += len(portion.ticks)
-                feed.put(portion.ticks)
+        for portion, counts in ticks:
+            data |= counts
+            if len(portion):
+                data["ticks"] += len(portion)
+                feed.put(portion)
                 if writer is not None:
-                    writer.write(portion.ticks, time.time())
+                    writer.write(portion, time.time())
                     if writer.full and stop_when_full:
                         break
-            data |= {"dropped": portion.dropped, "lost_datagrams": portion.lost,
-                     "bad_datagrams": portion.bad,
-                     "first_bad_datagram": portion.first_bad}  # fmt: skip
             if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data
