@@ -217,20 +217,6 @@ def test_a_governed_log_replays_to_the_bit():
         vfplan.replay(fixture(), session, events=[Event(5, fixture=stiff)], governor=robot)
 
 
-def test_events_go_to_a_file_and_back(tmp_path, monkeypatch):
-    """A bundle's path is that from the file's folder, wherever the program runs."""
-    (tmp_path / "sub").mkdir()
-    monkeypatch.chdir(tmp_path)
-    write_events("sub/w.csv", [Event(5, fixture="even.h5")])
-    (read,) = read_events("sub/w.csv")
-    assert read.fixture.resolve() == tmp_path / "even.h5"
-    for bad in ("a,b.h5", "a\nb.h5", " a.h5"):
-        with refuses(SessionError, "event-path-unwritable"):
-            write_events("x.csv", [Event(5, fixture=tmp_path / bad)])
-    with refuses(SessionError, "event-without-path"):
-        write_events("x.csv", [Event(5, fixture=fixture())])
-
-
 def test_what_never_came_and_what_was_too_old_is_told():
     time = T * np.arange(500)
     session = vfplan.Session(time, np.tile([0, 0, 9e-3], (500, 1)), "robot_base")

@@ -28,7 +28,7 @@ from vfplan.session.channels import (
     CDR_LITTLE_ENDIAN,
     Bag,
     library,
-    mcap_reader,
+    mcap_part,
     opened_bag,
 )
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples
@@ -531,15 +531,14 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
 
     A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
     """
-    reader, is_cut = mcap_reader(stream)
     try:
-        if is_cut:
-            channels = [next(iter(reader.iter_messages(log_time_order=False)))[1]]
-        else:
-            channels = reader.get_summary().channels.values()
-        yield [any(channel.topic == TOPIC for channel in channels), is_cut]
-    except Exception:
-        yield [False, is_cut]
+        part = mcap_part(stream)
+    except MissingExtra:
+        raise
+    except Exception:  # The package passes on the errors of struct, lz4 and zstd.
+        yield [False, False]
+    else:
+        yield [any(channel.topic == TOPIC for channel in part.channels), part.is_cut]
 
 
 def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
@@ -573,28 +572,25 @@ def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
     Raises SessionError: damaged, or of another layout
     """
     messages, received = [], []
-
-    def block() -> tuple[NDArray[np.void], Array]:
-        return np.frombuffer(b"".join(messages), TICK), 1e-9 * np.array(received, float)
-
-    reader, is_cut = mcap_reader(stream)
     count = 0
     try:
-        for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
-            if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
+        part = mcap_part(stream)
+        for channel, stamp, data in part.messages(TOPIC):
+            if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
                 raise SessionError(message, code="layout-unknown")
-            messages.append(message.data[4:] + PADDING)
-            received.append(message.log_time)
+            messages.append(data[4:] + PADDING)
+            received.append(1e-9 * stamp)
             count += 1
             if len(messages) == BLOCK:
-                yield block()
+                yield np.frombuffer(b"".join(messages), TICK), np.array(received)
                 messages, received = [], []
+        if part.is_cut and not count:
+            raise ValueError("it was cut off before its first tick")
     except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
-        if not is_cut or not count:
-            message = f"cannot be read as MCAP: {error}. Record or copy it again"
-            raise SessionError(message, code="mcap-broken") from None
+        message = f"cannot be read as MCAP: {error}. Record or copy it again"
+        raise SessionError(message, code="mcap-broken") from None
     if messages:
-        yield block()
+        yield np.frombuffer(b"".join(messages), TICK), np.array(received)

@@ -186,7 +186,8 @@ def mcap_part(stream: BinaryIO) -> Part:
         stream.seek(0)
         make = module.make_reader if has_index else module.NonSeekingReader
         try:
-            yield from make(stream).iter_messages(topics, log_time_order=not is_cut)
+            reader = make(stream, validate_crcs=not is_cut)
+            yield from reader.iter_messages(topics, log_time_order=not is_cut)
         except Exception:  # The package passes on the errors of struct, lz4 and zstd.
             if not is_cut:
                 raise
@@ -214,18 +215,6 @@ def mcap_part(stream: BinaryIO) -> Part:
             yield channels[channel.id], message.log_time, message.data
 
     return Part([*channels.values()], messages, is_cut)
-
-
-def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
-    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
-    module = library("mcap.reader")
-    try:
-        is_cut = module.make_reader(stream).get_summary() is None
-    except Exception:
-        is_cut = True
-    stream.seek(0)
-    make = module.NonSeekingReader if is_cut else module.make_reader
-    return make(stream, validate_crcs=not is_cut), is_cut
 
 
 def library(name: str) -> ModuleType | Any:

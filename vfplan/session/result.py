@@ -80,7 +80,7 @@ def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     return type(block)(*(getattr(block, field.name)[rows] for field in fields(block)))
 
 
-def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
+def read_result(path: str | Path) -> tuple[TickBlock, dict[str, Any]]:
     """Read a result file whole.
 
     Returns
@@ -102,7 +102,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         error.message += ", or give a result of `vfplan replay -o`"
         error.where = where
         raise
-    answers = run_in_sandbox("vfplan.session.result:stored_ticks", group, file=file, where=where)
+    answers = run_in_sandbox("vfplan.session.result:stored_ticks", file=file, where=where)
     attrs = next(answers)
     blocks = []
     count, last_time = 0, -np.inf
@@ -119,7 +119,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     return concatenate_ticks(blocks), attrs
 
 
-def stored_ticks(stream: BinaryIO, group: str) -> Iterator[Any]:
+def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
     """A result's root attributes, then blocks of its datasets, in the order of `TickBlock`.
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
@@ -140,10 +140,7 @@ def stored_ticks(stream: BinaryIO, group: str) -> Iterator[Any]:
             )
         yield attrs
 
-        if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
-            message = f"has no group {group!r}. Replay the session again"
-            raise InputError(message, code="group-missing")
-        datasets = plain_datasets(file[group] if group else file, TABLE, InputError)
+        datasets = plain_datasets(file, TABLE, InputError)
         for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
             if dataset.shape != (*datasets[0].shape[:1], *columns):
                 wanted = ", ".join(map(str, ("T", *columns)))
@@ -219,12 +216,6 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
             f"one has {sha256[:12]}.... Give the same fixture"
         )
         raise InputError(message, where=where, code="fixture-differs")
-
-
-CSV_HEADER = (
-    b"t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
-    b"state,penetration,overlap"
-)
 
 
 class WholeFileWriter:
@@ -339,7 +330,10 @@ class CsvWriter(WholeFileWriter):
     def begin(self, file: BinaryIO) -> None:
         """Write the header."""
         self._file = file
-        file.write(CSV_HEADER + b"\n")
+        names = ["t", "x", "y", "z"]
+        for name, (columns, _, _) in list(TABLE.items())[2:]:
+            names += [f"{name}_{axis}" for axis in "xyz"] if columns else [name]
+        file.write(",".join(names).encode() + b"\n")
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
