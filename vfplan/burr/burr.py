@@ -24,7 +24,7 @@ from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import finding, reported
+from vfplan.replaying.findings import finding
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event
 from vfplan.session.session import BLOCK, Session
@@ -204,8 +204,7 @@ def burr(
             "removed. Feed more slowly, and burr no pit narrower than the proxy and no thin "
             "wall from both sides."
         )
-        held = finding("burr-held", "warning", text)
-        replayed.metrics["findings"].append(reported(held))
+        replayed.metrics["findings"].append(finding("burr-held", "warning", text))
     ticks = np.array([event.tick for event in events], int)
     return Burred(replayed, events, fixture.points, ball.points, ticks)
 

@@ -139,26 +139,18 @@ def polydata(
     return message("POLYDATA", device, time_s, head + points + data)
 
 
-def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
-    """Points (N, 3) [mm] and triangles (K, 3) of a sphere round 0."""
-    theta = np.pi * np.arange(1, rings) / rings
-    phi = np.pi * np.arange(2 * rings) / rings
-    side = np.sin(theta)[:, None] * np.ones_like(phi)
-    height = np.cos(theta)[:, None] * np.ones_like(phi)
-    circles = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
-    points = np.vstack([circles, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
-    # Each circle has n points; the two poles come after all circles.
-    n, top = 2 * rings, len(circles)
-    k = np.arange(n)
-    following = (k + 1) % n
-    faces = [np.column_stack([np.full(n, top), k, following])]
-    for upper in range(0, (rings - 2) * n, n):
-        lower = upper + n
-        faces.append(np.column_stack([upper + k, lower + k, upper + following]))
-        faces.append(np.column_stack([upper + following, lower + k, lower + following]))
-    last = (rings - 2) * n
-    faces.append(np.column_stack([np.full(n, top + 1), last + following, last + k]))
-    return points, np.vstack(faces)
+def ball(radius_mm: float, count: int = 250) -> tuple[Array, NDArray[np.int64]]:
+    """Points (N, 3) [mm] on a spiral from pole to pole, and triangles (K, 3), of a sphere round 0."""
+    from scipy.spatial import ConvexHull
+
+    height = np.linspace(1, -1, count)
+    turn = np.pi * (1 + np.sqrt(5)) * np.arange(count)
+    side = np.sqrt(1 - height**2)
+    points = np.column_stack([side * np.cos(turn), side * np.sin(turn), height])
+    faces = ConvexHull(points).simplices
+    is_inwards = np.linalg.det(points[faces]) < 0
+    faces[is_inwards] = faces[is_inwards, ::-1]
+    return radius_mm * points, faces
 
 
 # A client that takes nothing for so long is disconnected [s].

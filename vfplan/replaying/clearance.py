@@ -170,10 +170,8 @@ class PairedTicks:
         self._last = None
         self._done = 0
 
-    def push(self, block: TickBlock, hand: Array | None = None) -> Steps | None:
+    def push(self, block: TickBlock, hand: Array) -> Steps | None:
         """The ticks whose successor is now known; `None` while there are none."""
-        if hand is None:
-            hand = block.hip
         if self._last is not None:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
@@ -182,7 +180,6 @@ class PairedTicks:
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""
-        assert self._last is not None, "finish() before any block"
         block, hand = self._last
         return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
 

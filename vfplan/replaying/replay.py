@@ -31,7 +31,6 @@ from vfplan.replaying.findings import (
     Limits,
     check_limits,
     replay_findings,
-    reported,
     robot_limits,
     verdict_of,
 )
@@ -417,7 +416,7 @@ def replay(
             "scene": scene_report(fixture, parameters),
             "left_out": dict(run.engine.left_out),
             **common,
-            "findings": list(map(reported, replay_findings(numbers, common, parameters, robot))),
+            "findings": list(replay_findings(numbers, common, parameters, robot)),
             "real_time_factor": numbers["duration_s"] / common["elapsed_s"],
         }
         if limits:

@@ -26,7 +26,7 @@ from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
 from vfplan.session.channels import (
     CDR_LITTLE_ENDIAN,
-    Bag,
+    Part,
     library,
     mcap_part,
     opened_bag,
@@ -129,7 +129,6 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
     senders: dict[Sender, array[int]] = {}
     with opened_bag(path) as bag:
-        is_cut = any(part.is_cut for part in bag.parts)
         ros = replace(ros, topic=_choose_topic(bag, ros))
         for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
             if not k:
@@ -168,7 +167,7 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     }
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
-    if is_cut:
+    if bag.is_cut:
         notes["cut"] = True
     if next(iter(chosen)).frame:
         notes["ros_frame_id"] = next(iter(chosen)).frame
@@ -222,7 +221,7 @@ def _check_senders(
             raise SessionError(message, code="frame-changes")
 
 
-def _messages(bag: Bag, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
     """Every message of the topic, merged by the log's time.
 
     Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
@@ -387,9 +386,9 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
     raise SessionError(text, code="field-missing")
 
 
-def _choose_topic(bag: Bag, ros: RosOptions) -> str:
+def _choose_topic(bag: Part, ros: RosOptions) -> str:
     """The topic that is named, or the only one whose first message holds a position."""
-    present = bag.topics
+    present = sorted({channel.topic for channel in bag.channels})
     if ros.topic in present:
         return ros.topic
     topics, reasons = [], []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -344,20 +343,16 @@ class CsvWriter(WholeFileWriter):
         self._file.write("".join(lines).encode("ascii"))
 
 
-class FailureTolerantFile(io.RawIOBase):
+class FailureTolerantFile(io.FileIO):
     """A file for libhdf5, which crashes when a write fails while it closes a file.
 
-    From the first failed write on, what is written stays in memory, so that libhdf5 can come to
-    its end. `check` raises the failure afterwards.
+    From the first failed write on, what is written is lost and what was lost reads as zeros, so
+    that libhdf5 can come to its end. `check` raises the failure afterwards.
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._descriptor = file.fileno()
-        self._position = 0
-        self._size = 0
+        super().__init__(file.fileno(), "r+", closefd=False)
         self._failure: OSError | None = None
-        # (offset, bytes) of what could not be written.
-        self._unwritten = []
 
     def check(self) -> None:
         """Raise the `OSError` of the first write that failed."""
@@ -367,44 +362,26 @@ class FailureTolerantFile(io.RawIOBase):
     def write(self, data: memoryview) -> int:
         """Write at the position, as for any file."""
         remaining = memoryview(data).cast("B")
-        offset = self._position
+        end = self.tell() + len(remaining)
         try:
             while len(remaining) and self._failure is None:
-                count = os.pwrite(self._descriptor, remaining, offset)
-                remaining = remaining[count:]
-                offset += count
+                remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self._failure = error
-        if len(remaining):
-            self._unwritten.append((offset, bytes(remaining)))
-        self._position += len(data)
-        self._size = max(self._size, self._position)
+        self.seek(end)
         return len(data)
 
     def readinto(self, buffer: memoryview) -> int:
-        """Read at the position, as for any file, also what could not be written."""
+        """Read at the position, as for any file; zeros behind its end."""
         view = memoryview(buffer).cast("B")
-        start = self._position
-        os.preadv(self._descriptor, [view], start)
-        for offset, data in self._unwritten:
-            low = max(offset, start)
-            high = min(offset + len(data), start + len(view))
-            if low < high:
-                view[low - start : high - start] = data[low - offset : high - offset]
-        self._position += len(view)
+        count = super().readinto(view)
+        view[count:] = bytes(len(view) - count)
         return len(view)
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, from the beginning, from where it is or from the end."""
-        self._position = offset + (0, self._position, self._size)[whence]
-        return self._position
-
-    def truncate(self, size: int) -> int:
+    def truncate(self, size: int | None = None) -> int:
         """Cut the file, or make it longer."""
         try:
-            os.ftruncate(self._descriptor, size)
+            return super().truncate(size)
         except OSError as error:
-            if self._failure is None:
-                self._failure = error
-        self._size = size
-        return size
+            self._failure = self._failure or error
+            return size or 0
