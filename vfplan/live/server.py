@@ -140,7 +140,7 @@ def polydata(
 
 
 def ball(radius_mm: float, count: int = 250) -> tuple[Array, NDArray[np.int64]]:
-    """Points (N, 3) [mm] on a spiral from pole to pole, and triangles (K, 3), of a sphere round 0."""
+    """Points (N, 3) [mm] on a spiral from pole to pole, and triangles (K, 3), of a sphere."""
     from scipy.spatial import ConvexHull
 
     height = np.linspace(1, -1, count)
