@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -65,11 +64,11 @@ def vfplan_live(
     if (openigtlink, web, mcap, poses_out) == (None,) * 4:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
     from vfplan.bundle.read import read_fixture
-    from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
+    from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_of
     from vfplan.session.bags import McapWriter
 
     scene = read_fixture(fixture)
-    ticks = stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
+    ticks = stream_of(source)
 
     feed = PositionStream(rate)
     servers: list[Any] = []

@@ -106,6 +106,11 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
 Portion = tuple[NDArray[np.void], dict[str, Any]]
 
 
+def stream_of(source: str) -> Iterator[Portion]:
+    """The ticks of a controller that sends to `udp://HOST:PORT`, or of a result at its pace."""
+    return stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
+
+
 def stream_result(path: Path, *, pace: bool = True) -> Iterator[Portion]:
     """The ticks of a result of `vfplan replay -o`; `pace`: at the speed they had."""
     ticks = as_ticks(read_result(path)[0])
