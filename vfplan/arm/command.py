@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
-from vfplan.cli.options import FILE, PNG, Number, option, options_in_order, output_option
+from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress, rough_ticks
 from vfplan.display import MAX_LISTED, millijoules, millimetres
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @command(
     "rehearse",
-    first_screen="-o --arm --robot --base --tool --no-governor --report --picture-out --json",
+    first_screen="-o --arm --robot --base --tool --no-governor --report --json",
 )
 @options_in_order(
     options.FIXTURE,
@@ -38,11 +38,9 @@ if TYPE_CHECKING:
     options.UNITS,
     option("--report", type=FILE, metavar="DIR",
            help="Write an HTML page with pictures into this folder."),
-    option("--picture-out", type=PNG, metavar="PNG",
-           help="Write a picture of the arm over the fixture."),
     options.signature_options(),
 )  # fmt: skip
-def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
+def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandResult:
     """Let a hand move a simulated arm along SESSION, while the arm renders FIXTURE.h5.
 
     The hand is a spring with a damper. The report says whether the arm reaches every place, and
@@ -69,17 +67,12 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
 
     # The files.
     index_path = report / "index.html" if report is not None else None
-    with outputs(output, picture_out, index_path) as (result, picture, index):
+    with outputs(output, index_path) as (result, index):
         if result is not None:
             from vfplan.session.result import ResultWriter
 
             with ResultWriter(result, {"rehearsal": rehearsal.metrics}) as file:
                 file.append(rehearsal.ticks)
-        if picture is not None:
-            from vfplan.arm.figures import draw_in_space
-            from vfplan.figures.style import save_png
-
-            save_png(draw_in_space(rehearsal), picture)
         if index is not None:
             from vfplan.arm.figures import page
 
@@ -90,7 +83,7 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
     # What to do now.
     warnings += options.not_compared_warnings(seal.describe(), arguments)
     metrics = rehearsal.metrics
-    written = [f"wrote {path}" for path in (output, picture_out, index_path) if path is not None]
+    written = [f"wrote {path}" for path in (output, index_path) if path is not None]
     text = "\n".join([rehearsed_text(metrics), *written])
     if rehearsal.passed:
         return CommandResult(

@@ -75,7 +75,7 @@ def campaign_question(
             for session in sessions
         ],
         "share": float(softest / (softest + settings.hand_stiffness)),
-        "settings": settings.as_dict(),
+        "settings": {name: value for name, value in vars(settings).items() if value is not None},
     }
 
 

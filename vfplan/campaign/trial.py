@@ -14,7 +14,7 @@ nearest place on it where it was to second order.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -81,10 +81,6 @@ class CampaignSettings:
                 f"stiffness range is {low:g},{high:g}. Give A,B with 0 < A <= B <= 1e6 N/m",
                 code="stiffness-range",
             )
-
-    def as_dict(self) -> dict[str, Any]:
-        """What is set, by name."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:

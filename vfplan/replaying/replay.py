@@ -234,24 +234,14 @@ class Replay:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What a result file keeps beside the ticks."""
-        return result_record(self.metrics)
-
-    @property
-    def passed(self) -> bool:
-        """Whether the verdict is "pass"."""
-        return self.verdict == "pass"
+        """What a result file keeps beside the ticks: what was replayed against what, and how."""
+        names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
+        return {name: self.metrics[name] for name in names if name in self.metrics}
 
     @property
     def verdict(self) -> str:
         """ "pass", "fail", or "not-tested": without limits, or if the tool never touched."""
         return self.metrics["verdict"]
-
-
-def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
-    """The part of a report that a result file keeps: what was replayed against what, and how."""
-    names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
-    return {name: metrics[name] for name in names if name in metrics}
 
 
 def replay(

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Self, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,34 +217,7 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         raise InputError(message, where=where, code="fixture-differs")
 
 
-class WholeFileWriter:
-    """A context manager whose file appears when the `with` statement ends well.
-
-    Otherwise there is no file. Subclasses fill it. Raises `OutputError` when the file exists
-    already, or cannot be written.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        with ExitStack() as stack:
-            self.begin(stack.enter_context(whole_file(Path(path), overwrite=False)))
-            stack.push(self.finish)
-            self._stack = stack.pop_all()
-
-    def begin(self, file: BinaryIO) -> None:
-        """Write the beginning of the file."""
-        raise NotImplementedError
-
-    def finish(self, *failure: object) -> None:
-        """Close what else is open, also after an error; raises `OSError` where a write failed."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *failure: Any) -> bool | None:
-        return self._stack.__exit__(*failure)
-
-
-class ResultWriter(WholeFileWriter):
+class ResultWriter(ExitStack):
     """Write a result file block by block; use as a context manager.
 
     The file appears under its name when the `with` statement ends well. Otherwise there is none.
@@ -267,27 +240,21 @@ class ResultWriter(WholeFileWriter):
     def __init__(
         self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
     ) -> None:
-        self._groups = groups
-        super().__init__(path)
-        self.set(attrs)
-
-    def begin(self, file: BinaryIO) -> None:
-        """Make the datasets, without rows."""
-        self._bytes = FailureTolerantFile(file)
-        self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
-        self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
-        for group in self._groups:
-            place = self._file.require_group(group) if group else self._file
-            for name, (columns, dtype, unit) in TABLE.items():
-                dataset = place.create_dataset(
-                    name,
-                    (0, *columns),
-                    dtype,
-                    maxshape=(None, *columns),
-                    chunks=(BLOCK, *columns),
-                    fletcher32=True,
-                )
-                dataset.attrs["unit"] = unit
+        super().__init__()
+        with ExitStack() as stack:
+            file = stack.enter_context(whole_file(Path(path), overwrite=False))
+            self._bytes = FailureTolerantFile(file)
+            self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
+            stack.push(self._finish)
+            self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION, **attrs})
+            for group in groups:
+                for name, (columns, dtype, unit) in TABLE.items():
+                    dataset = self._file.create_dataset(
+                        f"{group}/{name}", (0, *columns), dtype, maxshape=(None, *columns),
+                        chunks=(BLOCK, *columns), fletcher32=True,
+                    )  # fmt: skip
+                    dataset.attrs["unit"] = unit
+            self.push(stack.pop_all())
 
     def set(self, attrs: dict[str, Any]) -> None:
         """Set root attributes; those that are `None` are omitted."""
@@ -306,7 +273,7 @@ class ResultWriter(WholeFileWriter):
             dataset[size:] = getattr(block, name)
         self._bytes.check()
 
-    def finish(self, *failure: object) -> None:
+    def _finish(self, *failure: object) -> None:
         """Let libhdf5 write what it still holds."""
         self._file.close()
         if failure[0] is None:
@@ -319,20 +286,20 @@ def write_result(replayed: Any, path: str | Path) -> None:
         writer.append(replayed.ticks)
 
 
-class CsvWriter(WholeFileWriter):
+class CsvWriter(ExitStack):
     """Write ticks as CSV, one line a tick; numbers read back to the same bits.
 
     The file appears, whole, when the `with` statement ends well; raises `OutputError` when there
     is one already, or it cannot be written.
     """
 
-    def begin(self, file: BinaryIO) -> None:
-        """Write the header."""
-        self._file = file
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._file = self.enter_context(whole_file(path, overwrite=False))
         names = ["t", "x", "y", "z"]
         for name, (columns, _, _) in list(TABLE.items())[2:]:
             names += [f"{name}_{axis}" for axis in "xyz"] if columns else [name]
-        file.write(",".join(names).encode() + b"\n")
+        self._file.write(",".join(names).encode() + b"\n")
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
