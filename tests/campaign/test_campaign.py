@@ -307,12 +307,3 @@ def test_a_killed_campaign_goes_on(tmp_path):
     campaign(where, target * BLOCK)
     assert len(read_campaign(where)[1]["trial"]) >= target * BLOCK
     assert json.loads((where / "campaign.json").read_text())["settings"]["fle_robot_m"] == FLE
-
-
-@pytest.mark.full
-def test_the_simulated_cluster_does_all_tasks(root):
-    pytest.importorskip("distributed")
-    program = root / "docs" / "make_scheduler.py"
-    done = subprocess.run([sys.executable, program, "20", "200"], capture_output=True, text=True,
-                          timeout=120, check=False)  # fmt: skip
-    assert done.stdout.startswith("20 workers, 200 tasks: scheduler "), done.stderr

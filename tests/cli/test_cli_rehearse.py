@@ -60,7 +60,7 @@ def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path):
     done = vfplan_cli("rehearse", *scene, "--base=-0.6,0,0", "--arm", "fr3", "--report",
                       page).fails(1)  # fmt: skip
     assert "NOT every place reached" in done.stdout
-    assert "FAIL: the arm does not reach" in (page / "index.html").read_text()
+    assert "FAIL: fr3 does not reach" in (page / "index.html").read_text()
 
 
 def test_bad_calls(scene, vfplan_cli, tmp_path):

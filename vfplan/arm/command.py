@@ -84,21 +84,17 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
     warnings += options.not_compared_warnings(seal.describe(), arguments)
     metrics = rehearsal.metrics
     written = [f"wrote {path}" for path in (output, index_path) if path is not None]
-    text = "\n".join([rehearsed_text(metrics), *written])
+    failed = ""
     if rehearsal.passed:
-        return CommandResult(
-            metrics, text, warnings=warnings,
-            verdict=f"pass: {arm.name} reaches every place, and nothing stops it",
-            next_step="rehearse with --arm and --base as the robot really stands, then sign",
-        )  # fmt: skip
-    verdict = f"fail: {arm.name} would stop"
-    next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
-    if not metrics["reachable"]:
-        verdict = f"fail: {arm.name} does not reach every place"
-        next_step = "move the arm with --base, or bring the fixture closer"
+        next_step = "rehearse with --arm and --base as the robot really stands, then sign"
+    else:
+        failed = objections(metrics)[0]
+        next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
+        if not metrics["reachable"]:
+            next_step = "move the arm with --base, or bring the fixture closer"
     return CommandResult(
-        metrics, text, warnings=warnings, failed=objections(metrics)[0], verdict=verdict,
-        next_step=next_step,
+        metrics, "\n".join([rehearsed_text(metrics), *written]), warnings=warnings, failed=failed,
+        verdict=rehearsal.verdict, next_step=next_step,
     )  # fmt: skip
 
 
@@ -108,7 +104,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
     from vfplan.arm.rehearsal import SAME_RATE
     from vfplan.session.read import open_session
-    from vfplan.session.session import SamplingReport, resampled
+    from vfplan.session.session import resampled
 
     source = open_session(path, units=units, frame=frame)
     with progress("read", rough_ticks(path)):
@@ -120,16 +116,16 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
         f"{path}: was sampled at {rate:.6g} Hz and is resampled to the arm's {rate_hz:g} Hz by "
         "straight lines. Record at the arm's rate where that matters"
     ]
-    recording = SamplingReport()
-    recording.update(whole.time, whole.hip)
-    recorded = recording.report()
+    at_rate = resampled(whole, rate_hz)
+    session = at_rate.load()
+    recorded = at_rate.notes["recorded"]
     if recorded["gaps"]:
         warnings.append(
             f"{path}: about {recorded['missing_samples']} samples are missing, in gaps of "
             f"{recorded['gap_s']:.3g} s together, and straight lines fill them. Record without "
             "gaps, or do not rely on the ticks there"
         )
-    return resampled(whole, rate_hz).load(), warnings
+    return session, warnings
 
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:

@@ -140,12 +140,8 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
 def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     """The HTML text of the page; `facts` stand at its head: the command line, files, digests."""
     metrics = rehearsal.metrics
-    if rehearsal.passed:
-        verdict = '<p class="verdict pass">PASS: every place is reached, nothing stops the arm</p>'
-    elif not metrics["reachable"]:
-        verdict = '<p class="verdict fail">FAIL: the arm does not reach every place</p>'
-    else:
-        verdict = '<p class="verdict fail">FAIL: the arm would stop</p>'
+    kind, _, words = rehearsal.verdict.partition(": ")
+    verdict = f'<p class="verdict {kind}">{kind.upper()}: {escape(words)}</p>'
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
     in_space = picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
     over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")

@@ -76,8 +76,8 @@ class ArmMotion:
         (T, n) joint angles [rad] and their speeds [rad/s] as the tick began.
     torque
         (T, n) the torques that were commanded [N·m].
-    state, status, governed
-        (T,) of the engine, its status, and the governor's.
+    state, governed
+        (T,) of the engine, and the governor's status.
     """
 
     tip: Array
@@ -90,7 +90,6 @@ class ArmMotion:
     speed: Array
     torque: Array
     state: NDArray[np.int8]
-    status: NDArray[np.uint8]
     governed: NDArray[np.uint8]
 
     @classmethod
@@ -98,8 +97,8 @@ class ArmMotion:
         """Rows of zeros, to be filled."""
         in_space = np.zeros((6, ticks, 3))
         of_joints = np.zeros((3, ticks, joints))
-        status, governed = np.zeros((2, ticks), np.uint8)
-        return cls(*in_space, *of_joints, np.zeros(ticks, np.int8), status, governed)
+        state, governed = np.zeros(ticks, np.int8), np.zeros(ticks, np.uint8)
+        return cls(*in_space, *of_joints, state, governed)
 
 
 def run_loop(
@@ -139,7 +138,7 @@ def run_loop(
         # The robot: position, force, torques.
         mj.mj_step1(model, data)
         mj.mj_jacSite(model, data, position_jacobian, rotation_jacobian, site)
-        answer, rows.state[k], rows.status[k] = engine_step(tip)
+        answer, rows.state[k], _ = engine_step(tip)
         rows.proxy[k], rows.normal[k], rows.rendered[k] = answer
         if native_governor is None:
             rows.force[k] = rows.rendered[k]
@@ -261,6 +260,15 @@ class Rehearsal:
     def passed(self) -> bool:
         """Whether the arm reaches every place, and would not have stopped."""
         return self.metrics["reachable"] and not self.metrics["reflexes"]
+
+    @property
+    def verdict(self) -> str:
+        """What it shows, in words that begin with "pass" or "fail"."""
+        if self.passed:
+            return f"pass: {self.arm.name} reaches every place, and nothing stops it"
+        if not self.metrics["reachable"]:
+            return f"fail: {self.arm.name} does not reach every place"
+        return f"fail: {self.arm.name} would stop"
 
 
 def rehearse(

@@ -242,7 +242,7 @@ def burr_figure(burred: Burred) -> Figure:
     for rows, name in ((before, "before"), (after, "after")):
         section.plot(*(MM * (rows - middle) @ basis)[in_view].T, ".", ms=3, label=name)
     section.legend(loc="best")
-    section.set(title=title, xlabel="[mm]", ylabel="[mm]", aspect="equal")
+    section.set(title=title, xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
     ticks = burred.replayed.ticks
     below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
     below.set(xlabel="time [s]", ylabel="force [N]")

@@ -15,6 +15,7 @@ import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, as_completed
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
 from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
@@ -50,20 +52,12 @@ def campaign_question(
     fixture: Fixture, sessions: list[Session], settings: CampaignSettings
 ) -> dict[str, Any]:
     """The question of a campaign, as its folder keeps it: no names, no paths."""
-    rendering = fixture.rendering
-    record = fixture.registration
+    plan = review_digest(replace(fixture, findings=(), reviewed=None, case=None))
     spacing = fixture.image.pixel_spacing_mm if fixture.image is not None else None
-    numbers = (
-        rendering.contact_radius, rendering.band, rendering.point_radius,
-        rendering.max_iterations, record.model, spacing,
-    )  # fmt: skip
-    digest = hashlib.sha256(repr(numbers).encode())
-    for values in (
-        fixture.points, fixture.sigma, rendering.stiffness, rendering.ignore_axis,
-        record.T_robot_image,
-    ):  # fmt: skip
-        digest.update(b"-" if values is None else np.ascontiguousarray(values, float).tobytes())
-    softest = min(settings.stiffness_range or rendering.stiffness)
+    digest = hashlib.sha256(repr((plan, spacing)).encode())
+    if fixture.sigma is not None:
+        digest.update(fixture.sigma.tobytes())
+    softest = min(settings.stiffness_range or fixture.stiffness)
     return {
         "format": FORMAT,
         "version": VERSION,

@@ -321,8 +321,8 @@ def replay(
         common["fixture"] = {
             "name": path.name, **seal.describe(), "signature_checked": trust is not None,
         }  # fmt: skip
+    poses, events = as_the_loop_saw(session, poses, events)
     if isinstance(session, (str, Path)):
-        poses, events = as_the_loop_saw(session, poses, events)
         session = open_session(session)
     if session.frame != fixture.frame:
         message = (

@@ -213,13 +213,13 @@ def _whole_number(text: str, what: str, limit: int) -> int:
 
 
 def as_the_loop_saw(
-    session: str | Path,
+    session: Any,
     poses: Poses | str | Path | None,
     events: Sequence[Event] | str | Path | None,
 ) -> tuple[Poses | None, list[Event] | None]:
     """Poses and events with the times at which a controller's log says that the loop had them.
 
-    A session without the columns `poses` and `events` leaves both as they are.
+    Files are read. A session without the columns `poses` and `events` leaves both as they are.
 
     Raises SessionError: the log counts more of them than there are, or its counts fall
     """
@@ -227,7 +227,8 @@ def as_the_loop_saw(
         poses = read_poses(poses)
     if events is not None:
         events = read_events(events) if isinstance(events, str | Path) else list(events)
-    if Path(session).suffix.lower() != ".csv" or (poses is None and events is None):
+    is_table = isinstance(session, str | Path) and Path(session).suffix.lower() == ".csv"
+    if not is_table or (poses is None and events is None):
         return poses, events
     file = OpenedFile(Path(session), SessionError)
     table = open_number_table(file.view, str(session), SessionError)
