@@ -9,7 +9,7 @@ from vfplan.cli import options
 from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress, rough_ticks
-from vfplan.display import MAX_LISTED, millijoules, millimetres
+from vfplan.display import millijoules, millimetres
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
     the arm does not reach a place or would have stopped. The files are written all the same.
     """
     from vfplan.arm.model import Arm
-    from vfplan.arm.rehearsal import ArmHand, rehearse
+    from vfplan.arm.rehearsal import ArmHand, objections, rehearse
     from vfplan.bundle.read import read_sealed
     from vfplan.robot import read_robot
 
@@ -130,6 +130,8 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
     """The short report of one rehearsal; with `-v` the statistics too."""
+    from vfplan.arm.rehearsal import objections
+
     reached = "every place" if metrics["reachable"] else "NOT every place"
     lines = [
         f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
@@ -171,21 +173,4 @@ def statistics_lines(metrics: dict[str, Any]) -> list[str]:
             f"governor     up to {governor['held_back_max_n']:.3f} N held back in "
             f"{governor['held_ticks']} ticks, work {millijoules(governor['work_j'])}"
         )
-    return lines
-
-
-def objections(metrics: dict[str, Any]) -> list[str]:
-    """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
-    lines = [
-        f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"
-        for place in metrics.get("unreached", [])[:MAX_LISTED]
-    ]
-    for stop in metrics["reflexes"]:
-        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
-        line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
-        if "s_m" in stop:
-            line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
-        if "value" in stop:
-            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
-        lines.append(line)
     return lines

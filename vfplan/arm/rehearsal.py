@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.arm.model import Arm, mujoco
+from vfplan.display import MAX_LISTED, millimetres
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
@@ -458,3 +459,20 @@ def governor_figures(governor: Governor, motion: ArmMotion) -> dict[str, Any]:
         "overdrawn_ticks": int(np.count_nonzero(overdrawn)),
         "work_j": float(work),
     }
+
+
+def objections(metrics: dict[str, Any]) -> list[str]:
+    """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
+    lines = [
+        f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"
+        for place in metrics.get("unreached", [])[:MAX_LISTED]
+    ]
+    for stop in metrics["reflexes"]:
+        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
+        line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
+        if "s_m" in stop:
+            line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
+        if "value" in stop:
+            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
+        lines.append(line)
+    return lines

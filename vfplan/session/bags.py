@@ -11,11 +11,11 @@ import itertools
 import shlex
 from array import array
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -456,7 +456,7 @@ CHUNK_BYTES = 2**17
 RESTART_S = 1.0
 
 
-class McapWriter:
+class McapWriter(AbstractContextManager):
     """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
@@ -517,9 +517,6 @@ class McapWriter:
             self.full = self.full or error
         if self.full is not None:
             self.kept = len(read_ticks(self._path))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *failure: object) -> None:
         self.close()
