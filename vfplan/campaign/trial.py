@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.geometry.lines import runs
 from vfplan.registration.models import homogeneous, make_problem
-from vfplan.replaying.clearance import CONTACT_M, dots, row_norms
+from vfplan.replaying.clearance import CONTACT_M, dots, flattened, row_norms
 from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
@@ -111,39 +110,11 @@ def fle_of(record: RegistrationRecord) -> float:
     return float(np.sqrt(3 * (record.residuals_m**2).sum() / degrees_of_freedom))
 
 
-# Number of ticks that are bounded together in the search for the deepest place. It changes the run
-# time alone.
-STRETCH_TICKS = 16
-
-# Of each so many ticks the distance of one is taken for that bound.
-SAMPLED_TICKS = STRETCH_TICKS // 4
-
 # A campaign renders the points of a fixture, and its lines and arcs may lie this far from them [m].
-# As much may add to the depth between sampled ticks.
 MAX_DEPARTURE_M = 1e-5
 
 # The depth of a trial in which nothing was touched [m].
 NEVER_TOUCHED_M = -1.0
-
-# A tremor stays within this many times its RMS; the sum of its waves is at most sqrt(6).
-TREMOR_REACH = 3
-
-
-class Deepest(NamedTuple):
-    """The deepest place of a trial so far."""
-
-    depth_m: float
-    proxy: Array
-
-
-class Wish(NamedTuple):
-    """A session and the wish of its hand."""
-
-    session: Session
-    # (T, 3) how far the wish lies ahead of the tool [m]
-    ahead: Array
-    # (T,) the distance from the tool to the curve's surface; -inf in contact [m]
-    clearance: Array
 
 
 class Trials:
@@ -193,7 +164,7 @@ class Trials:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the engines, which belong to one process."""
-        own = ("_true_engine", "_wishes")
+        own = ("_true_engine", "_ahead")
         return {name: value for name, value in vars(self).items() if name not in own}
 
     def run(self, trial: int) -> dict[str, Any]:
@@ -250,90 +221,47 @@ class Trials:
         return self._engine(self.fixture.points, self.fixture.stiffness)
 
     @cached_property
-    def _wishes(self) -> list[Wish]:
-        """The wish of each session's hand."""
-        wishes = []
+    def _ahead(self) -> list[Array]:
+        """(T, 3) how far the wish of each session's hand lies ahead of the tool [m]."""
+        ahead = []
         for session in self.sessions:
             self._true_engine.reset(session.hip[0])
             pull = session.hip - self._true_engine.run(session.hip).proxy
-            ahead = pull * self.fixture.stiffness / self.settings.hand_stiffness
-            clearance = self._true_engine.distance(session.hip) - self._radius
-            clearance = np.where(pull.any(axis=1), -np.inf, clearance)
-            wishes.append(Wish(session, ahead, clearance))
-        return wishes
-
-    @property
-    def _radius(self) -> float:
-        return self.fixture.contact_radius + self.fixture.point_radius
+            ahead.append(pull * self.fixture.stiffness / self.settings.hand_stiffness)
+        return ahead
 
     def replay(self, points: Array, trial: int, rng: np.random.Generator) -> dict[str, Any]:
         """Render these points (N, 3) [m] to the trial's hand, and measure how far the tool goes."""
-        session, ahead, clearance = self._wishes[trial % len(self._wishes)]
-        hip, stiffness, hand = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
+        number = trial % len(self.sessions)
+        session, hip = self.sessions[number], self.sessions[number].hip
+        stiffness, hand = self.fixture.stiffness, self.settings.hand_stiffness
         if self.settings.stiffness_range is not None:
             stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
         if self.settings.tremor_m > 0:
             hip = hip + tremor(session.time, self.settings.tremor_m, rng)
-
-        # Only where the tool is this close to the true curve can it touch the moved one.
-        shift = float(row_norms(points - self.fixture.points).max())
-        may_touch = clearance < shift + TREMOR_REACH * self.settings.tremor_m
-
         engine = self._engine(points, stiffness)
-        deepest = Deepest(NEVER_TOUCHED_M, hip[0])
-        force = force_step = 0.0
-        for run in runs(may_touch, closed=False):
-            engine.reset(hip[run[0]])
-            trace = engine.run(hip[run])
-            wish = hip[run] + ahead[run]
-            tool = (hand * wish + stiffness * trace.proxy) / (hand + stiffness)
-            forces = stiffness * (trace.proxy - tool)
-            force = max(force, float(row_norms(forces).max()))
-            steps = row_norms(np.diff(forces, axis=0))
-            force_step = max(force_step, float(steps.max(initial=0.0)))
-            deepest = self._deepest_of(tool, trace.proxy, trace.normal, shift, deepest)
+        engine.reset(hip[0])
+        trace = engine.run(hip)
+        tool = (hand * (hip + self._ahead[number]) + stiffness * trace.proxy) / (hand + stiffness)
+        forces = stiffness * (trace.proxy - tool)
 
-        # The place, as the true curve's nearest point.
-        point = -1
-        if deepest.depth_m != NEVER_TOUCHED_M:
-            difference = self.fixture.points - deepest.proxy
-            if (axis := self.fixture.ignore_axis) is not None:
-                difference -= np.outer(difference @ axis, axis)
-            point = int(dots(difference, difference).argmin())
-        depth_m = deepest.depth_m
-        return {"depth_m": depth_m, "point": point, "force_n": force, "force_step_n": force_step}
-
-    def _deepest_of(
-        self, tool: Array, rendered: Array, normal: Array, shift: float, deepest: Deepest
-    ) -> Deepest:
-        """`deepest`, or a place of the tool (T, 3) that is deeper beyond the true surface.
-
-        A bound for each stretch of ticks comes first: the depth below the `rendered` surface's
-        proxies (T, 3), plus how far these lie inside the true one, plus what sampling adds. Only
-        where the bound exceeds the deepest place does the true engine follow the tool, from some
-        ticks before on.
-        """
-        true_engine = self._true_engine.native
-        starts = np.arange(0, len(tool), STRETCH_TICKS)
-        inside = self._radius - true_engine.distance(rendered[::SAMPLED_TICKS].copy())
-        bound = np.maximum.reduceat(dots(rendered - tool, normal), starts) + MAX_DEPARTURE_M
-        bound += np.maximum.reduceat(inside, starts // SAMPLED_TICKS)
-        bound -= self.fixture.contact_radius
-        for k in np.argsort(-bound, kind="stable"):
-            if bound[k] <= deepest.depth_m:
-                break
-            first = max(0, starts[k] - STRETCH_TICKS)
-            outside = rendered[first] + 2 * shift * normal[first]
-            places = tool[first : starts[k] + STRETCH_TICKS]
-            true_engine.reset(outside)
-            proxy, true_normal = true_engine.run(places)[:2]
-            pull = proxy - places
-            depth = dots(pull, true_normal) - self.fixture.contact_radius
-            depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
-            tick = int(depth.argmax())
-            if depth[tick] > deepest.depth_m:
-                deepest = Deepest(float(depth[tick]), proxy[tick])
-        return deepest
+        # The true engine follows the tool, from a place outside the true surface on.
+        shift = float(row_norms(points - self.fixture.points).max())
+        self._true_engine.reset(trace.proxy[0] + 2 * shift * trace.normal[0])
+        true = self._true_engine.run(tool)
+        pull = true.proxy - tool
+        depth = dots(pull, true.normal) - self.fixture.contact_radius
+        depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
+        tick, point = int(depth.argmax()), -1
+        if depth[tick] != NEVER_TOUCHED_M:
+            # The true curve's point nearest to the deepest place.
+            place = flattened(true.proxy[tick] - self.fixture.points, self.fixture.ignore_axis)
+            point = int(row_norms(place).argmin())
+        return {
+            "depth_m": float(depth[tick]), "point": point,
+            "force_n": float(row_norms(forces).max()),
+            "force_step_n": float(row_norms(np.diff(forces, axis=0)).max()),
+        }  # fmt: skip
 
 
 def checked_registration(fixture: Fixture) -> RegistrationRecord:

@@ -111,14 +111,13 @@ def stream_of(source: str) -> Iterator[Portion]:
     return stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
 
 
-def stream_result(path: Path, *, pace: bool = True) -> Iterator[Portion]:
-    """The ticks of a result of `vfplan replay -o`; `pace`: at the speed they had."""
+def stream_result(path: Path) -> Iterator[Portion]:
+    """The ticks of a result of `vfplan replay -o`, at the speed they had."""
     ticks = as_ticks(read_result(path)[0])
     started = time.monotonic()
     for k in range(0, len(ticks), RESULT_BLOCK):
-        if pace:
-            due = started + float(ticks["t"][k] - ticks["t"][0])
-            time.sleep(max(0.0, due - time.monotonic()))
+        due = started + float(ticks["t"][k] - ticks["t"][0])
+        time.sleep(max(0.0, due - time.monotonic()))
         yield ticks[k : k + RESULT_BLOCK], {}
 
 
