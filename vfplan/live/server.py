@@ -213,11 +213,7 @@ class Server(socketserver.ThreadingTCPServer):
         return False
 
     def finish_request(self, client: socket.socket, _: Any) -> None:
-        """Serve a client, in a thread of its own."""
-        self.serve(client)
-
-    def serve(self, client: socket.socket) -> None:
-        """Send a client ticks until it goes or stalls, or the server is closed."""
+        """Send a client ticks, in a thread of its own, until it goes or stalls, or we close."""
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         count, unread, told = -1, b"", time.monotonic()
