@@ -43,7 +43,6 @@ def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
     call or of one tick. The last sentences compare the chosen setting with other settings.
     `summary` measures the engines, and prints the last sentence alone.
     """
-    from vfplan.bench.peers import MESH_LIBRARIES
     from vfplan.bench.record import table_lines
 
     is_summary = stage == "summary"

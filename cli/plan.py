@@ -147,9 +147,8 @@ def rehearse_approaches(
     CheckFailed
         The arm does not reach a place, or would stop.
     """
-    from vfplan.arm.command import objections
     from vfplan.arm.model import Arm
-    from vfplan.arm.rehearsal import rehearse
+    from vfplan.arm.rehearsal import objections, rehearse
     from vfplan.errors import CheckFailed
     from vfplan.replaying.link import approach_sessions
 

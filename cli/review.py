@@ -136,13 +136,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
             for stream in filter(None, (sys.stdout, sys.stderr)):
                 stream.flush()
             if not arguments["no_browser"]:
-                door = output.resolve().with_name(f"{output.name}.page.html")
-                stack.callback(remove_quietly, door)
-                text = DOOR.format(address=server.address)
-                write_whole(door, [text.encode()], overwrite=True, mode=0o600)
-                # A program that opens pages may run as long as its browser does.
-                opening = (door, server.address)
-                threading.Thread(target=open_page, args=opening, daemon=True).start()
+                open_door(stack, output, server.address)
             approver = server.run(write, is_stopped)
             time.sleep(FAREWELL_S)
     session = server.session
@@ -167,6 +161,15 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         data, f"wrote {output}", findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
+
+
+def open_door(stack: ExitStack, beside: Path, address: str) -> None:
+    """Open a page in the browser by a door of mode 0600, which stands until the stack is left."""
+    door = beside.resolve().with_name(f"{beside.name}.page.html")
+    stack.callback(remove_quietly, door)
+    write_whole(door, [DOOR.format(address=address).encode()], overwrite=True, mode=0o600)
+    # A program that opens pages may run as long as its browser does.
+    threading.Thread(target=open_page, args=(door, address), daemon=True).start()
 
 
 def open_page(door: Path, address: str) -> None:

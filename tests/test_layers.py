@@ -34,6 +34,7 @@ LEAF_ROOMS = set(LAYERS[-1])
 # The command line reaches into a leaf room where an option asks for it, within a function.
 REACHES = {
     ("cli.options", "campaign"),  # --margin p=P
+    ("camera.command", "live"),  # --live
     ("cli.plan", "arm"),  # --rehearse
     ("cli.review", "camera"),  # --print-out
     ("cli.demo", "arm"),  # demo panda

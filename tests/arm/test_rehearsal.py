@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from replays import fixture_of
 
-import vfplan
 from vfplan.arm.model import Arm
 from vfplan.arm.rehearsal import ArmHand, rehearse
-from vfplan.errors import InputError, SettingError
+from vfplan.errors import InputError
 from vfplan.replaying.link import approach_sessions
 from vfplan.session.session import Session
 
@@ -124,11 +123,6 @@ def test_mass_and_condition_are_those_of_the_postures():
     assert 1600 < m["k_max_n_per_m"] < 1650  # b / (1.5 T + 1 / (2 pi 100 Hz)) = 1617 N/m
 
 
-def test_what_cannot_be_rehearsed_is_refused():
-    with pytest.raises(SettingError, match="force_step_n"):
-        rehearse(wall(stiffness=20_000.0), pressed(1e-3), Arm("panda"))
-
-
 def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
     fixture = wall()
     left, right = approach_sessions(fixture)
@@ -141,16 +135,3 @@ def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
         assert speed == pytest.approx(0.05, rel=1e-3)
     with pytest.raises(InputError, match="no drawn curve"):
         approach_sessions(fixture_of(fixture.points, curve=False))
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("arm", ["panda", "fr3"])
-def test_the_experiments_pass_on_the_arms(arm):
-    from vfplan.samples.experiments import probing_hand, square
-
-    found = rehearse(square(), probing_hand(), Arm(arm))
-    session = Session(found.ticks.time, found.ticks.hip)
-    clearance_m = vfplan.replay(square(), session).metrics["clearance_min_m"]
-    assert found.passed
-    assert found.metrics["torque_step_max_nm"] < 0.1
-    assert found.metrics["clearance_min_m"] == clearance_m

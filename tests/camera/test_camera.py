@@ -2,13 +2,20 @@
 
 import json
 import re
-from dataclasses import replace
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from dataclasses import asdict, replace
 
 import camera_scene as scene
 import cv2
 import numpy as np
 import pytest
 from camera_scene import CAMERA
+from chromium import Page
+from conftest import need_program
 from refusals import refuses
 from replays import fixture_of
 
@@ -17,7 +24,10 @@ from vfplan.camera.overlay import Overlay
 from vfplan.camera.pose import Camera, locate
 from vfplan.camera.sheet import draw_board, draw_print, plan_of, printed_tags, touched_tags
 from vfplan.errors import InputError, MarkerError
+from vfplan.io.files import to_json_types
+from vfplan.review import paper
 from vfplan.review.rendered import Shown
+from vfplan.session.bags import TICK
 
 T = np.linspace(0, 1, 300)
 LINE = np.column_stack([0.5 + 0.14 * T, 0.1 + 0.05 * np.sin(5 * T), np.full(300, 0.02)])
@@ -94,10 +104,10 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
 
 def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli):
     write_fixture(FIXTURE, tmp_path / "plan.h5")
-    for paper, size_mm in (("a4", (210, 297)), ("letter", (215.9, 279.4))):
-        words = "review", "plan.h5", "--print-out", f"{paper}.pdf", "--paper", paper
+    for name, size_mm in (("a4", (210, 297)), ("letter", (215.9, 279.4))):
+        words = "review", "plan.h5", "--print-out", f"{name}.pdf", "--paper", name
         assert vfplan_cli(*words, cwd=tmp_path).sound
-        made = (tmp_path / f"{paper}.pdf").read_bytes()
+        made = (tmp_path / f"{name}.pdf").read_bytes()
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", made)
         assert np.allclose(np.array(box.groups(), float) * 25.4 / 72, size_mm, atol=1e-3)
     # A turn and a shift carry the line onto the sheet, and its tags are 28 mm wide.
@@ -148,6 +158,63 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
     run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
+
+
+SHOWN = "document.getElementById('connection').textContent"
+LATENCY = "document.getElementById('latency').textContent"
+
+
+def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
+    write_fixture(FIXTURE, tmp_path / "plan.h5")
+    (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
+    rng = np.random.default_rng(3)
+    frame = scene.photograph(page, scene.pose(rng), rng)
+    code = cv2.VideoWriter.fourcc(*"MJPG")
+    film = cv2.VideoWriter(str(tmp_path / "film.avi"), code, 5, scene.SIZE)
+    for _ in range(600):
+        film.write(frame)
+    film.release()
+    tick = np.zeros(1, TICK)
+    tick["hip"], tick["proxy"] = LINE[150] + [0, 0.003, 0], LINE[150] + [0, 0.006, 0]
+    tick["normal"], tick["force"] = [0, 1, 0], [0, 3, 0]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    words = f"ar plan.h5 film.avi --camera calib.json --live udp://127.0.0.1:{port} --window"
+    words = f"{words} --no-browser -o wall.png --json".split()
+    run = subprocess.Popen([sys.executable, "-P", "-m", "vfplan", *words], cwd=tmp_path,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    address = run.stderr.readline().strip()
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser,
+    ):
+        browser.open(address.partition("#")[0])
+        browser.until(SHOWN, lambda words: words.startswith("the program has ended"))
+        browser.open("about:blank")
+        browser.open(address)
+        browser.loaded(3)
+        number = 0
+
+        def send_until_seen(words):
+            nonlocal number
+            tick["t"], number = number / 20, number + 1
+            head = struct.pack("<4sHHQQ", b"VFPT", 1, 1, number, 0)
+            sender.sendto(head + tick.tobytes(), ("127.0.0.1", port))
+            return number > 40 and re.search(r"shown \d+ ms after it came", words)
+
+        browser.until(LATENCY, send_until_seen)
+        assert browser.run(SHOWN) == "wall shown"
+        assert browser.run("document.getElementById('picture').width") == scene.SIZE[0]
+        run.send_signal(signal.SIGINT)
+        found = json.loads(run.communicate()[0])
+    assert 0 < found["window_latency_ms"] < 2000
+    wall = cv2.imread(str(tmp_path / "wall.png"))
+    T = np.array(found["pose_T_camera_sheet"])
+    lens = CAMERA.camera_matrix, CAMERA.distortion_coefficients
+    at = cv2.projectPoints(PLAN.place(tick["hip"]), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], *lens)[0]
+    u, v = np.round(at.ravel()).astype(int)
+    assert wall[v, u, ::-1].tolist() == list(paper.GUIDE_COLOUR)
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

@@ -164,20 +164,6 @@ def test_a_trial_alone_is_the_trial_of_the_campaign(folder):
     assert all(table[name][777] == value for name, value in alone.items())
 
 
-def test_no_deepest_place_is_passed_over(monkeypatch):
-    """A hand that slides and presses now more, now less: as if every place was looked at."""
-    along = np.linspace(0.1, 0.9, 3000)
-    ends = line_fixture().points[[0, -1]]
-    hip = ends[0] + np.outer(along, ends[1] - ends[0])
-    hip[:, 1] += R - PRESS - 2e-4 * np.sin(70 * along) - 1e-4 * np.sin(411 * along)
-    sliding = Session(np.arange(3000) * 1e-3, hip, name="sliding")
-    few, every = (Trials(line_fixture(), [sliding], settings()) for _ in range(2))
-    found = [few.run(k) for k in range(10)]
-    monkeypatch.setattr("vfplan.campaign.trial.STRETCH_TICKS", 4096)  # the whole way
-    for row, wanted in zip(found, map(every.run, range(10)), strict=True):
-        assert row["depth_m"] == pytest.approx(wanted["depth_m"], abs=1e-7)
-
-
 def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
     line = line_fixture()
     exact = replace(line.registration, residuals_m=np.zeros(9))  # as a bundle wants them
@@ -307,12 +293,3 @@ def test_a_killed_campaign_goes_on(tmp_path):
     campaign(where, target * BLOCK)
     assert len(read_campaign(where)[1]["trial"]) >= target * BLOCK
     assert json.loads((where / "campaign.json").read_text())["settings"]["fle_robot_m"] == FLE
-
-
-@pytest.mark.full
-def test_the_simulated_cluster_does_all_tasks(root):
-    pytest.importorskip("distributed")
-    program = root / "docs" / "make_scheduler.py"
-    done = subprocess.run([sys.executable, program, "20", "200"], capture_output=True, text=True,
-                          timeout=120, check=False)  # fmt: skip
-    assert done.stdout.startswith("20 workers, 200 tasks: scheduler "), done.stderr

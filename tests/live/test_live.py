@@ -9,7 +9,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,11 +25,10 @@ from vfplan.cli.main import cli
 import vfplan
 from vfplan.engine.moving import matrices
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.fixture import Fixture
 from vfplan.live import server as igtl
 from vfplan.live import sources
 from vfplan.live.server import Server, static_messages
-from vfplan.live.sources import PositionStream, Ticks, decode, host_and_port, stream_udp
+from vfplan.live.sources import PositionStream, decode, host_and_port, stream_udp
 from vfplan.session import bags as mcapfile
 from vfplan.session.bags import TICK, McapWriter, read_ticks
 from vfplan.session.events import read_poses
@@ -74,13 +72,13 @@ def test_a_controllers_ticks_arrive_to_the_bit(publisher):
     words = [publisher, str(port), str(count), "4096", "100"]
     run = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     parts, got = [], 0
-    for found in source:
-        parts.append(found.ticks)
-        got += len(found.ticks)
-        if got == count or (run.poll() is not None and not len(found.ticks)):
+    for ticks, counts in source:
+        assert not any(counts.values())
+        parts.append(ticks)
+        got += len(ticks)
+        if got == count or (run.poll() is not None and not len(ticks)):
             break
     assert "dropped 0 unsent 0" in run.communicate()[0]
-    assert (found.lost, found.bad, found.dropped) == (0, 0, 0)
     assert np.concatenate(parts).tobytes() == made(count).tobytes()
 
 
@@ -120,10 +118,10 @@ def test_a_datagram_that_is_none_is_refused(data, code):
 
 
 def test_a_sound_datagram_is_read():
-    found = decode(datagram(made(2)))
-    assert (found.sequence, found.dropped) == (7, 3)
-    assert found.ticks.tobytes() == made(2).tobytes()
-    assert decode(with_tick("t", 1.7e9)).ticks["t"][1] == 1.7e9, "a time since 1970"
+    sequence, dropped, ticks = decode(datagram(made(2)))
+    assert (sequence, dropped) == (7, 3)
+    assert ticks.tobytes() == made(2).tobytes()
+    assert decode(with_tick("t", 1.7e9))[2]["t"][1] == 1.7e9, "a time since 1970"
 
 
 def sent(numbers, sender, port, first_t=0.0):
@@ -158,9 +156,10 @@ def test_one_sender_at_a_time_is_taken(name, monkeypatch):
         time.sleep(0.3 * waits)
         sent(second, two, port, first_t=1.7e9)
         got += [next(source) for _ in second]
-    assert sum(len(one.ticks) for one in got) == count
-    assert (got[-1].lost, got[-1].bad) == (lost, left_out)
-    assert ("a second program sends" in got[-1].first_bad) == (left_out > 0)
+    assert sum(len(ticks) for ticks, _ in got) == count
+    counts = got[-1][1]
+    assert (counts["lost_datagrams"], counts["bad_datagrams"]) == (lost, left_out)
+    assert ("a second program sends" in counts["first_bad_datagram"]) == (left_out > 0)
 
 
 @needs_mcap
@@ -311,20 +310,6 @@ def test_a_client_is_told_when_the_source_is_silent(server, feed, monkeypatch):
     assert stamp >> 32 == int(before)
 
 
-def test_forty_thousand_points_arrive_as_float32(feed):
-    points = np.random.default_rng(3).normal(scale=0.1, size=(40_000, 3))
-    whole = bundles.whole()
-    cloud = Fixture("patient_lps", points, whole.provenance, rendering=whole.rendering)
-    server = Server(cloud, 0, feed)
-    client, coming = connected(server)
-    kind, device, body = next(coming)
-    client.close()
-    server.close()
-    assert (kind, device, struct.unpack(">I", body[:4])[0]) == ("POLYDATA", "vfplan_cloud", 40_000)
-    sent = np.frombuffer(body, ">f4", 120_000, 40).reshape(-1, 3)
-    assert np.array_equal(sent, (points * [-1e3, -1e3, 1e3]).astype(np.float32))
-
-
 def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
     feed, ticks = PositionStream(100.0), made(4000)
     assert feed.after(-1, 0.0) == (-1, [])
@@ -423,7 +408,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room
     assert read_ticks(tmp_path / "a.mcap").tobytes() == ticks[: writer.kept].tobytes()
     fixture = tmp_path / "f.h5"
     vfplan.write_fixture(bundles.whole(), fixture)
-    parts = iter([Ticks(part) for part in ticks.reshape(-1, 10)])
+    parts = iter([(part, {}) for part in ticks.reshape(-1, 10)])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sources, "stream_udp", lambda address: parts)
         words = ["live", str(fixture), "udp://127.0.0.1:5", "--mcap", str(tmp_path / "b.mcap")]
@@ -538,38 +523,6 @@ def reference_client(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.full
-def test_ten_minutes_at_100_hz(reference_client, publisher):
-    """A controller's 1 kHz, shown 100 times a second: the reference client gets 99.9 % of them."""
-    seconds, port, feed = 600, free_port(), PositionStream()
-    served = Server(bundles.whole(), 0, feed)
-    wanted = 2 + 4 * 100 * seconds
-    begun = time.monotonic()
-    client = subprocess.Popen([reference_client, str(served.port), str(wanted)],
-                              stdout=subprocess.PIPE)  # fmt: skip
-    lines = []
-    reading = threading.Thread(target=lambda: lines.extend(client.stdout))
-    reading.start()
-    while not served.clients:
-        time.sleep(0.01)
-    source = stream_udp(f"udp://127.0.0.1:{port}")
-    sending = subprocess.Popen([publisher, str(port), str(1000 * seconds), "4096", "1000"],
-                               stdout=subprocess.DEVNULL)  # fmt: skip
-    for found in source:
-        if len(found.ticks):
-            feed.put(found.ticks)
-        elif sending.poll() is not None:
-            break
-    assert (found.lost, found.dropped) == (0, 0)
-    time.sleep(1)
-    served.close()
-    reading.join()
-    print(f"{len(lines)} of {wanted} messages in {time.monotonic() - begun:.1f} s")
-    assert not any(b"BAD CRC" in line for line in lines)
-    assert len(lines) >= 0.999 * wanted
-
-
-@pytest.mark.slow
 def test_the_reference_library_reads_it(server, feed, reference_client):
     """Every kind of message, to the last bit."""
     words = [reference_client, str(server.port), "42"]
@@ -662,7 +615,7 @@ def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkey
             send(placed(k, (k, 0, 0)), time.time())
             part = made(100)
             part["t"] = time.time() - begun + 7 + np.arange(-99, 1) / 1e4
-            yield Ticks(part)
+            yield part, {}
             time.sleep(0.05)
 
     monkeypatch.setattr(sources, "stream_udp", ticks)

@@ -40,37 +40,29 @@ def tick(t, force=3.0):
     return made
 
 
-def until(browser, script, wanted):
-    end = time.monotonic() + 20
-    while not wanted(found := browser.run(script)):
-        assert time.monotonic() < end, found
-        time.sleep(0.05)
-    return found
-
-
 def test_in_a_browser(tmp_path):
     feed = PositionStream()
     web = served(feed)
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(f"http://127.0.0.1:{web.port}/")
-        until(browser, WORDS, lambda w: w == "connected, nothing has come yet")
+        browser.until(WORDS, lambda w: w == "connected, nothing has come yet")
         feed.put(tick(1.0))
-        until(browser, READOUT, lambda w: "t = 1.000 s, in contact, |F| = 3.000 N" in w)
+        browser.until(READOUT, lambda w: "t = 1.000 s, in contact, |F| = 3.000 N" in w)
         assert "|proxy − HIP| = 2.000 mm" in browser.run(READOUT)
         before = browser.run(PICTURE), browser.run(PLOT)
         feed.put(tick(2.5, force=5.0))
-        until(browser, READOUT, lambda w: "t = 2.500 s" in w and "5.000 N" in w)
+        browser.until(READOUT, lambda w: "t = 2.500 s" in w and "5.000 N" in w)
         assert browser.run(PICTURE) != before[0]
         assert browser.run(PLOT) != before[1]
-        until(browser, WORDS, lambda w: w.startswith("nothing has come for"))
+        browser.until(WORDS, lambda w: w.startswith("nothing has come for"))
         web.close()
-        until(browser, WORDS, lambda w: w.startswith("connection lost"))
+        browser.until(WORDS, lambda w: w.startswith("connection lost"))
         web = served(feed, web.port)  # the same program comes again
-        until(browser, WORDS, lambda w: not w.startswith("connection lost"))
+        browser.until(WORDS, lambda w: not w.startswith("connection lost"))
         feed.put(tick(0.5))
-        until(browser, READOUT, lambda w: "t = 0.500 s" in w)
+        browser.until(READOUT, lambda w: "t = 0.500 s" in w)
         web.close()
-        until(browser, WORDS, lambda w: w.startswith("connection lost"))
+        browser.until(WORDS, lambda w: w.startswith("connection lost"))
         web = served(feed, web.port, "other.h5")  # another scene: the page shows that one
         browser.loaded(2)
         assert browser.run("document.querySelector('h1').textContent") == "Live: other.h5"

@@ -23,7 +23,6 @@ from vfplan.replaying.clearance import MeshClearance, PointClearance
 from vfplan.replaying.findings import open_words
 from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
-from vfplan.session.result import read_result, write_result
 from vfplan.session.session import Session, resampled
 
 PAPER = {"rule": "paper", "engine": "reference"}
@@ -153,14 +152,6 @@ def test_the_same_replay_gives_the_same_bits(pressed):
     np.testing.assert_array_equal(again.ticks.force, pressed.ticks.force)
 
 
-def test_result_file_holds_what_was_replayed(pressed, tmp_path):
-    write_result(pressed, tmp_path / "r.h5")
-    ticks, attrs = read_result(tmp_path / "r.h5")
-    np.testing.assert_array_equal(ticks.force, pressed.ticks.force)
-    assert attrs["rule"] == "paper"
-    assert attrs["engine"] == "reference"
-
-
 @pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize("axis", [None, (0.0, 0.0, 1.0)])
 def test_clearance_is_the_least_distance(axis, far):
@@ -177,18 +168,6 @@ def test_clearance_is_the_least_distance(axis, far):
         gaps = path[:, None, keep] - points[None, :, keep]
         assert clearance.minimum_m == pytest.approx(np.sqrt((gaps**2).sum(2)).min() - 5e-3,
                                                     abs=1e-12), trial  # fmt: skip
-
-
-@pytest.mark.parametrize("radius", [1e-6, 1e-3, 1.0])
-def test_the_clearance_of_a_dense_curve_looks_at_few_of_its_points(radius):
-    t = np.linspace(0, 1, 20_000)
-    points = np.stack([np.cos(t), np.sin(t), t], axis=1)
-    path = points[::200] * (1 + radius) + np.random.default_rng(3).normal(0, 1e-4, (100, 3))
-    clearance = PointClearance(points, radius, None)
-    clearance.update(path)
-    gaps = np.linalg.norm(path[:, None] - points, axis=2)
-    assert clearance.minimum_m == pytest.approx(gaps.min() - radius, abs=1e-12)
-    assert radius == 1 or np.diff(clearance._starts).max() < len(points) / 500
 
 
 def test_a_meshs_clearance_is_to_its_triangles():
@@ -298,13 +277,6 @@ def test_a_session_in_other_units_is_noticed():
     assert "never-near" not in codes_of(replay(fixture_of(line()), session))
 
 
-@pytest.mark.parametrize(("factor", "noticed"), [(1.0, False), (1e3, True), (1e-3, True)])
-def test_time_in_other_units_is_noticed(factor, noticed):
-    session = probing(0.2)
-    found = replay(fixture_of(line()), Session(factor * session.time, session.hip))
-    assert ("session-time" in codes_of(found)) == noticed
-
-
 def test_wrong_calls_are_refused():
     fixture, session = fixture_of(line()), probing()
     for how, code in (({"rule": "fast"}, "unknown-rule"), ({"engine": "gpu"}, "unknown-engine"),
@@ -350,11 +322,6 @@ def test_the_page_about_replays_and_the_report_have_the_same_numbers(pressed):
     assert {number.key for number in NUMBERS if number.label} - ELSEWHERE <= explained
     found = set(pressed.metrics)
     assert {key for key in explained if key.endswith(("_m", "_n", "_j", "_s"))} - MOVING <= found
-
-
-def test_the_call_is_public(pressed):
-    assert vfplan.replay(fixture_of(line()), probing(0.1), **PAPER).rule == "paper"
-    assert isinstance(pressed, vfplan.Replay)
 
 
 def test_of_very_many_episodes_the_deepest_are_reported():

@@ -159,7 +159,7 @@ def test_limits_hold_or_do_not():
     limits = (("force_max_n", "at_most", 3.9), ("clearance_min_m", "at_least", -1e-5))
     found = replay(fixture, session, limits=limits)
     force, clearance = found.metrics["checks"]
-    assert not found.passed
+    assert found.verdict == "fail"
     assert (force["pass"], clearance["pass"]) == (False, True)
     assert force["value"] == found.metrics["force_max_n"]
     with refuses(SettingError, "no-such-number"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import dimple_depth
 from replays import fixture_of
-from vfplan.samples.experiments import planned_curve, probing_hand, square
+from vfplan.samples.experiments import probing_hand, square
 
 import vfplan
 from vfplan import ProxyParameters
@@ -128,16 +128,3 @@ def test_experiment_1_probes_both_sides():
     np.testing.assert_allclose(overlaps, [0, 2e-3, 4e-3, 0, 3e-3], atol=2e-5)
     assert m["clearance_min_m"] >= -fixture.band
     assert all(e["passive"] for e in m["episodes"])
-
-
-def test_experiment_2_follows_a_curve_planned_on_an_image():
-    from importlib.resources import files
-
-    fixture = planned_curve()
-    assert 2150 < len(fixture.points) < 2260  # the paper has 2204 at 5.3 points a millimetre
-    assert abs(fixture.ignore_axis[2]) > 0.99
-    found = replay(fixture, read_session(files("vfplan.samples") / "elbow_session.csv"))
-    m = found.metrics
-    assert len(m["episodes"]) == 6
-    assert m["clearance_min_m"] >= -fixture.band
-    assert np.abs(found.ticks.force @ fixture.ignore_axis).max() < 1e-9

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
-from vfplan.cli.options import FILE, PNG, Number, option, options_in_order, output_option
+from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress, rough_ticks
-from vfplan.display import MAX_LISTED, millijoules, millimetres
+from vfplan.display import millijoules, millimetres
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @command(
     "rehearse",
-    first_screen="-o --arm --robot --base --tool --no-governor --report --picture-out --json",
+    first_screen="-o --arm --robot --base --tool --no-governor --report --json",
 )
 @options_in_order(
     options.FIXTURE,
@@ -38,11 +38,9 @@ if TYPE_CHECKING:
     options.UNITS,
     option("--report", type=FILE, metavar="DIR",
            help="Write an HTML page with pictures into this folder."),
-    option("--picture-out", type=PNG, metavar="PNG",
-           help="Write a picture of the arm over the fixture."),
     options.signature_options(),
 )  # fmt: skip
-def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
+def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandResult:
     """Let a hand move a simulated arm along SESSION, while the arm renders FIXTURE.h5.
 
     The hand is a spring with a damper. The report says whether the arm reaches every place, and
@@ -50,7 +48,7 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
     the arm does not reach a place or would have stopped. The files are written all the same.
     """
     from vfplan.arm.model import Arm
-    from vfplan.arm.rehearsal import ArmHand, rehearse
+    from vfplan.arm.rehearsal import ArmHand, objections, rehearse
     from vfplan.bundle.read import read_sealed
     from vfplan.robot import read_robot
 
@@ -69,17 +67,12 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
 
     # The files.
     index_path = report / "index.html" if report is not None else None
-    with outputs(output, picture_out, index_path) as (result, picture, index):
+    with outputs(output, index_path) as (result, index):
         if result is not None:
             from vfplan.session.result import ResultWriter
 
             with ResultWriter(result, {"rehearsal": rehearsal.metrics}) as file:
                 file.append(rehearsal.ticks)
-        if picture is not None:
-            from vfplan.arm.figures import draw_in_space
-            from vfplan.figures.style import save_png
-
-            save_png(draw_in_space(rehearsal), picture)
         if index is not None:
             from vfplan.arm.figures import page
 
@@ -90,22 +83,18 @@ def vfplan_rehearse(fixture, session, output, report, picture_out, **arguments) 
     # What to do now.
     warnings += options.not_compared_warnings(seal.describe(), arguments)
     metrics = rehearsal.metrics
-    written = [f"wrote {path}" for path in (output, picture_out, index_path) if path is not None]
-    text = "\n".join([rehearsed_text(metrics), *written])
+    written = [f"wrote {path}" for path in (output, index_path) if path is not None]
+    failed = ""
     if rehearsal.passed:
-        return CommandResult(
-            metrics, text, warnings=warnings,
-            verdict=f"pass: {arm.name} reaches every place, and nothing stops it",
-            next_step="rehearse with --arm and --base as the robot really stands, then sign",
-        )  # fmt: skip
-    verdict = f"fail: {arm.name} would stop"
-    next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
-    if not metrics["reachable"]:
-        verdict = f"fail: {arm.name} does not reach every place"
-        next_step = "move the arm with --base, or bring the fixture closer"
+        next_step = "rehearse with --arm and --base as the robot really stands, then sign"
+    else:
+        failed = objections(metrics)[0]
+        next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
+        if not metrics["reachable"]:
+            next_step = "move the arm with --base, or bring the fixture closer"
     return CommandResult(
-        metrics, text, warnings=warnings, failed=objections(metrics)[0], verdict=verdict,
-        next_step=next_step,
+        metrics, "\n".join([rehearsed_text(metrics), *written]), warnings=warnings, failed=failed,
+        verdict=rehearsal.verdict, next_step=next_step,
     )  # fmt: skip
 
 
@@ -115,7 +104,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
     from vfplan.arm.rehearsal import SAME_RATE
     from vfplan.session.read import open_session
-    from vfplan.session.session import SamplingReport, resampled
+    from vfplan.session.session import resampled
 
     source = open_session(path, units=units, frame=frame)
     with progress("read", rough_ticks(path)):
@@ -127,20 +116,22 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
         f"{path}: was sampled at {rate:.6g} Hz and is resampled to the arm's {rate_hz:g} Hz by "
         "straight lines. Record at the arm's rate where that matters"
     ]
-    recording = SamplingReport()
-    recording.update(whole.time, whole.hip)
-    recorded = recording.report()
+    at_rate = resampled(whole, rate_hz)
+    session = at_rate.load()
+    recorded = at_rate.notes["recorded"]
     if recorded["gaps"]:
         warnings.append(
             f"{path}: about {recorded['missing_samples']} samples are missing, in gaps of "
             f"{recorded['gap_s']:.3g} s together, and straight lines fill them. Record without "
             "gaps, or do not rely on the ticks there"
         )
-    return resampled(whole, rate_hz).load(), warnings
+    return session, warnings
 
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
     """The short report of one rehearsal; with `-v` the statistics too."""
+    from vfplan.arm.rehearsal import objections
+
     reached = "every place" if metrics["reachable"] else "NOT every place"
     lines = [
         f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
@@ -182,21 +173,4 @@ def statistics_lines(metrics: dict[str, Any]) -> list[str]:
             f"governor     up to {governor['held_back_max_n']:.3f} N held back in "
             f"{governor['held_ticks']} ticks, work {millijoules(governor['work_j'])}"
         )
-    return lines
-
-
-def objections(metrics: dict[str, Any]) -> list[str]:
-    """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
-    lines = [
-        f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"
-        for place in metrics.get("unreached", [])[:MAX_LISTED]
-    ]
-    for stop in metrics["reflexes"]:
-        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
-        line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
-        if "s_m" in stop:
-            line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
-        if "value" in stop:
-            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
-        lines.append(line)
     return lines

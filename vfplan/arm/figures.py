@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vfplan.arm.rehearsal import Rehearsal
-from vfplan.display import MAX_DRAWN, MM, millimetres
+from vfplan.arm.rehearsal import Rehearsal, objections
+from vfplan.display import MAX_DRAWN, MM
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.clearance import CONTACT_M, row_norms
@@ -140,40 +140,21 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
 def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     """The HTML text of the page; `facts` stand at its head: the command line, files, digests."""
     metrics = rehearsal.metrics
-    if rehearsal.passed:
-        verdict = '<p class="verdict pass">PASS: every place is reached, nothing stops the arm</p>'
-    elif not metrics["reachable"]:
-        verdict = '<p class="verdict fail">FAIL: the arm does not reach every place</p>'
-    else:
-        verdict = '<p class="verdict fail">FAIL: the arm would stop</p>'
+    kind, _, words = rehearsal.verdict.partition(": ")
+    verdict = f'<p class="verdict {kind}">{kind.upper()}: {escape(words)}</p>'
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
+    lines = objections(metrics) or ["nothing"]
+    stops = "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
     in_space = picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
     over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")
     return document(title, "\n".join([
         f"<header><h1>{title}</h1>{verdict}</header>",
         facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
-        section("What would stop the arm", stops_table(metrics)),
+        section("What would stop the arm", stops),
         section("In space", in_space),
         section("Over time", over_time),
         section("Numbers", numbers_table(metrics)),
     ]))  # fmt: skip
-
-
-def stops_table(metrics: dict[str, Any]) -> str:
-    """Each limit that was crossed and each place out of reach, a row each."""
-    rows = []
-    for stop in metrics["reflexes"]:
-        value = f"{stop['value']:.4g}" if "value" in stop else ""
-        limit = f"{stop['limit']:g}" if "limit" in stop else ""
-        along = f"{1e3 * stop['s_m']:.1f}" if "s_m" in stop else ""
-        joint = str(stop.get("joint", ""))
-        rows.append([str(stop["tick"]), escape(stop["kind"]), joint, value, limit, along])
-    for place in metrics.get("unreached", []):
-        short = f"{millimetres(place['left_m'], 1)} short"
-        rows.append([str(place["tick"]), "not reached", "", short, "", ""])
-    if not rows:
-        return "<p>Nothing.</p>"
-    return table(["tick", "what", "joint", "value", "limit", "along the curve [mm]"], rows)
 
 
 def numbers_table(metrics: dict[str, Any]) -> str:

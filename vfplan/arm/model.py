@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.parameters import number
 from vfplan.errors import InputError, SettingError, requires_extra
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 from vfplan.robot import Robot, read_robot
@@ -153,21 +151,6 @@ DAMPING = (LONGEST_STEP_M / 10) ** 2
 SOLVED_M = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Posture:
-    """An arm held still."""
-
-    # (n,) joint angles [rad], and (3,) the tip [m]
-    q: Array
-    tip: Array
-    # (n,) how far each joint is from its closer limit [rad]; below 0 beyond it
-    margin: Array
-    # Of the (3, n) position Jacobian, largest over smallest singular value
-    condition: float
-    # The smallest apparent mass at the tip over all directions, 1 / λ_max(J M⁻¹ Jᵀ)
-    mass_kg: float
-
-
 class Arm:
     """A shipped arm or an MJCF file, with its base placed and a tool on its site `tip`.
 
@@ -177,7 +160,7 @@ class Arm:
         z
     tool: (3,) the tip in the frame of the site `tip` [m]; by default a straight pointer of 100 mm
     Raises InputError: a model that cannot be read, or is no such arm
-    Raises SettingError: a base or tool of another form; no robot for a file
+    Raises SettingError: a base without direction; no robot for a file
     Raises MissingExtra: no MuJoCo
     """
 
@@ -210,8 +193,8 @@ class Arm:
         self.model.opt.gravity[:] = 0
         self.model.opt.disableflags |= self._mj.mjtDisableBit.mjDSBL_CONTACT
         if base is not None:
-            move_base(self.model, numbers("base", base, (3, 7)))
-        self.model.site_pos[self.site] += numbers("tool", tool, (3,))
+            move_base(self.model, np.array(base, float))
+        self.model.site_pos[self.site] += tool
         self.data = self._mj.MjData(self.model)
         self.joints = int(self.model.nv)
         self.low, self.high = self.model.jnt_range.T.copy()
@@ -279,17 +262,18 @@ class Arm:
             q = np.clip(q + step, self.low, self.high)
         return best_q, best_distance
 
-    def posture(self, q: Array) -> Posture:
-        """The figures of the posture with joint angles q (n,) [rad]."""
+    def posture(self, q: Array) -> tuple[float, float]:
+        """Condition and smallest apparent mass [kg] of the posture with joint angles q (n,) [rad].
+
+        The condition is the largest over the smallest singular value of the (3, n) position
+        Jacobian; the mass is the smallest over all directions, 1 / λ_max(J M⁻¹ Jᵀ).
+        """
         self.hold(q)
-        tip, _, jacobian = self.read_tip()
-        J = jacobian[:3].copy()
+        J = self.read_tip()[2][:3]
         values = np.linalg.svd(J, compute_uv=False)
         condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
         inverse = J @ np.linalg.solve(self.inertia(), J.T)
-        mass = 1 / float(np.linalg.eigvalsh(inverse)[-1])
-        margin = np.minimum(q - self.low, self.high - q)
-        return Posture(q.copy(), tip.copy(), margin, condition, mass)
+        return condition, 1 / float(np.linalg.eigvalsh(inverse)[-1])
 
     def inertia(self) -> Array:
         """(n, n) the joint-space inertia M of the posture it holds [kg·m²]."""
@@ -351,15 +335,3 @@ def rotation_error(target: Array, current: Array) -> Array:
     """(3,) the turn from one rotation to another [rad]: its axis by its sine, below 90°."""
     R = target @ current.T
     return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-
-
-def numbers(name: str, values: Sequence[float], sizes: tuple[int, ...]) -> Array:
-    """The values as an array, if they are finite numbers and as many as allowed."""
-    row = np.array([number(name, value, "") for value in values])
-    if len(row) not in sizes:
-        allowed = " or ".join(map(str, sizes))
-        raise SettingError(
-            f"{name} has {len(row)} numbers. Give {allowed}", code="wrong-count",
-            numbers={"count": len(row)},
-        )  # fmt: skip
-    return row

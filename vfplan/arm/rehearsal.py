@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.arm.model import Arm, Posture, mujoco
+from vfplan.arm.model import Arm, mujoco
+from vfplan.display import MAX_LISTED, millimetres
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import CONTACT_M, clearance_of, overlap, penetration, row_norms
 from vfplan.replaying.metrics import CurveRuler
-from vfplan.session.result import TickBlock
+from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
 from vfplan.stability.loop import Plant, exact_bound
 from vfplan.stability.study import largest_rendered_stiffness
@@ -76,8 +77,8 @@ class ArmMotion:
         (T, n) joint angles [rad] and their speeds [rad/s] as the tick began.
     torque
         (T, n) the torques that were commanded [N·m].
-    state, status, governed
-        (T,) of the engine, its status, and the governor's.
+    state, governed
+        (T,) of the engine, and the governor's status.
     """
 
     tip: Array
@@ -90,7 +91,6 @@ class ArmMotion:
     speed: Array
     torque: Array
     state: NDArray[np.int8]
-    status: NDArray[np.uint8]
     governed: NDArray[np.uint8]
 
     @classmethod
@@ -98,13 +98,8 @@ class ArmMotion:
         """Rows of zeros, to be filled."""
         in_space = np.zeros((6, ticks, 3))
         of_joints = np.zeros((3, ticks, joints))
-        status, governed = np.zeros((2, ticks), np.uint8)
-        return cls(*in_space, *of_joints, np.zeros(ticks, np.int8), status, governed)
-
-    def first(self, ticks: int) -> ArmMotion:
-        """The first rows."""
-        rows = {name: values[:ticks] for name, values in vars(self).items()}
-        return ArmMotion(**rows)
+        state, governed = np.zeros(ticks, np.int8), np.zeros(ticks, np.uint8)
+        return cls(*in_space, *of_joints, state, governed)
 
 
 def run_loop(
@@ -130,11 +125,7 @@ def run_loop(
     place_speed = np.gradient(places, 1 / arm.robot.rate_hz, axis=0)
     arm.hold(start)
     tip, rotation, jacobian = arm.read_tip()
-    position_jacobian, rotation_jacobian, jacobian_transposed = (
-        jacobian[:3],
-        jacobian[3:],
-        jacobian.T,
-    )
+    position_jacobian, rotation_jacobian, jacobian_transposed = *np.split(jacobian, 2), jacobian.T
     joint_speed = data.qvel
     wrench, twist = np.zeros(6), np.zeros(3)
     start_quaternion, quaternion = np.zeros((2, 4))
@@ -148,7 +139,7 @@ def run_loop(
         # The robot: position, force, torques.
         mj.mj_step1(model, data)
         mj.mj_jacSite(model, data, position_jacobian, rotation_jacobian, site)
-        answer, rows.state[k], rows.status[k] = engine_step(tip)
+        answer, rows.state[k], _ = engine_step(tip)
         rows.proxy[k], rows.normal[k], rows.rendered[k] = answer
         if native_governor is None:
             rows.force[k] = rows.rendered[k]
@@ -180,7 +171,7 @@ def run_loop(
                 done(CHECK_TICKS)
             # The comparison is false for a speed that is no number, too.
             if not np.abs(joint_speed).max() < LOST_SPEED_RAD_S:
-                return rows.first(k + 1)
+                return select_ticks(rows, slice(k + 1))
     return rows
 
 
@@ -261,9 +252,6 @@ class Rehearsal:
     ticks: TickBlock
     # The arm's side of it
     motion: ArmMotion
-    # The postures of `PLACES` ticks, evenly spread, and those ticks
-    postures: list[Posture]
-    posture_ticks: NDArray[np.intp]
     # Where the hand wanted the tip
     session: Session
     fixture: Fixture
@@ -273,6 +261,15 @@ class Rehearsal:
     def passed(self) -> bool:
         """Whether the arm reaches every place, and would not have stopped."""
         return self.metrics["reachable"] and not self.metrics["reflexes"]
+
+    @property
+    def verdict(self) -> str:
+        """What it shows, in words that begin with "pass" or "fail"."""
+        if self.passed:
+            return f"pass: {self.arm.name} reaches every place, and nothing stops it"
+        if not self.metrics["reachable"]:
+            return f"fail: {self.arm.name} does not reach every place"
+        return f"fail: {self.arm.name} would stop"
 
 
 def rehearse(
@@ -289,7 +286,7 @@ def rehearse(
     Parameters
     ----------
     session
-        Where the hand wants the tip, at the arm's rate.
+        Where the hand wants the tip, in the fixture's frame and at the arm's rate.
     governed
         Whether a governor of the arm's limits stands between engine and torques.
     hand
@@ -300,13 +297,13 @@ def rehearse(
     Raises
     ------
     SessionError
-        A session in another frame or at another rate, or longer than an hour.
+        A session longer than an hour.
     InputError, SettingError
         A fixture that cannot be rendered; limits that are not passive with its stiffness.
     """
     started = time.perf_counter()
     rate_hz = arm.robot.rate_hz
-    check_session(session, fixture, rate_hz)
+    check_session(session, fixture)
 
     # The robot's part: engine, governor, and the posture to begin with.
     stiffness = largest_rendered_stiffness(fixture)
@@ -327,8 +324,6 @@ def rehearse(
     )  # fmt: skip
 
     # The figures.
-    posture_ticks = np.unique(np.linspace(0, tick_count - 1, PLACES).astype(np.intp))
-    postures = [arm.posture(motion.q[k]) for k in posture_ticks]
     clearance = clearance_of(fixture, engine.rule)
     clearance.update(motion.proxy)
     stops = safety_stops(arm, motion)
@@ -344,7 +339,7 @@ def rehearse(
         "reachable": not unreached,
         "reflexes": stops,
         **torque_figures(motion),
-        **posture_figures(arm, postures, posture_ticks, motion, ruler),
+        **posture_figures(arm, motion, ruler),
         "k_n_per_m": stiffness,
         "force_max_n": float(row_norms(motion.force).max()),
         "force_step_max_n": largest_step(motion.force),
@@ -360,17 +355,11 @@ def rehearse(
     if governor is not None:
         metrics["governor"] = governor_figures(governor, motion)
     metrics["elapsed_s"] = time.perf_counter() - started
-    return Rehearsal(metrics, ticks, motion, postures, posture_ticks, session, fixture, arm)
+    return Rehearsal(metrics, ticks, motion, session, fixture, arm)
 
 
-def check_session(session: Session, fixture: Fixture, rate_hz: float) -> None:
-    """Raise where the session cannot be rehearsed on this fixture at this rate."""
-    if session.frame != fixture.frame:
-        raise SessionError(
-            f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
-            "Give both in one frame",
-            where=session.name, code="other-frame",
-        )  # fmt: skip
+def check_session(session: Session, fixture: Fixture) -> None:
+    """Raise where the session cannot be rehearsed on this fixture."""
     if fixture.guidance is not None:
         raise SceneError(
             "the fixture guides, and a rehearsal renders forbidden regions only. Give one "
@@ -381,14 +370,6 @@ def check_session(session: Session, fixture: Fixture, rate_hz: float) -> None:
         raise SessionError(
             f"the session has {len(session.hip)} samples. Give 2 to {MAX_TICKS}",
             where=session.name, code="session-length", numbers={"samples": len(session.hip)},
-        )  # fmt: skip
-    rate = 1 / float(np.median(np.diff(session.time)))
-    if not abs(rate / rate_hz - 1) < SAME_RATE:
-        raise SessionError(
-            f"the session is sampled at {rate:.6g} Hz, the arm runs at {rate_hz:g} Hz. "
-            "Resample the session",
-            where=session.name, code="other-rate",
-            numbers={"rate_hz": rate, "arm_rate_hz": rate_hz},
         )  # fmt: skip
 
 
@@ -438,36 +419,27 @@ def largest_step(force: Array) -> float:
     return float(row_norms(np.diff(force, axis=0, prepend=np.zeros((1, 3)))).max())
 
 
-def posture_figures(
-    arm: Arm,
-    postures: list[Posture],
-    ticks: NDArray[np.intp],
-    motion: ArmMotion,
-    ruler: CurveRuler | None,
-) -> dict[str, Any]:
+def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> dict[str, Any]:
     """How close joints are to their limits, the worst condition, and the smallest mass."""
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
-    worst = int(np.argmax([posture.condition for posture in postures]))
-    lightest = int(np.argmin([posture.mass_kg for posture in postures]))
-    robot = arm.robot
-    mass_kg = postures[lightest].mass_kg
-    plant = Plant.of(replace(robot, mass_kg=mass_kg))
-    condition = None
-    if np.isfinite(postures[worst].condition):
-        condition = postures[worst].condition
+    ticks = np.unique(np.linspace(0, len(motion.q) - 1, PLACES).astype(int)).tolist()
+    conditions, masses_kg = zip(*(arm.posture(motion.q[k]) for k in ticks), strict=True)
+    condition, mass_kg = max(conditions), min(masses_kg)
+    worst, lightest = ticks[conditions.index(condition)], ticks[masses_kg.index(mass_kg)]
+    plant = Plant.of(replace(arm.robot, mass_kg=mass_kg))
     figures = {
         "joint_margin_min_rad": float(to_limit.min()),
         "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,
         "joint_margin_min_tick": int(to_limit.min(axis=1).argmin()),
-        "condition_max": condition,
-        "condition_max_tick": int(ticks[worst]),
+        "condition_max": condition if np.isfinite(condition) else None,
+        "condition_max_tick": worst,
         "mass_min_kg": mass_kg,
-        "mass_min_tick": int(ticks[lightest]),
-        "k_max_n_per_m": exact_bound(plant, robot.delay_ticks),
+        "mass_min_tick": lightest,
+        "k_max_n_per_m": exact_bound(plant, arm.robot.delay_ticks),
     }
     if ruler is not None:
-        figures["condition_max_along"] = ruler.locate(postures[worst].tip)
-        figures["mass_min_along"] = ruler.locate(postures[lightest].tip)
+        figures["condition_max_along"] = ruler.locate(motion.tip[worst])
+        figures["mass_min_along"] = ruler.locate(motion.tip[lightest])
     return figures
 
 
@@ -487,3 +459,20 @@ def governor_figures(governor: Governor, motion: ArmMotion) -> dict[str, Any]:
         "overdrawn_ticks": int(np.count_nonzero(overdrawn)),
         "work_j": float(work),
     }
+
+
+def objections(metrics: dict[str, Any]) -> list[str]:
+    """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
+    lines = [
+        f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"
+        for place in metrics.get("unreached", [])[:MAX_LISTED]
+    ]
+    for stop in metrics["reflexes"]:
+        joint = f" of joint {stop['joint']}" if "joint" in stop else ""
+        line = f"would stop: {stop['kind']}{joint} at tick {stop['tick']}"
+        if "s_m" in stop:
+            line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
+        if "value" in stop:
+            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
+        lines.append(line)
+    return lines

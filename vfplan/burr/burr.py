@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -24,7 +23,7 @@ from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import row_norms
-from vfplan.replaying.findings import finding, reported
+from vfplan.replaying.findings import finding
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event
 from vfplan.session.session import BLOCK, Session
@@ -204,8 +203,7 @@ def burr(
             "removed. Feed more slowly, and burr no pit narrower than the proxy and no thin "
             "wall from both sides."
         )
-        held = finding("burr-held", "warning", text)
-        replayed.metrics["findings"].append(reported(held))
+        replayed.metrics["findings"].append(finding("burr-held", "warning", text))
     ticks = np.array([event.tick for event in events], int)
     return Burred(replayed, events, fixture.points, ball.points, ticks)
 
@@ -222,63 +220,33 @@ def largest_step_of_bound(
 
 
 def burr_figure(burred: Burred) -> Figure:
-    """What was removed, from above and in a section, and the force over time."""
-    figure = new_figure(7.5, 6.0)
-    axis = burred.replayed.fixture.ignore_axis
-    mosaic = [["above", "section"] if axis is None else ["plane", "plane"], ["below", "below"]]
-    with style():
-        places = figure.subplot_mosaic(mosaic, height_ratios=(3, 2))
+    """What was removed, in the fixture's plane or in a section through it, and the force."""
+    before, after, axis = burred.before, burred.after, burred.replayed.fixture.ignore_axis
+    middle, in_view, title = before.mean(axis=0), np.ones(len(before), bool), "in its plane"
     if axis is None:
-        draw_in_space(figure, places["above"], places["section"], burred)
+        # A section through the middle of what was removed, along the way on which it went.
+        moved, title = before - after, "a section"
+        up = moved.sum(axis=0) if moved.any() else np.array([0.0, 0.0, 1.0])
+        middle = before[moved.any(axis=1)].mean(axis=0) if moved.any() else middle
+        across, axis = np.linalg.svd(up[None])[2][1:]
+        flat = MM * (after - middle)
+        width = 1.6 * max(4.0, np.abs(flat[moved.any(axis=1)]).max(initial=0.0))
+        in_view = (np.abs(flat @ across) < width) & (np.abs(flat @ axis) < 0.1 * width)
+        basis = np.stack((across, up / np.linalg.norm(up))).T
     else:
-        plane = places["plane"]
-        everything = np.ones(len(burred.before), bool)
-        middle = burred.before.mean(axis=0)
-        draw_points(plane, burred, plane_basis(axis), middle, everything)
-        plane.set(title="in its plane", xlabel="[mm]", ylabel="[mm]", aspect="equal")
-
-    ticks = burred.replayed.ticks
-    below = places["below"]
-    below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
-    times = ticks.time[np.minimum(burred.tick, len(ticks.time) - 1)]
-    removed = np.cumsum([len(event.remove) for event in burred.events])
+        basis = plane_basis(axis)
+    figure = new_figure(7.5, 6.0)
     with style():
+        section, below = figure.subplots(2, 1, height_ratios=(3, 2))
         counts = below.twinx()
-    counts.plot(times, removed, lw=0.8, color="C1")
-    counts.set_ylabel("points removed")
+    for rows, name in ((before, "before"), (after, "after")):
+        section.plot(*(MM * (rows - middle) @ basis)[in_view].T, ".", ms=3, label=name)
+    section.legend(loc="best")
+    section.set(title=title, xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
+    ticks = burred.replayed.ticks
+    below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
     below.set(xlabel="time [s]", ylabel="force [N]")
+    times = ticks.time[np.minimum(burred.tick, len(ticks.time) - 1)]
+    counts.plot(times, np.cumsum([len(e.remove) for e in burred.events]), lw=0.8, color="C1")
+    counts.set_ylabel("points removed")
     return figure
-
-
-def draw_in_space(figure: Figure, above: Axes, section: Axes, burred: Burred) -> None:
-    """Draw the points around the pit, seen from the tool and in a section through it."""
-    moved = burred.before - burred.after
-    depth = row_norms(moved)
-    is_lowered = depth > 0
-    if is_lowered.any():
-        up = moved.sum(axis=0)
-        up /= np.linalg.norm(up)
-        middle = burred.after[is_lowered].mean(axis=0)
-    else:
-        up, middle = np.array([0.0, 0.0, 1.0]), burred.after.mean(axis=0)
-    sides = np.linalg.svd(up[None])[2][1:]
-    flat = MM * (burred.after - middle) @ sides.T
-
-    half_width = 1.6 * max(4.0, np.abs(flat[is_lowered]).max(initial=0.0))
-    in_view = np.abs(flat).max(axis=1) < half_width
-    dots = above.scatter(*flat[in_view].T, c=MM * depth[in_view], s=4, cmap="viridis")
-    figure.colorbar(dots, ax=above, label="removed [mm]")
-    above.set(title="seen from the tool", xlabel="[mm]", ylabel="[mm]", aspect="equal")
-    in_section = in_view & (np.abs(flat[:, 1]) < 0.1 * half_width)
-    draw_points(section, burred, np.stack((sides[0], up)).T, middle, in_section)
-    section.set(title="a section", xlabel="[mm]", ylabel="up [mm]")
-
-
-def draw_points(
-    axes: Axes, burred: Burred, basis: Vector, middle: Vector, in_view: NDArray[np.bool_]
-) -> None:
-    """Draw points in a plane, before and after."""
-    for rows, name in ((burred.before, "before"), (burred.after, "after")):
-        flat = MM * (rows - middle) @ basis
-        axes.plot(*flat[in_view].T, ".", ms=3, label=name)
-    axes.legend(loc="best")

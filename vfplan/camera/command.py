@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import shlex
+import threading
 import time
 from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from vfplan.camera import LIMIT_MM
 from vfplan.cli import options
-from vfplan.cli.options import FILE, DecimalNumber, OutputFile, option, options_in_order
+from vfplan.cli.options import (
+    FILE,
+    DecimalNumber,
+    OutputFile,
+    WholeNumber,
+    option,
+    options_in_order,
+)
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
+
+if TYPE_CHECKING:
+    from vfplan.fixture import Fixture
 
 # Name of an output -> the codec of its video; others are pictures.
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
@@ -37,6 +50,12 @@ CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
            "corners of each, labelled as 17.0 to 17.3."),
     option("--session", type=FILE, metavar="SESSION",
            help="Show the tool, the proxy and the force of a session, by the engine."),
+    option("--live", "live_source", metavar="RESULT.h5|udp://HOST:PORT",
+           help="Show them of a controller, or of a result at its own pace, as `vfplan live`."),
+    option("--window", is_flag=True, help="Show the frames of a camera or video in a browser."),
+    option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
+           help="Port of the page.  [default: one that the system chooses]"),
+    option("--no-browser", is_flag=True, help="Print the address and open no browser."),
     option("--session-start", type=DecimalNumber(), default=0.0, metavar="S",
            help="Time of the session at the first frame [s]."),
     option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
@@ -117,36 +136,47 @@ def show_wall(
     from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
     from vfplan.io.files import naming_place
     from vfplan.io.writing import write_whole
-    from vfplan.replaying.replay import replay
 
     camera, touched = read_camera(arguments["camera"]), arguments["tags"]
     with naming_place(fixture):
         plan = plan_of(read_fixture(fixture))
         tags = touched_tags(touched, plan) if touched is not None else printed_tags(plan)
-    measured_mm, session = arguments["measured_mm"], arguments["session"]
-    warnings = []
+    measured_mm, warnings = arguments["measured_mm"], []
     if touched is None and measured_mm is None:
         warnings = ["The scale of the print was not checked. Give --measured-mm"]
     overlay = Overlay(
         plan, tags, camera, touched is None, arguments["limit_mm"], measured_mm or SCALE_MM,
-        None if session is None else replay(plan.fixture, session).ticks,
+        ticks_to_show(plan.fixture, arguments),
     )  # fmt: skip
-    reports, seconds, video, picture = [], [], None, None
-    with outputs(output) as (path,), noted_signals() as is_stopped:
+    refusals, seconds = Counter(), []
+    report = shown = video = picture = window = None
+    with outputs(output) as (path,), noted_signals() as is_stopped, ExitStack() as stack:
+        if arguments["window"]:
+            window = open_window(stack, fixture, arguments)
         size = (camera.image_width, camera.image_height)
         suffix = path.suffix.lower() if path is not None else None
+        begun = time.monotonic()
         for time_s, rate_hz, frame in frames_of(source, size):
-            started = time.perf_counter()
-            reports.append(overlay.show(frame, time_s + arguments["session_start"]))
-            seconds.append(time.perf_counter() - started)
+            if window is not None:
+                # A film is shown at its own pace.
+                time.sleep(max(0.0, begun + time_s - time.monotonic()))
+            started = time.monotonic()
+            report = overlay.show(frame, time_s + arguments["session_start"])
+            seconds.append(time.monotonic() - started)
             frame = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-            if picture is None and suffix in CODECS:
+            if window is not None:
+                window.show(frame, report["refused"], started)
+            if video is None and suffix in CODECS:
                 code = cv2.VideoWriter.fourcc(*CODECS[suffix])
                 video = cv2.VideoWriter(str(path), code, rate_hz, frame.shape[1::-1])
-            if picture is None or reports[-1]["refused"] is None:
-                picture = frame
             if video is not None:
                 video.write(frame)
+            if picture is None or report["refused"] is None:
+                picture = frame
+            if report["refused"] is None:
+                shown = report
+            else:
+                refusals[report["refused"]] += 1
             if is_stopped() or time_s >= (arguments["seconds"] or np.inf):
                 break
         if video is not None:
@@ -154,20 +184,21 @@ def show_wall(
         elif path is not None:
             write_whole(path, [cv2.imencode(suffix, picture)[1].tobytes()], overwrite=True)
 
-    shown = [report for report in reports if report["refused"] is None]
-    refusals = Counter(report["refused"] for report in reports if report["refused"] is not None)
-    ms = 1e3 * float(np.median(seconds))
+    frames, ms = len(seconds), 1e3 * float(np.median(seconds))
     # Of a video the last frame with a wall speaks for all, or the last one.
-    data = (shown or reports)[-1] | {
-        "frames": len(reports), "shown": len(shown), "refusals": refusals,
+    data = (shown or report) | {
+        "frames": frames, "shown": frames - refusals.total(), "refusals": refusals,
         "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": output and str(output),
     }  # fmt: skip
-    text = f"{len(shown)} of {len(reports)} frames show the wall; {ms:.0f} ms a frame"
+    text = f"{data['shown']} of {frames} frames show the wall; {ms:.0f} ms a frame"
+    if window is not None and window.latencies_ms:
+        data["window_latency_ms"] = float(np.median(window.latencies_ms))
+        text += f"\nthe page shows a frame {data['window_latency_ms']:.0f} ms after it came"
     for code, number in refusals.items():
         text += f"\n{number} without: {code}"
     if output is not None:
         text += f"\nwrote {output}"
-    if not shown:
+    if shown is None:
         again = command_line() + " --overwrite" * (output is not None)
         return CommandResult(
             data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
@@ -175,3 +206,44 @@ def show_wall(
         )  # fmt: skip
     look = f"look at {output}" if output is not None else f"keep it: {command_line()} -o OUT.png"
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
+
+
+def ticks_to_show(fixture: Fixture, arguments: dict[str, Any]) -> Callable[[float], Any]:
+    """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
+    session, source = arguments["session"], arguments["live_source"]
+    if session is not None and source is not None:
+        raise click.UsageError("give --session or --live, not both")
+    if session is not None:
+        from vfplan.replaying.replay import replay
+        from vfplan.session.bags import as_ticks
+
+        ticks = as_ticks(replay(fixture, session).ticks)
+        return lambda time_s: ticks[min(int(ticks["t"].searchsorted(time_s)), len(ticks) - 1)]
+    if source is None:
+        return lambda time_s: None
+    from vfplan.live.sources import PositionStream, stream_of
+
+    feed, stream = PositionStream(), stream_of(source)
+
+    def take_all() -> None:
+        for ticks, _ in stream:
+            if len(ticks):
+                feed.put(ticks)
+
+    threading.Thread(target=take_all, daemon=True).start()
+    # The newest tick, unless the source is silent.
+    return lambda time_s: next(iter(feed.after(-1, 0.0)[1]), None)
+
+
+def open_window(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Any:
+    """The page of the frames, with its address printed and opened in the browser."""
+    from vfplan.camera.window import Window
+    from vfplan.cli.review import open_door
+
+    window = Window(fixture.name, arguments["port"])
+    stack.callback(window.close)
+    # With --json, standard output holds one document and nothing else.
+    click.echo(window.address, err=click.get_current_context().params["as_json"])
+    if not arguments["no_browser"]:
+        open_door(stack, fixture, window.address)
+    return window

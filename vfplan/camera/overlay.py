@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from vfplan.images.read import as_uint8, is_picture_file, read_image
 from vfplan.review import paper
 from vfplan.review.picture import RENDERED_COLOUR
 from vfplan.review.rendered import Shown, registration_again, strokes_on_slice
-from vfplan.session.result import TickBlock
 
 # How exactly a ruler tells the printed scale [mm].
 RULER_MM = 0.5
@@ -56,6 +55,8 @@ def frames_of(source: Path, size: tuple[int, int]) -> Iterator[tuple[float, floa
     if is_camera:
         video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
         video.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
+        # No frame waits for the one before.
+        video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     rate_hz = video.get(cv2.CAP_PROP_FPS) or 30.0
     while (read := video.read())[0]:
         time_s = time.monotonic() - started if is_camera else number / rate_hz
@@ -80,8 +81,8 @@ class Overlay:
         A frame whose bound is larger shows no wall.
     measured_mm
         Length of the printed scale by a ruler.
-    ticks
-        Of a session, by the engine; `None`: no tool is shown.
+    tick_at
+        The tick of `vfplan.session.bags.TICK` at the time of a frame [s]; `None`: no tool is shown.
     """
 
     plan: Plan
@@ -90,7 +91,7 @@ class Overlay:
     is_printed: bool = True
     limit_mm: float = LIMIT_MM
     measured_mm: float = SCALE_MM
-    ticks: TickBlock | None = None
+    tick_at: Callable[[float], Any] = lambda time_s: None
     finder: Any = field(default_factory=make_finder)
     # What is said of the error of the plan's registration; empty where nothing is known of it.
     plan_bound: str = field(default="", init=False)
@@ -153,8 +154,9 @@ class Overlay:
         words, colour = f"No wall: {report.get('reason')}", paper.WALL_COLOUR
         if report["refused"] is None:
             self.draw(frame, pose, report["bound_mm"] / MM)
-            if self.ticks is not None:
-                self.draw_tool(frame, pose, time_s)
+            tick = self.tick_at(time_s)
+            if tick is not None:
+                self.draw_tool(frame, pose, tick)
             words = f"the camera within {report['bound_mm']:.2f} mm{self.plan_bound} (95 %)"
             colour = paper.BLACK
         frame[:30] = 255
@@ -169,11 +171,10 @@ class Overlay:
         for colour, thickness, line in self.drawn:
             draw_in_view(frame, pose, line, colour, thickness)
 
-    def draw_tool(self, frame: Picture, pose: Pose, time_s: float) -> None:
-        """Draw HIP, proxy, contact circle, normal and force of the tick at a time."""
-        row = min(int(np.searchsorted(self.ticks.time, time_s)), len(self.ticks.time) - 1)
-        hip, proxy = (self.ticks.hip[row], self.ticks.proxy[row])
-        arms = (NORMAL_M * self.ticks.normal[row], NEWTON_M * self.ticks.force[row])
+    def draw_tool(self, frame: Picture, pose: Pose, tick: Any) -> None:
+        """Draw HIP, proxy, contact circle, normal and force of a tick."""
+        hip, proxy = tick["hip"], tick["proxy"]
+        arms = (NORMAL_M * tick["normal"], NEWTON_M * tick["force"])
         places = self.plan.place(np.array([proxy, hip, *(proxy + arm for arm in arms)]))
         angle = np.linspace(0, 2 * np.pi, CIRCLE_POINTS)
         circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])

@@ -41,15 +41,11 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
 
     H. A. David, H. N. Nagaraja, Order Statistics, 3rd edition, Wiley 2003, 7.1.
     """
-    from scipy.stats import binom
+    from scipy.stats import quantile_test
 
-    count = len(sorted_values)
-    tail = (1 - PROBABILITY) / 2
-    index = min(count - 1, max(0, int(np.ceil(q * count)) - 1))
-    low_index = int(binom.ppf(tail, count, q)) - 1
-    high_index = int(binom.ppf(1 - tail, count, q))
-    low = float(sorted_values[low_index]) if low_index >= 0 else None
-    high = float(sorted_values[high_index]) if high_index < count else None
+    index = max(0, int(np.ceil(q * len(sorted_values))) - 1)
+    ends = quantile_test(sorted_values, p=q).confidence_interval(PROBABILITY)
+    low, high = (None if np.isnan(end) else float(end) for end in ends)
     return {"value": float(sorted_values[index]), "low": low, "high": high}
 
 

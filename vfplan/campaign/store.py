@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 from collections.abc import Callable, Iterator
-from concurrent.futures import as_completed
-from contextlib import contextmanager
+from concurrent.futures import Executor, as_completed
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -21,11 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
-from vfplan.errors import InputError, OutputError, SettingError, requires_extra
+from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
-from vfplan.io.sandbox import worker_processes as processes
+from vfplan.io.sandbox import worker_processes
 from vfplan.io.writing import write_whole
 from vfplan.session.session import Session
 
@@ -48,22 +52,12 @@ def campaign_question(
     fixture: Fixture, sessions: list[Session], settings: CampaignSettings
 ) -> dict[str, Any]:
     """The question of a campaign, as its folder keeps it: no names, no paths."""
-    rendering = fixture.rendering
-    record = fixture.registration
-    assert rendering is not None
-    assert record is not None
+    plan = review_digest(replace(fixture, findings=(), reviewed=None, case=None))
     spacing = fixture.image.pixel_spacing_mm if fixture.image is not None else None
-    numbers = (
-        rendering.contact_radius, rendering.band, rendering.point_radius,
-        rendering.max_iterations, record.model, spacing,
-    )  # fmt: skip
-    digest = hashlib.sha256(repr(numbers).encode())
-    for values in (
-        fixture.points, fixture.sigma, rendering.stiffness, rendering.ignore_axis,
-        record.T_robot_image,
-    ):  # fmt: skip
-        digest.update(b"-" if values is None else np.ascontiguousarray(values, float).tobytes())
-    softest = min(settings.stiffness_range or rendering.stiffness)
+    digest = hashlib.sha256(repr((plan, spacing)).encode())
+    if fixture.sigma is not None:
+        digest.update(fixture.sigma.tobytes())
+    softest = min(settings.stiffness_range or fixture.stiffness)
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -75,14 +69,12 @@ def campaign_question(
             for session in sessions
         ],
         "share": float(softest / (softest + settings.hand_stiffness)),
-        "settings": settings.as_dict(),
+        "settings": {name: value for name, value in vars(settings).items() if value is not None},
     }
 
 
 def markers_sha256(fixture: Fixture) -> str:
     """Digest of a registration's model and markers, and of K: what a plan and its margin share."""
-    assert fixture.registration is not None
-    assert fixture.rendering is not None
     record = fixture.registration
     digest = hashlib.sha256(record.model.encode())
     for values in (record.source, record.target, fixture.rendering.stiffness):
@@ -90,8 +82,8 @@ def markers_sha256(fixture: Fixture) -> str:
     return digest.hexdigest()
 
 
-class Store:
-    """The folder of a campaign.
+def open_folder(folder: Path, question: dict[str, Any]) -> None:
+    """Make the folder of a campaign, or check that it holds this question.
 
     Parameters
     ----------
@@ -105,63 +97,38 @@ class Store:
     OutputError
         The folder holds something else, or another question.
     """
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileExistsError:
+        text, where = "is a file. Name a folder", str(folder)
+        raise OutputError(text, where=where, code="folder-is-a-file") from None
+    except OSError as error:
+        text = f"cannot be made: {error.strerror or error}. Name another folder"
+        raise OutputError(text, where=str(folder), code="folder-not-made") from None
+    if not (folder / QUESTION_FILE).exists():
+        # Files that another process is just writing have this prefix.
+        if any(not path.name.startswith(".vfplan-") for path in folder.iterdir()):
+            text = "is no campaign's folder, and not empty. Name another folder"
+            raise OutputError(text, where=str(folder), code="folder-not-empty")
+        text = json.dumps(question, indent=2) + "\n"
+        write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
+        return
+    question, stored = json.loads(json.dumps(question)), read_question(folder)
+    names = sorted(question.keys() | stored)
+    differing = [name for name in names if question.get(name) != stored.get(name)]
+    if differing:
+        text = f"holds a campaign that differs in {', '.join(differing)}. Name another folder"
+        raise OutputError(text, where=str(folder), code="another-campaign")
 
-    def __init__(self, folder: Path, question: dict[str, Any]) -> None:
-        self.folder = folder
-        question = json.loads(json.dumps(question))
-        if not folder.exists():
-            try:
-                folder.mkdir()
-            except OSError as error:
-                reason = error.strerror or str(error)
-                raise OutputError(
-                    f"cannot be made: {reason}. Name another folder",
-                    where=str(folder),
-                    code="folder-not-made",
-                ) from None
-        if not (folder / QUESTION_FILE).exists():
-            if not folder.is_dir():
-                raise OutputError(
-                    "is a file. Name a folder", where=str(folder), code="folder-is-a-file"
-                )
-            for path in folder.iterdir():
-                # Files that another process is just writing have this prefix.
-                if not path.name.startswith(".vfplan-"):
-                    raise OutputError(
-                        "is no campaign's folder, and not empty. Name another folder",
-                        where=str(folder), code="folder-not-empty",
-                    )  # fmt: skip
-            text = json.dumps(question, indent=2) + "\n"
-            write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
-            return
-        stored = read_question(folder)
-        names = sorted(question.keys() | stored)
-        differing = [name for name in names if question.get(name) != stored.get(name)]
-        if differing:
-            raise OutputError(
-                f"holds a campaign that differs in {', '.join(differing)}. Name another folder",
-                where=str(folder), code="another-campaign",
-            )  # fmt: skip
 
-    def path(self, block: int) -> Path:
-        """The file of a block."""
-        return block_path(self.folder, block)
+def store_block(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write a block, whole; one that is there already is the same, and stays."""
+    import pyarrow
 
-    def missing(self, block_count: int) -> list[int]:
-        """Which of the first blocks are to be made; raises `InputError` where one is damaged."""
-        missing = [block for block in range(block_count) if not self.path(block).exists()]
-        for block in sorted(set(range(block_count)) - set(missing)):
-            read_block(self.path(block), block)
-        return missing
-
-    def store_block(self, block: int, rows: list[dict[str, Any]]) -> None:
-        """Write a block, whole; one that is there already is the same, and stays."""
-        import pyarrow
-
-        buffer = BytesIO()
-        parquet().write_table(pyarrow.Table.from_pylist(rows), buffer)
-        if not self.path(block).exists():
-            write_whole(self.path(block), [buffer.getvalue()], overwrite=True)
+    buffer = BytesIO()
+    parquet().write_table(pyarrow.Table.from_pylist(rows), buffer)
+    if not path.exists():
+        write_whole(path, [buffer.getvalue()], overwrite=True)
 
 
 def block_path(folder: Path, block: int) -> Path:
@@ -248,12 +215,6 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
     return columns
 
 
-Rows = list[dict[str, Any]]
-
-# The trials of a worker process, which are sent to it once and not with each block.
-_trials_of_this_process: Trials | None = None
-
-
 def run_campaign(
     fixture: Fixture,
     sessions: list[Session],
@@ -281,77 +242,61 @@ def run_campaign(
 
     Raises
     ------
-    SceneError, SettingError, OutputError
-        Nothing to vary, a setting out of range, or a folder of another campaign.
+    SceneError, OutputError
+        Nothing to vary, or a folder of another campaign.
     MissingExtra
         Without pyarrow, or without distributed where a scheduler is given.
     """
     parquet()
-    if trials < 1 or workers < 1:
-        raise SettingError(
-            f"there are {trials} trials and {workers} workers. Give at least 1 of each",
-            code="no-trials",
-        )
-    if not sessions:
-        raise SettingError("there is no session. Give at least one", code="no-session")
     campaign = Trials(fixture, sessions, settings or CampaignSettings())
-    store = Store(folder, campaign_question(fixture, sessions, campaign.settings))
-    block_count = -(-trials // BLOCK)
-    missing = store.missing(block_count)
-    if scheduler is not None and missing:
-        source = blocks_on_cluster(campaign, missing, scheduler)
-    elif workers > 1 and len(missing) > 1:
-        source = blocks_in_processes(campaign, missing, workers)
-    else:
-        source = blocks_here(campaign, missing)
-    with source as blocks:
-        for block, rows in blocks:
-            store.store_block(block, rows)
-            done(len(rows))
+    open_folder(folder, campaign_question(fixture, sessions, campaign.settings))
+    paths = [block_path(folder, block) for block in range(-(-trials // BLOCK))]
+    missing = [block for block, path in enumerate(paths) if not path.exists()]
+    for block in range(len(paths)):
+        if block not in missing:
+            read_block(paths[block], block)
+    if scheduler is None and min(workers, len(missing)) < 2:
+        for block in missing:
+            store_block(paths[block], block_of(campaign, block))
+            done(BLOCK)
+        return len(missing) * BLOCK
+    data: Any = pickle.dumps(campaign)
+    with ExitStack() as stack:
+        if scheduler is None:
+            executor = stack.enter_context(worker_processes(workers))
+        else:
+            executor, data = stack.enter_context(workers_of_cluster(scheduler, data))
+        futures = {executor.submit(make_block, data, block): block for block in missing}
+        for future in as_completed(futures):
+            store_block(paths[futures[future]], future.result())
+            done(BLOCK)
     return len(missing) * BLOCK
 
 
-def make_block(trials: Trials, block: int) -> Rows:
+def block_of(trials: Trials, block: int) -> list[dict[str, Any]]:
     """The rows of a block; any process makes the same."""
     return [trials.run(trial) for trial in range(block * BLOCK, (block + 1) * BLOCK)]
 
 
-@contextmanager
-def blocks_here(trials: Trials, missing: list[int]) -> Iterator[Iterator[tuple[int, Rows]]]:
-    """The blocks one after the other, in this process."""
-    yield ((block, make_block(trials, block)) for block in missing)
+def make_block(trials: bytes, block: int) -> list[dict[str, Any]]:
+    """The rows of a block in another process, which keeps the trials that it unpacked."""
+    return block_of(unpacked(trials), block)
+
+
+@lru_cache(maxsize=1)
+def unpacked(trials: bytes) -> Trials:
+    """The trials that were packed."""
+    return pickle.loads(trials)
 
 
 @contextmanager
-def blocks_in_processes(
-    trials: Trials, missing: list[int], workers: int
-) -> Iterator[Iterator[tuple[int, Rows]]]:
-    """The blocks from processes of this machine, as they are ready."""
-    with processes(workers, set_trials_of_process, trials) as pool:
-        futures = {pool.submit(make_block_of_process, block): block for block in missing}
-        yield ((futures[future], future.result()) for future in as_completed(futures))
+def workers_of_cluster(scheduler: str, trials: bytes) -> Iterator[tuple[Executor, Any]]:
+    """The workers of a Dask cluster, and the trials, sent to each of them.
 
-
-def set_trials_of_process(trials: Trials) -> None:
-    """Keep the trials for the blocks that this worker process will make."""
-    global _trials_of_this_process
-    _trials_of_this_process = trials
-
-
-def make_block_of_process(block: int) -> Rows:
-    """The rows of a block, of the trials that this worker process keeps."""
-    assert _trials_of_this_process is not None
-    return make_block(_trials_of_this_process, block)
-
-
-@contextmanager
-def blocks_on_cluster(
-    trials: Trials, missing: list[int], scheduler: str
-) -> Iterator[Iterator[tuple[int, Rows]]]:
-    """The blocks from a Dask cluster; where a worker dies, another makes its blocks."""
+    Where a worker dies, another makes its blocks.
+    """
     with requires_extra("--scheduler needs dask", "campaign"):
         from distributed import Client
-        from distributed import as_completed as completed_on_cluster
     try:
         client = Client(scheduler, timeout="20s", set_as_default=False)
     except (OSError, ValueError) as error:
@@ -360,12 +305,7 @@ def blocks_on_cluster(
             f"no Dask scheduler answers: {reason}. Check the address", where=scheduler,
             code="no-scheduler",
         ) from None  # fmt: skip
-    with client, client.as_current():
+    with client:
         # Without hash=False the data of two campaigns could count as one.
-        scattered = client.scatter(trials, broadcast=True, hash=False)
-        futures = {
-            client.submit(make_block, scattered, block, pure=False, retries=4): block
-            for block in missing
-        }
-        results = completed_on_cluster(futures, with_results=True)
-        yield ((futures[future], rows) for future, rows in results)
+        sent = client.scatter(trials, broadcast=True, hash=False)
+        yield client.get_executor(pure=False, retries=4), sent

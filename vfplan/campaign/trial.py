@@ -14,10 +14,9 @@ nearest place on it where it was to second order.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +24,8 @@ from numpy.typing import NDArray
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.geometry.lines import runs
 from vfplan.registration.models import homogeneous, make_problem
-from vfplan.replaying.clearance import CONTACT_M, dots, row_norms
+from vfplan.replaying.clearance import CONTACT_M, dots, flattened, row_norms
 from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
@@ -65,7 +63,7 @@ class CampaignSettings:
     Raises
     ------
     SettingError
-        A value outside its range.
+        A stiffness range outside its own.
     """
 
     seed: int = 0
@@ -76,31 +74,12 @@ class CampaignSettings:
     hand_stiffness: float = 500.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.seed < 2**63:
-            raise SettingError(
-                f"seed is {self.seed}. Give a whole number from 0 to 2^63 - 1", code="seed"
-            )
-        for name in ("fle_image_px", "fle_robot_m", "tremor_m"):
-            value = getattr(self, name)
-            if value is not None and not (isfinite(value) and value >= 0):
-                raise SettingError(
-                    f"{name} is {value}. Give a finite number of at least 0", code="error-size"
-                )
         low, high = self.stiffness_range or (1.0, 1.0)
         if not (0 < low <= high <= 1e6):
             raise SettingError(
                 f"stiffness range is {low:g},{high:g}. Give A,B with 0 < A <= B <= 1e6 N/m",
                 code="stiffness-range",
             )
-        if not (isfinite(self.hand_stiffness) and self.hand_stiffness > 0):
-            raise SettingError(
-                f"hand stiffness is {self.hand_stiffness}. Give more than 0 N/m",
-                code="hand-stiffness",
-            )
-
-    def as_dict(self) -> dict[str, Any]:
-        """What is set, by name."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:
@@ -131,52 +110,11 @@ def fle_of(record: RegistrationRecord) -> float:
     return float(np.sqrt(3 * (record.residuals_m**2).sum() / degrees_of_freedom))
 
 
-# Number of ticks that are bounded together in the search for the deepest place. It changes the run
-# time alone.
-STRETCH_TICKS = 16
-
-# Of each so many ticks the distance of one is taken for that bound.
-SAMPLED_TICKS = STRETCH_TICKS // 4
-
 # A campaign renders the points of a fixture, and its lines and arcs may lie this far from them [m].
-# As much may add to the depth between sampled ticks.
 MAX_DEPARTURE_M = 1e-5
 
 # The depth of a trial in which nothing was touched [m].
 NEVER_TOUCHED_M = -1.0
-
-# A tremor stays within this many times its RMS; the sum of its waves is at most sqrt(6).
-TREMOR_REACH = 3
-
-
-class Deepest(NamedTuple):
-    """The deepest place of a trial so far."""
-
-    depth_m: float
-    proxy: Array
-
-
-class Wish(NamedTuple):
-    """A session and the wish of its hand."""
-
-    session: Session
-    # (T, 3) how far the wish lies ahead of the tool [m]
-    ahead: Array
-    # (T,) the distance from the tool to the curve's surface; -inf in contact [m]
-    clearance: Array
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of a trial."""
-
-    # How far the tool went beyond the true curve's surface at most [m]; below 0 it never did
-    depth_m: float
-    # Index of the true curve's point nearest to where that was; -1 where nothing was touched
-    point: int
-    # Largest force and largest change of it in a tick [N]
-    force_n: float
-    force_step_n: float
 
 
 class Trials:
@@ -226,36 +164,24 @@ class Trials:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the engines, which belong to one process."""
-        own = ("_true_engine", "_wishes")
+        own = ("_true_engine", "_ahead")
         return {name: value for name, value in vars(self).items() if name not in own}
 
-    @property
-    def dimension(self) -> int:
-        """How many standard normals the geometry of a trial takes."""
-        if self._sigma is None:
-            return self.markers
-        return self.markers + len(self._sigma)
-
-    @property
-    def markers(self) -> int:
-        """How many of them are the markers'; they stand first."""
-        return self._source.size + self._target.size
-
-    def draw(self, trial: int) -> tuple[Array, np.random.Generator]:
-        """The trial's standard normals (`dimension`,), and the generator for the rest."""
-        rng = np.random.Generator(np.random.Philox(key=[self.settings.seed, trial]))
-        return rng.standard_normal(self.dimension), rng
-
     def run(self, trial: int) -> dict[str, Any]:
-        """One trial as a row of the campaign's table."""
-        normals, rng = self.draw(trial)
-        outcome = self.replay(self.planned(normals), trial, rng)
-        return {"trial": trial, **outcome.__dict__}
+        """One trial as a row of the campaign's table.
 
-    def planned(self, normals: Array) -> Array:
-        """The fixture's points (N, 3) [m] that these normals lead to."""
-        # The markers as these normals pick and touch them.
-        image, robot = np.split(normals[: self.markers], [self._source.size])
+        It holds how far the tool went beyond the true curve's surface at most (below 0 it never
+        did), the true curve's point nearest to where that was (-1 where nothing was touched), the
+        largest force, and its largest change in a tick.
+        """
+        rng = np.random.Generator(np.random.Philox(key=[self.settings.seed, trial]))
+        return {"trial": trial} | self.replay(self.planned(rng), trial, rng)
+
+    def planned(self, rng: np.random.Generator) -> Array:
+        """The fixture's points (N, 3) [m] with the errors that are drawn."""
+        # The markers as they are picked and touched.
+        image = rng.standard_normal(self._source.size)
+        robot = rng.standard_normal(self._target.size)
         axis_image = self.settings.fle_image_px / np.sqrt(self._source.shape[1])
         axis_robot = self.settings.fle_robot_m / np.sqrt(3.0)
         true = self._markers
@@ -267,7 +193,8 @@ class Trials:
         m = problem.model.solve(problem.s, problem.y, problem.weights)
         points = self._along @ m.T + problem.normaliser.target_centre
         if self._sigma is not None:
-            points += (self._sigma * normals[self.markers :])[:, None] * self._across
+            shifts = self._sigma * rng.standard_normal(len(self._sigma))
+            points += shifts[:, None] * self._across
         return points
 
     @cached_property
@@ -283,7 +210,6 @@ class Trials:
     def _engine(self, points: Array, stiffness: Array) -> ProxyEngine:
         """An engine that renders points as the fixture's own are."""
         rendering = self.fixture.rendering
-        assert rendering is not None
         return ProxyEngine(
             points, rendering.contact_radius, rendering.band, rendering.point_radius, stiffness,
             ignore_axis=rendering.ignore_axis, max_iterations=rendering.max_iterations,
@@ -295,89 +221,47 @@ class Trials:
         return self._engine(self.fixture.points, self.fixture.stiffness)
 
     @cached_property
-    def _wishes(self) -> list[Wish]:
-        """The wish of each session's hand."""
-        wishes = []
+    def _ahead(self) -> list[Array]:
+        """(T, 3) how far the wish of each session's hand lies ahead of the tool [m]."""
+        ahead = []
         for session in self.sessions:
             self._true_engine.reset(session.hip[0])
             pull = session.hip - self._true_engine.run(session.hip).proxy
-            ahead = pull * self.fixture.stiffness / self.settings.hand_stiffness
-            clearance = self._true_engine.distance(session.hip) - self._radius
-            clearance = np.where(pull.any(axis=1), -np.inf, clearance)
-            wishes.append(Wish(session, ahead, clearance))
-        return wishes
+            ahead.append(pull * self.fixture.stiffness / self.settings.hand_stiffness)
+        return ahead
 
-    @property
-    def _radius(self) -> float:
-        return self.fixture.contact_radius + self.fixture.point_radius
-
-    def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Outcome:
+    def replay(self, points: Array, trial: int, rng: np.random.Generator) -> dict[str, Any]:
         """Render these points (N, 3) [m] to the trial's hand, and measure how far the tool goes."""
-        session, ahead, clearance = self._wishes[trial % len(self._wishes)]
-        hip, stiffness, hand = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
+        number = trial % len(self.sessions)
+        session, hip = self.sessions[number], self.sessions[number].hip
+        stiffness, hand = self.fixture.stiffness, self.settings.hand_stiffness
         if self.settings.stiffness_range is not None:
             stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
         if self.settings.tremor_m > 0:
             hip = hip + tremor(session.time, self.settings.tremor_m, rng)
-
-        # Only where the tool is this close to the true curve can it touch the moved one.
-        shift = float(row_norms(points - self.fixture.points).max())
-        may_touch = clearance < shift + TREMOR_REACH * self.settings.tremor_m
-
         engine = self._engine(points, stiffness)
-        deepest = Deepest(NEVER_TOUCHED_M, hip[0])
-        force = force_step = 0.0
-        for run in runs(may_touch, closed=False):
-            engine.reset(hip[run[0]])
-            trace = engine.run(hip[run])
-            wish = hip[run] + ahead[run]
-            tool = (hand * wish + stiffness * trace.proxy) / (hand + stiffness)
-            forces = stiffness * (trace.proxy - tool)
-            force = max(force, float(row_norms(forces).max()))
-            steps = row_norms(np.diff(forces, axis=0))
-            force_step = max(force_step, float(steps.max(initial=0.0)))
-            deepest = self._deepest_of(tool, trace.proxy, trace.normal, shift, deepest)
+        engine.reset(hip[0])
+        trace = engine.run(hip)
+        tool = (hand * (hip + self._ahead[number]) + stiffness * trace.proxy) / (hand + stiffness)
+        forces = stiffness * (trace.proxy - tool)
 
-        # The place, as the true curve's nearest point.
-        point = -1
-        if deepest.depth_m != NEVER_TOUCHED_M:
-            difference = self.fixture.points - deepest.proxy
-            if (axis := self.fixture.ignore_axis) is not None:
-                difference -= np.outer(difference @ axis, axis)
-            point = int(dots(difference, difference).argmin())
-        return Outcome(deepest.depth_m, point, force, force_step)
-
-    def _deepest_of(
-        self, tool: Array, rendered: Array, normal: Array, shift: float, deepest: Deepest
-    ) -> Deepest:
-        """`deepest`, or a place of the tool (T, 3) that is deeper beyond the true surface.
-
-        A bound for each stretch of ticks comes first: the depth below the `rendered` surface's
-        proxies (T, 3), plus how far these lie inside the true one, plus what sampling adds. Only
-        where the bound exceeds the deepest place does the true engine follow the tool, from some
-        ticks before on.
-        """
-        true_engine = self._true_engine.native
-        starts = np.arange(0, len(tool), STRETCH_TICKS)
-        inside = self._radius - true_engine.distance(rendered[::SAMPLED_TICKS].copy())
-        bound = np.maximum.reduceat(dots(rendered - tool, normal), starts) + MAX_DEPARTURE_M
-        bound += np.maximum.reduceat(inside, starts // SAMPLED_TICKS)
-        bound -= self.fixture.contact_radius
-        for k in np.argsort(-bound, kind="stable"):
-            if bound[k] <= deepest.depth_m:
-                break
-            first = max(0, starts[k] - STRETCH_TICKS)
-            outside = rendered[first] + 2 * shift * normal[first]
-            places = tool[first : starts[k] + STRETCH_TICKS]
-            true_engine.reset(outside)
-            proxy, true_normal = true_engine.run(places)[:2]
-            pull = proxy - places
-            depth = dots(pull, true_normal) - self.fixture.contact_radius
-            depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
-            tick = int(depth.argmax())
-            if depth[tick] > deepest.depth_m:
-                deepest = Deepest(float(depth[tick]), proxy[tick])
-        return deepest
+        # The true engine follows the tool, from a place outside the true surface on.
+        shift = float(row_norms(points - self.fixture.points).max())
+        self._true_engine.reset(trace.proxy[0] + 2 * shift * trace.normal[0])
+        true = self._true_engine.run(tool)
+        pull = true.proxy - tool
+        depth = dots(pull, true.normal) - self.fixture.contact_radius
+        depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
+        tick, point = int(depth.argmax()), -1
+        if depth[tick] != NEVER_TOUCHED_M:
+            # The true curve's point nearest to the deepest place.
+            place = flattened(true.proxy[tick] - self.fixture.points, self.fixture.ignore_axis)
+            point = int(row_norms(place).argmin())
+        return {
+            "depth_m": float(depth[tick]), "point": point,
+            "force_n": float(row_norms(forces).max()),
+            "force_step_n": float(row_norms(np.diff(forces, axis=0)).max()),
+        }  # fmt: skip
 
 
 def checked_registration(fixture: Fixture) -> RegistrationRecord:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -65,11 +64,11 @@ def vfplan_live(
     if (openigtlink, web, mcap, poses_out) == (None,) * 4:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
     from vfplan.bundle.read import read_fixture
-    from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
+    from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_of
     from vfplan.session.bags import McapWriter
 
     scene = read_fixture(fixture)
-    ticks = stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
+    ticks = stream_of(source)
 
     feed = PositionStream(rate)
     servers: list[Any] = []
@@ -169,17 +168,15 @@ def pass_on(
             "first_bad_datagram": ""}  # fmt: skip
     started = time.monotonic()
     with noted_signals() as stopped:
-        for portion in ticks:
-            if len(portion.ticks):
-                data["ticks"] += len(portion.ticks)
-                feed.put(portion.ticks)
+        for portion, counts in ticks:
+            data |= counts
+            if len(portion):
+                data["ticks"] += len(portion)
+                feed.put(portion)
                 if writer is not None:
-                    writer.write(portion.ticks, time.time())
+                    writer.write(portion, time.time())
                     if writer.full and stop_when_full:
                         break
-            data |= {"dropped": portion.dropped, "lost_datagrams": portion.lost,
-                     "bad_datagrams": portion.bad,
-                     "first_bad_datagram": portion.first_bad}  # fmt: skip
             if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data

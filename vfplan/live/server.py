@@ -18,6 +18,7 @@ import functools
 import hashlib
 import json
 import socket
+import socketserver
 import struct
 import threading
 import time
@@ -138,26 +139,18 @@ def polydata(
     return message("POLYDATA", device, time_s, head + points + data)
 
 
-def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
-    """Points (N, 3) [mm] and triangles (K, 3) of a sphere round 0."""
-    theta = np.pi * np.arange(1, rings) / rings
-    phi = np.pi * np.arange(2 * rings) / rings
-    side = np.sin(theta)[:, None] * np.ones_like(phi)
-    height = np.cos(theta)[:, None] * np.ones_like(phi)
-    circles = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
-    points = np.vstack([circles, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
-    # Each circle has n points; the two poles come after all circles.
-    n, top = 2 * rings, len(circles)
-    k = np.arange(n)
-    following = (k + 1) % n
-    faces = [np.column_stack([np.full(n, top), k, following])]
-    for upper in range(0, (rings - 2) * n, n):
-        lower = upper + n
-        faces.append(np.column_stack([upper + k, lower + k, upper + following]))
-        faces.append(np.column_stack([upper + following, lower + k, lower + following]))
-    last = (rings - 2) * n
-    faces.append(np.column_stack([np.full(n, top + 1), last + following, last + k]))
-    return points, np.vstack(faces)
+def ball(radius_mm: float, count: int = 250) -> tuple[Array, NDArray[np.int64]]:
+    """Points (N, 3) [mm] on a spiral from pole to pole, and triangles (K, 3), of a sphere."""
+    from scipy.spatial import ConvexHull
+
+    height = np.linspace(1, -1, count)
+    turn = np.pi * (1 + np.sqrt(5)) * np.arange(count)
+    side = np.sqrt(1 - height**2)
+    points = np.column_stack([side * np.cos(turn), side * np.sin(turn), height])
+    faces = ConvexHull(points).simplices
+    is_inwards = np.linalg.det(points[faces]) < 0
+    faces[is_inwards] = faces[is_inwards, ::-1]
+    return radius_mm * points, faces
 
 
 # A client that takes nothing for so long is disconnected [s].
@@ -170,7 +163,7 @@ STATE_NAMES = {"-1": "no neighbour", "0": "free", "1": "in contact", "2": "entre
 FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
 
 
-class Server:
+class Server(socketserver.ThreadingTCPServer):
     """Serves on the loopback until it is closed.
 
     fixture: shown once to each client
@@ -179,96 +172,68 @@ class Server:
     Raises OutputError: the port is taken
     """
 
+    allow_reuse_address = daemon_threads = True
+
     def __init__(self, fixture: Fixture, port: int, feed: PositionStream) -> None:
         self._static = static_messages(fixture)
         self._feed = feed
         self._closing = threading.Event()
-        # Clients that were refused because there were too many.
+        # Clients that were refused because there were too many, and those that are served.
         self.refused = 0
-        self._clients: set[socket.socket] = set()
-        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.clients: set[socket.socket] = set()
         try:
-            self._listener.bind(("127.0.0.1", port))
+            super().__init__(("127.0.0.1", port), socketserver.BaseRequestHandler)
         except OSError as error:
-            self._listener.close()
             raise OutputError(
                 f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
                 code="port-taken", numbers={"port": port},
             ) from None  # fmt: skip
-        self._listener.listen()
-        self._listener.settimeout(WAIT_S)
-        self._accepting = threading.Thread(target=self.accept_clients, daemon=True)
-        self._serving: list[threading.Thread] = []
-        self._accepting.start()
-
-    @property
-    def port(self) -> int:
-        """The port of 127.0.0.1."""
-        return self._listener.getsockname()[1]
-
-    @property
-    def clients(self) -> int:
-        """How many are being served."""
-        return sum(thread.is_alive() for thread in self._serving)
+        self.port = self.server_address[1]
+        threading.Thread(target=self.serve_forever, args=(WAIT_S,), daemon=True).start()
 
     def close(self) -> None:
         """Disconnect every client."""
         self._closing.set()
-        for client in list(self._clients):
+        for client in list(self.clients):
             with suppress(OSError):
                 # This also ends a sending that waits for its reader.
                 client.shutdown(socket.SHUT_RDWR)
-        for thread in (self._accepting, *self._serving):
-            thread.join()
-        self._listener.close()
+        self.shutdown()
+        self.server_close()
 
-    def accept_clients(self) -> None:
-        """Give each client that comes a thread of its own, until the server is closed."""
-        while not self._closing.is_set():
-            try:
-                client, _ = self._listener.accept()
-            except TimeoutError:
-                continue
-            except OSError:  # No descriptor is free: wait until a client goes.
-                self._closing.wait(WAIT_S)
-                continue
-            if self.clients >= MAX_CLIENTS:
-                self.refused += 1
-                text = f"{MAX_CLIENTS} clients are served, and no more"
-                refusal = status("vfplan_status", time.time(), StatusCode.BUSY, "refused", text)
-                with client, suppress(OSError):
-                    client.sendall(refusal)
-                continue
-            thread = threading.Thread(target=self.serve, args=(client,), daemon=True)
-            self._serving = [other for other in self._serving if other.is_alive()]
-            self._serving.append(thread)
-            thread.start()
+    def verify_request(self, client: socket.socket, _: Any) -> bool:
+        """Whether there is room for a client; one that is refused is told so."""
+        if len(self.clients) < MAX_CLIENTS:
+            self.clients.add(client)
+            return True
+        self.refused += 1
+        text = f"{MAX_CLIENTS} clients are served, and no more"
+        with suppress(OSError):
+            client.sendall(status("vfplan_status", time.time(), StatusCode.BUSY, "refused", text))
+        return False
 
-    def serve(self, client: socket.socket) -> None:
-        """Send a client ticks until it goes or stalls, or the server is closed."""
+    def finish_request(self, client: socket.socket, _: Any) -> None:
+        """Send a client ticks, in a thread of its own, until it goes or stalls, or we close."""
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._clients.add(client)
         count, unread, told = -1, b"", time.monotonic()
         try:
-            with client:
-                self._send_static(client)
-                while not self._closing.is_set():
-                    count, ticks = self._feed.after(count, WAIT_S)
-                    client.sendall(b"".join(tick_messages(tick) for tick in ticks))
-                    if ticks:
-                        told = time.monotonic()
-                    elif time.monotonic() - told >= SILENT_S:
-                        told = time.monotonic()
-                        text = f"no tick has come for {SILENT_S:g} s"
-                        code = StatusCode.WARNING
-                        client.sendall(status("vfplan_status", time.time(), code, "silent", text))
-                    unread = self._answer_requests(client, unread)
+            self._send_static(client)
+            while not self._closing.is_set():
+                count, ticks = self._feed.after(count, WAIT_S)
+                client.sendall(b"".join(tick_messages(tick) for tick in ticks))
+                if ticks:
+                    told = time.monotonic()
+                elif time.monotonic() - told >= SILENT_S:
+                    told = time.monotonic()
+                    text = f"no tick has come for {SILENT_S:g} s"
+                    code = StatusCode.WARNING
+                    client.sendall(status("vfplan_status", time.time(), code, "silent", text))
+                unread = self._answer_requests(client, unread)
         except OSError:
             return  # The client has gone, or took nothing for too long.
         finally:
-            self._clients.discard(client)
+            self.clients.discard(client)
 
     def _send_static(self, client: socket.socket) -> None:
         for device, make_message in self._static:
@@ -350,7 +315,7 @@ class PoseReceiver:
 
     def __init__(
         self, address: str, *, is_ras: bool = False,
-        take: Callable[[float, Array], Any] | None = None,
+        take: Callable[[float, Array], Any] = lambda time_s, pose: None,
     ) -> None:  # fmt: skip
         host, port, self._device = host_and_port(address, "igtl")
         self._is_ras, self._take = is_ras, take
@@ -405,8 +370,7 @@ class PoseReceiver:
                     matrix = signs[:, None] * matrix * signs
                 measured = stamp / 2**32 if stamp else received
                 self.poses.append((measured, received, matrix))
-                if self._take is not None:
-                    self._take(measured, matrix)
+                self._take(measured, matrix)
 
 
 def decode_transform(body: bytes, version: int, crc: int) -> Array:
@@ -435,22 +399,16 @@ def decode_transform(body: bytes, version: int, crc: int) -> Array:
 
 def write_poses(path: Path, receiver: PoseReceiver, zero: float, *, overwrite: bool) -> None:
     """Write what came as `vfplan replay --poses` reads it; `zero`: when its clock was 0 [s]."""
+    from scipy.spatial.transform import Rotation
+
     rows, arrived = [], -np.inf
     for measured, received, pose in receiver.poses:
         arrived = max(arrived, received)
-        row = [measured - zero, *pose[:3, 3], *unit_quaternion(pose), arrived - zero]
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        row = [measured - zero, *pose[:3, 3], w, x, y, z, arrived - zero]
         rows.append(",".join(repr(float(number)) for number in row))
     text = "\n".join([",".join([*POSE_COLUMNS, "arrived"]), *rows, ""])
     write_whole(path, [text.encode()], overwrite=overwrite)
-
-
-def unit_quaternion(matrix: Array) -> Array:
-    """(4,) w x y z of the rotation of a pose (4, 4)."""
-    import cv2
-
-    turn = cv2.Rodrigues(matrix[:3, :3])[0].ravel()
-    half = np.linalg.norm(turn) / 2
-    return np.append(np.cos(half), turn / 2 * np.sinc(half / np.pi))
 
 
 class Web:

@@ -7,8 +7,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -58,21 +58,14 @@ MAX_CLIENTS = 32
 MAX_DELAY_S = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Datagram:
-    """One datagram."""
+def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
+    """How many datagrams went before one, how many ticks the controller dropped, and its ticks.
 
-    # How many datagrams went before it
-    sequence: int
-    # Ticks that the controller's ring had to drop so far
-    dropped: int
-    # (n,) of `vfplan.session.bags.TICK`, 1 to 11; `index` counts every tick of the loop,
-    # dropped ones too
-    ticks: NDArray[np.void]
+    The ticks are 1 to 11 of `vfplan.session.bags.TICK`; `index` counts every tick of the loop,
+    dropped ones too.
 
-
-def decode(data: bytes) -> Datagram:
-    """Read a datagram; raises `InputError` for bytes that are none, or not finite."""
+    Raises InputError: bytes that are no datagram, or numbers that are not finite
+    """
     if len(data) < HEADER.itemsize:
         raise InputError(
             f"a datagram has {len(data)} bytes, less than the {HEADER.itemsize} of a header. "
@@ -104,35 +97,31 @@ def decode(data: bytes) -> Datagram:
                 "Check the controller that sends it",
                 code="datagram-number",
             )
-    return Datagram(int(head["sequence"]), int(head["dropped"]), ticks)
+    return int(head["sequence"]), int(head["dropped"]), ticks
 
 
-@dataclass(frozen=True, eq=False)
-class Ticks:
-    """Some ticks; none where a source has none for the moment."""
-
-    # (n,) of `vfplan.session.bags.TICK`
-    ticks: NDArray[np.void]
-    # So far: ticks that the controller dropped, datagrams that did not arrive, datagrams that were
-    # none, and why the first of them was none
-    dropped: int = 0
-    lost: int = 0
-    bad: int = 0
-    first_bad: str = ""
+# (n,) ticks of `vfplan.session.bags.TICK`, and what is counted so far by its name in the report:
+# ticks that the controller dropped, datagrams that did not arrive or were none, and why the first
+# of these was none.
+Portion = tuple[NDArray[np.void], dict[str, Any]]
 
 
-def stream_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:
-    """The ticks of a result of `vfplan replay -o`; `pace`: at the speed they had."""
+def stream_of(source: str) -> Iterator[Portion]:
+    """The ticks of a controller that sends to `udp://HOST:PORT`, or of a result at its pace."""
+    return stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
+
+
+def stream_result(path: Path) -> Iterator[Portion]:
+    """The ticks of a result of `vfplan replay -o`, at the speed they had."""
     ticks = as_ticks(read_result(path)[0])
     started = time.monotonic()
     for k in range(0, len(ticks), RESULT_BLOCK):
-        if pace:
-            due = started + float(ticks["t"][k] - ticks["t"][0])
-            time.sleep(max(0.0, due - time.monotonic()))
-        yield Ticks(ticks[k : k + RESULT_BLOCK])
+        due = started + float(ticks["t"][k] - ticks["t"][0])
+        time.sleep(max(0.0, due - time.monotonic()))
+        yield ticks[k : k + RESULT_BLOCK], {}
 
 
-def stream_udp(address: str) -> Iterator[Ticks]:
+def stream_udp(address: str) -> Iterator[Portion]:
     """What arrives at `udp://HOST:PORT`, without end; the socket is bound before this returns."""
     host, port, _ = host_and_port(address)
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -167,40 +156,42 @@ def host_and_port(address: str, scheme: str = "udp") -> tuple[str, int, str]:
     return host, port, device
 
 
-def receive_ticks(receiver: socket.socket) -> Iterator[Ticks]:
+def receive_ticks(receiver: socket.socket) -> Iterator[Portion]:
     """What arrives at a bound socket from one sender at a time, without end.
 
     A datagram that is none is counted, and so is one of a second sender.
     """
-    expected = lost = dropped = bad = 0
-    first_bad = ""
+    expected = lost = 0
+    counts = {"dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0, "first_bad_datagram": ""}
     sender, heard = None, -np.inf
     with receiver:
         while True:
+            ticks = np.zeros(0, TICK)
             try:
                 data, address = receiver.recvfrom(65536)
-                datagram = decode(data)
+                sequence, dropped, ticks = decode(data)
                 now = time.monotonic()
                 if address != sender and now - heard < SILENT_S:
+                    ticks = ticks[:0]
                     raise InputError(
                         f"a second program sends, from {address[0]}:{address[1]}, beside "
                         f"{sender[0]}:{sender[1]}. Give each controller a port of its own",
                         code="second-sender",
                     )
-            except (TimeoutError, InputError) as error:
-                if isinstance(error, InputError):
-                    bad += 1
-                    first_bad = first_bad or error.message
-                yield Ticks(np.zeros(0, TICK), dropped, lost, bad, first_bad)
-                continue
-            if address != sender or datagram.sequence < expected - SWAPPED:
-                expected = datagram.sequence
-            sender, heard = address, now
-            # One that comes late was counted as lost.
-            lost += datagram.sequence - expected if datagram.sequence >= expected else -(lost > 0)
-            expected = max(expected, datagram.sequence + 1)
-            dropped = datagram.dropped
-            yield Ticks(datagram.ticks, dropped, lost, bad, first_bad)
+            except TimeoutError:
+                pass
+            except InputError as error:
+                counts["bad_datagrams"] += 1
+                counts["first_bad_datagram"] = counts["first_bad_datagram"] or error.message
+            else:
+                if address != sender or sequence < expected - SWAPPED:
+                    expected = sequence
+                sender, heard = address, now
+                # One that comes late was counted as lost.
+                lost += sequence - expected if sequence >= expected else -(lost > 0)
+                expected = max(expected, sequence + 1)
+                counts |= {"dropped": dropped, "lost_datagrams": lost}
+            yield ticks, dict(counts)
 
 
 class PositionStream:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from inspect import signature
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.clearance import CONTACT_M, dots, penetration
 from vfplan.replaying.guiding import make_engine
-from vfplan.session.events import Event, Poses, read_events, read_poses
+from vfplan.session.events import Event, Poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
 
@@ -41,8 +40,8 @@ class ChangingFixture:
     """
 
     def __init__(
-        self, fixture: Fixture, rule: str, poses: Poses | str | Path | None,
-        events: Sequence[Event] | str | Path | None, moving: dict[str, Any], trust: Any,
+        self, fixture: Fixture, rule: str, poses: Poses | None, events: Sequence[Event] | None,
+        moving: dict[str, Any], trust: Any,
     ) -> None:  # fmt: skip
         if fixture.guidance is not None:
             raise SettingError(
@@ -50,10 +49,7 @@ class ChangingFixture:
                 "them out",
                 code="changes-guide",
             )
-        if isinstance(events, str | Path):
-            events = read_events(events)
-        self._events = list(events or ())
-        self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
+        self._events, self._poses = list(events or ()), poses
         self._has_edits = any(event.kind != "exchange" for event in self._events)
 
         # The fixture of each exchange, with its rule; all are read before the first tick.

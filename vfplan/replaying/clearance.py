@@ -8,10 +8,8 @@ Every quantity is defined here, once; docs/replay.md says the same in words.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,10 +170,8 @@ class PairedTicks:
         self._last = None
         self._done = 0
 
-    def push(self, block: TickBlock, hand: Array | None = None) -> Steps | None:
+    def push(self, block: TickBlock, hand: Array) -> Steps | None:
         """The ticks whose successor is now known; `None` while there are none."""
-        if hand is None:
-            hand = block.hip
         if self._last is not None:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
@@ -184,7 +180,6 @@ class PairedTicks:
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""
-        assert self._last is not None, "finish() before any block"
         block, hand = self._last
         return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
 
@@ -195,26 +190,9 @@ class PairedTicks:
         return steps
 
 
-# Distances that are held in memory at a time, about 50 MB.
-PAIRS_AT_ONCE = 2_000_000
-
-# Ticks that are compared with a mesh together.
-TICKS_AT_ONCE = 64
-
-# Cells along the longest side of a cloud. Smaller ones are tried while few of them hold points.
-CELLS_ACROSS = 64
-
-# Cells with points up to which smaller cells still pay: a flat cloud's. All three numbers only set
-# the speed.
-FEW_CELLS = CELLS_ACROSS**2
-
-# A cell's key holds its three coordinates in 21 bits each, of which the highest is unused.
-KEY_STEP = 1 << np.iinfo(np.int64).bits // 3
-# Mask that removes the bit that a halved coordinate passes to its neighbour in the key.
-HALVED_KEY_MASK = ~(KEY_STEP >> 1 | KEY_STEP * KEY_STEP >> 1)
-
-# Half a cube's diagonal in units of its side, rounded up.
-HALF_DIAGONAL = math.sqrt(3) / 2 * (1 + ROUNDING)
+# Distances of a group of ticks that are measured without dividing it further. It sets the speed
+# alone.
+FEW_PAIRS = 1_000
 
 
 def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
@@ -261,57 +239,73 @@ class CurveClearance(Clearance):
         self._distance = min(self._distance, float(distances.min()))
 
 
-class MeshClearance(Clearance):
-    """To triangles (K, 3), rows of corners (N, 3) [m].
+class NearestClearance(Clearance):
+    """To many small items, each within a ball about its middle.
 
-    The middles of the triangles are searched first. A triangle's nearest point is computed only
-    where the disk around its middle that holds it comes nearer than the smallest distance so far.
+    Ticks that follow each other are close together. Of all items only those are looked at that can
+    be nearest to one of a group of ticks; the group is halved until few pairs are left.
+
+    middles, sizes: (N, 3) and (N,) of the balls [m]
     """
 
-    def __init__(self, points: Array, triangles: NDArray[np.int32], radius: float) -> None:
-        from scipy.spatial import cKDTree
-
+    def __init__(self, middles: Array, sizes: Array, radius: float) -> None:
         super().__init__(radius)
-        self._corners = corners = points[triangles]
-        self._middle = corners.mean(axis=1)
-        self._size = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        # Triangles of about one size share a tree, so that a few large ones do not widen the search
-        # for all others.
-        size_class = np.frexp(self._size)[1]
-        self._rows = [np.flatnonzero(size_class == value) for value in np.unique(size_class)]
-        self._trees = [cKDTree(self._middle[rows]) for rows in self._rows]
+        self._middles, self._sizes = middles, sizes
 
     def update(self, proxy: Array) -> None:
         """Add the proxies of a block, (n, 3) [m]."""
-        for start in range(0, len(proxy), TICKS_AT_ONCE):
-            places = proxy[start : start + TICKS_AT_ONCE]
-            distances = [tree.query(places)[0] for tree in self._trees]
-            self._distance = min(self._distance, float(np.min(distances)))
-            for tree, rows, distance in zip(self._trees, self._rows, distances, strict=True):
-                reach = self._distance + self._size[rows].max()
-                if (distance <= reach).any():
-                    self._measure(places[distance <= reach], tree, rows, reach)
+        self._search(proxy, np.arange(len(self._middles)))
 
-    def _measure(self, places: Array, tree: Any, rows: NDArray[np.intp], reach: float) -> None:
-        """Measure from the places to the triangles whose middles are within reach [m]."""
-        from scipy.spatial import cKDTree
+    def _search(self, places: Array, items: NDArray[np.intp]) -> None:
+        """Measure from the places (n, 3) to those of the items that may be nearest."""
+        low, high = places.min(axis=0), places.max(axis=0)
+        reach = float(np.linalg.norm(high - low)) / 2 * (1 + ROUNDING)
+        distance = row_norms(self._middles[items] - (low + high) / 2)
+        sizes = self._sizes[items]
+        least = distance - sizes - reach
+        items = items[(least < self._distance) & (least <= (distance + sizes).min() + reach)]
+        if len(places) > 1 and len(places) * len(items) > FEW_PAIRS:
+            half = len(places) // 2
+            self._search(places[:half], items)
+            self._search(places[half:], items)
+        elif len(items):
+            self._distance = min(self._distance, float(self._measure(places, items).min()))
 
+    def _measure(self, places: Array, items: NDArray[np.intp]) -> Array:
+        """The distance of each place (n, 3) from each item, in any order."""
+        raise NotImplementedError
+
+
+class MeshClearance(NearestClearance):
+    """To triangles (K, 3), rows of corners (N, 3) [m]."""
+
+    def __init__(self, points: Array, triangles: NDArray[np.int32], radius: float) -> None:
+        self._corners = points[triangles]
+        middles = self._corners.mean(axis=1)
+        sizes = np.linalg.norm(self._corners - middles[:, None], axis=2).max(axis=1)
+        super().__init__(middles, sizes, radius)
+
+    def _measure(self, places: Array, items: NDArray[np.intp]) -> Array:
         from vfplan.registration.touch import on_triangles
 
-        pairs = cKDTree(places).sparse_distance_matrix(tree, reach, output_type="ndarray")
-        place = places[pairs["i"]]
-        triangle = rows[pairs["j"]]
-        # The distance to the disk around the triangle's middle.
-        height = ((place - self._middle[triangle]) * self._normal[triangle]).sum(axis=1)
-        from_middle = np.sqrt(np.maximum(pairs["v"] ** 2 - height**2, 0.0))
-        from_rim = np.maximum(from_middle - self._size[triangle], 0.0)
-        may_count = np.hypot(height, from_rim) <= self._distance
-        place = place[may_count]
-        difference = on_triangles(place, self._corners[triangle[may_count]]) - place
-        distance = np.linalg.norm(difference, axis=1).min(initial=self._distance)
-        self._distance = float(distance)
+        places = np.repeat(places, len(items), axis=0)
+        corners = np.tile(self._corners[items], (len(places) // len(items), 1, 1))
+        return np.linalg.norm(on_triangles(places, corners) - places, axis=1)
+
+
+class PointClearance(NearestClearance):
+    """To points (N, 3) [m], across an ignored axis where there is one."""
+
+    def __init__(self, points: Array, radius: float, axis: Array | None) -> None:
+        super().__init__(flattened(points, axis), np.zeros(len(points)), radius)
+        self._axis = axis
+
+    def update(self, proxy: Array) -> None:
+        """Add the proxies of a block, (n, 3) [m]."""
+        super().update(flattened(proxy, self._axis))
+
+    def _measure(self, places: Array, items: NDArray[np.intp]) -> Array:
+        return np.sqrt(((places[:, None] - self._middles[items]) ** 2).sum(axis=2))
 
 
 def is_enclosed(place: Array, corners: Array) -> bool:
@@ -322,78 +316,3 @@ def is_enclosed(place: Array, corners: Array) -> bool:
     below = x * y * z + dots(a, b) * z + dots(b, c) * x + dots(c, a) * y
     angle = 2 * np.arctan2(dots(a, np.cross(b, c)), below).sum()
     return abs(angle) > 0.99 * 4 * np.pi
-
-
-class PointClearance(Clearance):
-    """To points (N, 3) [m], across an ignored axis where there is one.
-
-    The points and the ticks lie in cells. The ticks of a cell are compared with the points of the
-    cells that can hold their nearest point, and only if that can be the nearest of all.
-    """
-
-    def __init__(self, points: Array, radius: float, axis: Array | None) -> None:
-        super().__init__(radius)
-        self._axis = axis
-        points = flattened(points, axis)
-        self._low = points.min(axis=0)
-        self._high = points.max(axis=0)
-        cell = max(radius / 2, float((self._high - self._low).max()) / CELLS_ACROSS)
-        # Begin with the smallest cells and double them until few of them hold points.
-        halvings = min(13, int(np.log2(2 * cell / radius)))
-        steps = (KEY_STEP**2, KEY_STEP, 1)
-        keys = ((points - self._low) * (2**halvings / cell)).astype(int) @ steps
-        occupied = np.unique(keys)
-        while halvings and len(occupied) > FEW_CELLS:
-            halvings -= 1
-            keys = keys >> 1 & HALVED_KEY_MASK
-            occupied = np.unique(occupied >> 1 & HALVED_KEY_MASK)
-        self._cell = cell / 2**halvings
-        # The points, cell by cell, and where each cell begins.
-        self._points = points[np.argsort(keys, kind="stable")]
-        self._starts = np.append(np.searchsorted(np.sort(keys), occupied), len(points))
-        coordinates = occupied[:, None] // steps % KEY_STEP
-        self._centres = self._low + (coordinates + 0.5) * self._cell
-
-    def update(self, proxy: Array) -> None:
-        """Add the proxies of a block, (n, 3) [m]."""
-        places = flattened(proxy, self._axis)
-        from_box = row_norms(places - np.clip(places, self._low, self._high))
-        self._measure(places[[from_box.argmin()]])
-        places = places[from_box < self._distance]
-        cells = (places - self._low) // self._cell
-        order = np.lexsort(cells.T)
-        is_new_cell = (np.diff(cells[order], axis=0) != 0).any(axis=1)
-        for group in np.split(places[order], np.flatnonzero(is_new_cell) + 1):
-            self._measure(group)
-
-    def _measure(self, places: Array) -> None:
-        """Measure from the places (n, 3), which lie in one cell."""
-        if not len(places):
-            return
-        half_diagonal = HALF_DIAGONAL * self._cell
-        middle = self._low + ((places[0] - self._low) // self._cell + 0.5) * self._cell
-        # A point of another cell may be half a diagonal from its cell's middle, as a place is from
-        # its own.
-        cells = self._nearest_possible(row_norms(self._centres - middle), 2 * half_diagonal)
-        if not len(cells):
-            return
-        candidates = np.concatenate(
-            [self._points[self._starts[k] : self._starts[k + 1]] for k in cells]
-        )
-        rows = self._nearest_possible(row_norms(candidates - middle), half_diagonal)
-        candidates = candidates[rows]
-        if not len(candidates):
-            return
-        count = max(1, PAIRS_AT_ONCE // len(candidates))
-        for start in range(0, len(places), count):
-            part = places[start : start + count, None]
-            squares = (part[..., 0] - candidates[:, 0]) ** 2
-            for axis in (1, 2):
-                squares = squares + (part[..., axis] - candidates[:, axis]) ** 2
-            self._distance = min(self._distance, float(np.sqrt(squares.min())))
-
-    def _nearest_possible(self, distance: Array, slack: float) -> NDArray[np.intp]:
-        """Rows at such distances from a middle that may be the nearest to a place within slack."""
-        may_be_smallest = distance - slack < self._distance
-        may_be_nearest = distance - 2 * slack <= distance.min()
-        return np.flatnonzero(may_be_smallest & may_be_nearest)

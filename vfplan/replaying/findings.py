@@ -14,7 +14,6 @@ import numpy as np
 from vfplan.display import count
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
-from vfplan.findings import Finding
 from vfplan.geometry import ROUNDING_M
 from vfplan.replaying.clearance import Steps
 from vfplan.robot import Robot, read_robot
@@ -35,14 +34,13 @@ LONGEST_HOLD_S = 0.1
 FASTEST_HZ = 50_000.0
 
 
+# As `--json` has it.
+Finding = dict[str, str]
+
+
 def finding(code: str, severity: str, text: str) -> Finding:
     """A finding of a replay; its severity is "info", "warning" or "error"."""
-    return Finding(code, severity, text, "replay")
-
-
-def reported(finding: Finding) -> dict[str, str]:
-    """A finding of a replay as `--json` has it."""
-    return {"code": finding.code, "severity": finding.severity, "message": finding.text}
+    return {"code": code, "severity": severity, "message": text}
 
 
 def replay_findings(

@@ -75,10 +75,6 @@ class Guided:
         if self.region is not None:
             self.region.reset(hip)
 
-    def run(self, hips: Vector) -> Trace:
-        """The answers to `hips` (T, 3) [m]."""
-        return self.run_timed(hips)[0]
-
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
         """The answers, and how long each tick took (T,) [µs]; the guide's part is a mean."""
         began = time.perf_counter()

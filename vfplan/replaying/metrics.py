@@ -21,7 +21,6 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import runs
 from vfplan.io.files import to_json_types
 from vfplan.replaying.clearance import (
-    PAIRS_AT_ONCE,
     PEAKS,
     SUMS,
     Steps,
@@ -240,6 +239,10 @@ class Episodes:
 def episode_count(report: dict[str, Any]) -> int:
     """How many episodes a replay had, also those that its report does not list."""
     return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]
+
+
+# Distances that are held in memory at a time, about 50 MB.
+PAIRS_AT_ONCE = 2_000_000
 
 
 class CurveRuler:

@@ -31,7 +31,6 @@ from vfplan.replaying.findings import (
     Limits,
     check_limits,
     replay_findings,
-    reported,
     robot_limits,
     verdict_of,
 )
@@ -235,24 +234,14 @@ class Replay:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What a result file keeps beside the ticks."""
-        return result_record(self.metrics)
-
-    @property
-    def passed(self) -> bool:
-        """Whether the verdict is "pass"."""
-        return self.verdict == "pass"
+        """What a result file keeps beside the ticks: what was replayed against what, and how."""
+        names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
+        return {name: self.metrics[name] for name in names if name in self.metrics}
 
     @property
     def verdict(self) -> str:
         """ "pass", "fail", or "not-tested": without limits, or if the tool never touched."""
         return self.metrics["verdict"]
-
-
-def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
-    """The part of a report that a result file keeps: what was replayed against what, and how."""
-    names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
-    return {name: metrics[name] for name in names if name in metrics}
 
 
 def replay(
@@ -332,8 +321,8 @@ def replay(
         common["fixture"] = {
             "name": path.name, **seal.describe(), "signature_checked": trust is not None,
         }  # fmt: skip
+    poses, events = as_the_loop_saw(session, poses, events)
     if isinstance(session, (str, Path)):
-        poses, events = as_the_loop_saw(session, poses, events)
         session = open_session(session)
     if session.frame != fixture.frame:
         message = (
@@ -417,7 +406,7 @@ def replay(
             "scene": scene_report(fixture, parameters),
             "left_out": dict(run.engine.left_out),
             **common,
-            "findings": list(map(reported, replay_findings(numbers, common, parameters, robot))),
+            "findings": list(replay_findings(numbers, common, parameters, robot)),
             "real_time_factor": numbers["duration_s"] / common["elapsed_s"],
         }
         if limits:

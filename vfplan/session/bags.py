@@ -11,11 +11,11 @@ import itertools
 import shlex
 from array import array
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,9 @@ from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
 from vfplan.session.channels import (
     CDR_LITTLE_ENDIAN,
-    Bag,
+    Part,
     library,
-    mcap_reader,
+    mcap_part,
     opened_bag,
 )
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples
@@ -129,7 +129,6 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
     senders: dict[Sender, array[int]] = {}
     with opened_bag(path) as bag:
-        is_cut = any(part.is_cut for part in bag.parts)
         ros = replace(ros, topic=_choose_topic(bag, ros))
         for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
             if not k:
@@ -168,7 +167,7 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     }
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
-    if is_cut:
+    if bag.is_cut:
         notes["cut"] = True
     if next(iter(chosen)).frame:
         notes["ros_frame_id"] = next(iter(chosen)).frame
@@ -222,7 +221,7 @@ def _check_senders(
             raise SessionError(message, code="frame-changes")
 
 
-def _messages(bag: Bag, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
     """Every message of the topic, merged by the log's time.
 
     Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
@@ -387,9 +386,9 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
     raise SessionError(text, code="field-missing")
 
 
-def _choose_topic(bag: Bag, ros: RosOptions) -> str:
+def _choose_topic(bag: Part, ros: RosOptions) -> str:
     """The topic that is named, or the only one whose first message holds a position."""
-    present = bag.topics
+    present = sorted({channel.topic for channel in bag.channels})
     if ros.topic in present:
         return ros.topic
     topics, reasons = [], []
@@ -457,7 +456,7 @@ CHUNK_BYTES = 2**17
 RESTART_S = 1.0
 
 
-class McapWriter:
+class McapWriter(AbstractContextManager):
     """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
@@ -519,9 +518,6 @@ class McapWriter:
         if self.full is not None:
             self.kept = len(read_ticks(self._path))
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *failure: object) -> None:
         self.close()
 
@@ -531,15 +527,14 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
 
     A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
     """
-    reader, is_cut = mcap_reader(stream)
     try:
-        if is_cut:
-            channels = [next(iter(reader.iter_messages(log_time_order=False)))[1]]
-        else:
-            channels = reader.get_summary().channels.values()
-        yield [any(channel.topic == TOPIC for channel in channels), is_cut]
-    except Exception:
-        yield [False, is_cut]
+        part = mcap_part(stream)
+    except MissingExtra:
+        raise
+    except Exception:  # The package passes on the errors of struct, lz4 and zstd.
+        yield [False, False]
+    else:
+        yield [any(channel.topic == TOPIC for channel in part.channels), part.is_cut]
 
 
 def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
@@ -573,28 +568,25 @@ def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
     Raises SessionError: damaged, or of another layout
     """
     messages, received = [], []
-
-    def block() -> tuple[NDArray[np.void], Array]:
-        return np.frombuffer(b"".join(messages), TICK), 1e-9 * np.array(received, float)
-
-    reader, is_cut = mcap_reader(stream)
     count = 0
     try:
-        for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
-            if channel.message_encoding != "cdr" or len(message.data) != MESSAGE_BYTES + 4:
+        part = mcap_part(stream)
+        for channel, stamp, data in part.messages(TOPIC):
+            if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
                 raise SessionError(message, code="layout-unknown")
-            messages.append(message.data[4:] + PADDING)
-            received.append(message.log_time)
+            messages.append(data[4:] + PADDING)
+            received.append(1e-9 * stamp)
             count += 1
             if len(messages) == BLOCK:
-                yield block()
+                yield np.frombuffer(b"".join(messages), TICK), np.array(received)
                 messages, received = [], []
+        if part.is_cut and not count:
+            raise ValueError("it was cut off before its first tick")
     except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
-        if not is_cut or not count:
-            message = f"cannot be read as MCAP: {error}. Record or copy it again"
-            raise SessionError(message, code="mcap-broken") from None
+        message = f"cannot be read as MCAP: {error}. Record or copy it again"
+        raise SessionError(message, code="mcap-broken") from None
     if messages:
-        yield block()
+        yield np.frombuffer(b"".join(messages), TICK), np.array(received)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import functools
 import heapq
 import importlib
+import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any, BinaryIO
@@ -90,29 +92,13 @@ class Channel:
 
 @dataclass(frozen=True)
 class Part:
-    """One file of a bag, or a folder with its own list of files."""
+    """An open bag, or one of its files, or a folder with its own list of files."""
 
     channels: list[Channel]
     # The messages of a topic: channel, when each was recorded [ns], and its bytes
     messages: Callable[[str], Iterator[tuple[Channel, int, bytes]]]
     # It ends before its end.
     is_cut: bool = False
-
-
-@dataclass(frozen=True)
-class Bag:
-    """An open bag."""
-
-    parts: list[Part]
-
-    @property
-    def topics(self) -> list[str]:
-        """The names of its topics."""
-        return sorted({channel.topic for part in self.parts for channel in part.channels})
-
-    def messages(self, topic: str) -> Iterator[tuple[Channel, int, bytes]]:
-        """The messages of a topic in all parts, merged by the log's time."""
-        return heapq.merge(*(part.messages(topic) for part in self.parts), key=lambda one: one[1])
 
 
 def is_bag(path: Path) -> bool:
@@ -131,14 +117,21 @@ def bag_parts(path: Path) -> list[Path]:
 
 
 @contextmanager
-def opened_bag(path: Path) -> Iterator[Bag]:
-    """A bag, open; errors of the libraries become `SessionError`.
+def opened_bag(path: Path) -> Iterator[Part]:
+    """A bag, open, its messages merged by the log's time.
 
+    Raises SessionError: what the libraries raise
     Raises MissingExtra: the library that its files need is not installed
     """
     try:
         with ExitStack() as stack:
-            yield Bag([open_part(part, stack) for part in bag_parts(path)])
+            parts = [open_part(part, stack) for part in bag_parts(path)]
+            channels = list(itertools.chain(*(part.channels for part in parts)))
+
+            def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+                return heapq.merge(*(part.messages(topic) for part in parts), key=itemgetter(1))
+
+            yield Part(channels, messages, any(part.is_cut for part in parts))
     except (SessionError, SettingError, MissingExtra, GeneratorExit):
         raise
     except Exception as error:  # Each module of rosbags has its own class, and others come through.
@@ -186,7 +179,8 @@ def mcap_part(stream: BinaryIO) -> Part:
         stream.seek(0)
         make = module.make_reader if has_index else module.NonSeekingReader
         try:
-            yield from make(stream).iter_messages(topics, log_time_order=not is_cut)
+            reader = make(stream, validate_crcs=not is_cut)
+            yield from reader.iter_messages(topics, log_time_order=not is_cut)
         except Exception:  # The package passes on the errors of struct, lz4 and zstd.
             if not is_cut:
                 raise
@@ -214,18 +208,6 @@ def mcap_part(stream: BinaryIO) -> Part:
             yield channels[channel.id], message.log_time, message.data
 
     return Part([*channels.values()], messages, is_cut)
-
-
-def mcap_reader(stream: BinaryIO) -> tuple[Any, bool]:
-    """A reader of MCAP, and whether it reads a recording without an index, one that was cut off."""
-    module = library("mcap.reader")
-    try:
-        is_cut = module.make_reader(stream).get_summary() is None
-    except Exception:
-        is_cut = True
-    stream.seek(0)
-    make = module.NonSeekingReader if is_cut else module.make_reader
-    return make(stream, validate_crcs=not is_cut), is_cut
 
 
 def library(name: str) -> ModuleType | Any:

@@ -17,7 +17,6 @@ A tracker's poses as CSV: t,x,y,z,qw,qx,qy,qz, and `arrived` where they came lat
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -135,41 +134,21 @@ class Event:
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:
-    """Write events as CSV; an exchange's fixture by its bundle's path from the file's folder.
+    """Write events as CSV, an exchange's fixture by its bundle's path.
 
-    Raises `OutputError` when the file exists or cannot be written, and `SessionError` for a path
-    that a line cannot hold.
+    Raises OutputError: the file exists, or cannot be written
     """
-    folder = Path(path).resolve().parent
     lines = [",".join(HEADER)]
     for event in events:
         line = f"{event.tick},{event.kind}"
         if event.fixture is not None:
-            line += "," + relative_path(folder, event.fixture)
+            line += f",{event.fixture}"
         lines.append(line)
         numbers = np.asarray(event.remove, np.uint32).tolist()
         lines += [f"{event.tick},remove,{number}" for number in numbers]
         points = np.asarray(event.add, np.float64).reshape(-1, 3).tolist()
         lines += [f"{event.tick},add,{x!r},{y!r},{z!r}" for x, y, z in points]
     write_whole(Path(path), ["\n".join([*lines, ""]).encode()], overwrite=overwrite)
-
-
-def relative_path(folder: Path, bundle: Any) -> str:
-    """The path of a bundle from the folder of the table; refuses what a table cannot hold."""
-    if not isinstance(bundle, str | Path):
-        raise SessionError(
-            "an exchange's fixture is a Fixture, and a table holds the path of a bundle. "
-            "Give the path",
-            code="event-without-path",
-        )
-    path = os.path.relpath(Path(bundle).resolve(), folder)
-    if any(sign in path for sign in ',"\r\n') or path != path.strip():
-        raise SessionError(
-            f"{path!r} is a path with commas, quotes, line breaks or blanks at its ends. "
-            "Rename the bundle",
-            code="event-path-unwritable",
-        )
-    return path
 
 
 def read_events(path: str | Path) -> list[Event]:
@@ -234,13 +213,13 @@ def _whole_number(text: str, what: str, limit: int) -> int:
 
 
 def as_the_loop_saw(
-    session: str | Path,
+    session: Any,
     poses: Poses | str | Path | None,
     events: Sequence[Event] | str | Path | None,
 ) -> tuple[Poses | None, list[Event] | None]:
     """Poses and events with the times at which a controller's log says that the loop had them.
 
-    A session without the columns `poses` and `events` leaves both as they are.
+    Files are read. A session without the columns `poses` and `events` leaves both as they are.
 
     Raises SessionError: the log counts more of them than there are, or its counts fall
     """
@@ -248,7 +227,8 @@ def as_the_loop_saw(
         poses = read_poses(poses)
     if events is not None:
         events = read_events(events) if isinstance(events, str | Path) else list(events)
-    if Path(session).suffix.lower() != ".csv" or (poses is None and events is None):
+    is_table = isinstance(session, str | Path) and Path(session).suffix.lower() == ".csv"
+    if not is_table or (poses is None and events is None):
         return poses, events
     file = OpenedFile(Path(session), SessionError)
     table = open_number_table(file.view, str(session), SessionError)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Self, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +79,7 @@ def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     return type(block)(*(getattr(block, field.name)[rows] for field in fields(block)))
 
 
-def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
+def read_result(path: str | Path) -> tuple[TickBlock, dict[str, Any]]:
     """Read a result file whole.
 
     Returns
@@ -102,7 +101,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         error.message += ", or give a result of `vfplan replay -o`"
         error.where = where
         raise
-    answers = run_in_sandbox("vfplan.session.result:stored_ticks", group, file=file, where=where)
+    answers = run_in_sandbox("vfplan.session.result:stored_ticks", file=file, where=where)
     attrs = next(answers)
     blocks = []
     count, last_time = 0, -np.inf
@@ -119,7 +118,7 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     return concatenate_ticks(blocks), attrs
 
 
-def stored_ticks(stream: BinaryIO, group: str) -> Iterator[Any]:
+def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
     """A result's root attributes, then blocks of its datasets, in the order of `TickBlock`.
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
@@ -140,10 +139,7 @@ def stored_ticks(stream: BinaryIO, group: str) -> Iterator[Any]:
             )
         yield attrs
 
-        if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
-            message = f"has no group {group!r}. Replay the session again"
-            raise InputError(message, code="group-missing")
-        datasets = plain_datasets(file[group] if group else file, TABLE, InputError)
+        datasets = plain_datasets(file, TABLE, InputError)
         for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
             if dataset.shape != (*datasets[0].shape[:1], *columns):
                 wanted = ", ".join(map(str, ("T", *columns)))
@@ -221,40 +217,7 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         raise InputError(message, where=where, code="fixture-differs")
 
 
-CSV_HEADER = (
-    b"t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
-    b"state,penetration,overlap"
-)
-
-
-class WholeFileWriter:
-    """A context manager whose file appears when the `with` statement ends well.
-
-    Otherwise there is no file. Subclasses fill it. Raises `OutputError` when the file exists
-    already, or cannot be written.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        with ExitStack() as stack:
-            self.begin(stack.enter_context(whole_file(Path(path), overwrite=False)))
-            stack.push(self.finish)
-            self._stack = stack.pop_all()
-
-    def begin(self, file: BinaryIO) -> None:
-        """Write the beginning of the file."""
-        raise NotImplementedError
-
-    def finish(self, *failure: object) -> None:
-        """Close what else is open, also after an error; raises `OSError` where a write failed."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *failure: Any) -> bool | None:
-        return self._stack.__exit__(*failure)
-
-
-class ResultWriter(WholeFileWriter):
+class ResultWriter(ExitStack):
     """Write a result file block by block; use as a context manager.
 
     The file appears under its name when the `with` statement ends well. Otherwise there is none.
@@ -277,27 +240,21 @@ class ResultWriter(WholeFileWriter):
     def __init__(
         self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
     ) -> None:
-        self._groups = groups
-        super().__init__(path)
-        self.set(attrs)
-
-    def begin(self, file: BinaryIO) -> None:
-        """Make the datasets, without rows."""
-        self._bytes = FailureTolerantFile(file)
-        self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
-        self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
-        for group in self._groups:
-            place = self._file.require_group(group) if group else self._file
-            for name, (columns, dtype, unit) in TABLE.items():
-                dataset = place.create_dataset(
-                    name,
-                    (0, *columns),
-                    dtype,
-                    maxshape=(None, *columns),
-                    chunks=(BLOCK, *columns),
-                    fletcher32=True,
-                )
-                dataset.attrs["unit"] = unit
+        super().__init__()
+        with ExitStack() as stack:
+            file = stack.enter_context(whole_file(Path(path), overwrite=False))
+            self._bytes = FailureTolerantFile(file)
+            self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
+            stack.push(self._finish)
+            self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION, **attrs})
+            for group in groups:
+                for name, (columns, dtype, unit) in TABLE.items():
+                    dataset = self._file.create_dataset(
+                        f"{group}/{name}", (0, *columns), dtype, maxshape=(None, *columns),
+                        chunks=(BLOCK, *columns), fletcher32=True,
+                    )  # fmt: skip
+                    dataset.attrs["unit"] = unit
+            self.push(stack.pop_all())
 
     def set(self, attrs: dict[str, Any]) -> None:
         """Set root attributes; those that are `None` are omitted."""
@@ -316,7 +273,7 @@ class ResultWriter(WholeFileWriter):
             dataset[size:] = getattr(block, name)
         self._bytes.check()
 
-    def finish(self, *failure: object) -> None:
+    def _finish(self, *failure: object) -> None:
         """Let libhdf5 write what it still holds."""
         self._file.close()
         if failure[0] is None:
@@ -329,17 +286,20 @@ def write_result(replayed: Any, path: str | Path) -> None:
         writer.append(replayed.ticks)
 
 
-class CsvWriter(WholeFileWriter):
+class CsvWriter(ExitStack):
     """Write ticks as CSV, one line a tick; numbers read back to the same bits.
 
     The file appears, whole, when the `with` statement ends well; raises `OutputError` when there
     is one already, or it cannot be written.
     """
 
-    def begin(self, file: BinaryIO) -> None:
-        """Write the header."""
-        self._file = file
-        file.write(CSV_HEADER + b"\n")
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._file = self.enter_context(whole_file(path, overwrite=False))
+        names = ["t", "x", "y", "z"]
+        for name, (columns, _, _) in list(TABLE.items())[2:]:
+            names += [f"{name}_{axis}" for axis in "xyz"] if columns else [name]
+        self._file.write(",".join(names).encode() + b"\n")
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
@@ -350,20 +310,16 @@ class CsvWriter(WholeFileWriter):
         self._file.write("".join(lines).encode("ascii"))
 
 
-class FailureTolerantFile(io.RawIOBase):
+class FailureTolerantFile(io.FileIO):
     """A file for libhdf5, which crashes when a write fails while it closes a file.
 
-    From the first failed write on, what is written stays in memory, so that libhdf5 can come to
-    its end. `check` raises the failure afterwards.
+    From the first failed write on, what is written is lost and what was lost reads as zeros, so
+    that libhdf5 can come to its end. `check` raises the failure afterwards.
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        self._descriptor = file.fileno()
-        self._position = 0
-        self._size = 0
+        super().__init__(file.fileno(), "r+", closefd=False)
         self._failure: OSError | None = None
-        # (offset, bytes) of what could not be written.
-        self._unwritten = []
 
     def check(self) -> None:
         """Raise the `OSError` of the first write that failed."""
@@ -373,44 +329,26 @@ class FailureTolerantFile(io.RawIOBase):
     def write(self, data: memoryview) -> int:
         """Write at the position, as for any file."""
         remaining = memoryview(data).cast("B")
-        offset = self._position
+        end = self.tell() + len(remaining)
         try:
             while len(remaining) and self._failure is None:
-                count = os.pwrite(self._descriptor, remaining, offset)
-                remaining = remaining[count:]
-                offset += count
+                remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self._failure = error
-        if len(remaining):
-            self._unwritten.append((offset, bytes(remaining)))
-        self._position += len(data)
-        self._size = max(self._size, self._position)
+        self.seek(end)
         return len(data)
 
     def readinto(self, buffer: memoryview) -> int:
-        """Read at the position, as for any file, also what could not be written."""
+        """Read at the position, as for any file; zeros behind its end."""
         view = memoryview(buffer).cast("B")
-        start = self._position
-        os.preadv(self._descriptor, [view], start)
-        for offset, data in self._unwritten:
-            low = max(offset, start)
-            high = min(offset + len(data), start + len(view))
-            if low < high:
-                view[low - start : high - start] = data[low - offset : high - offset]
-        self._position += len(view)
+        count = super().readinto(view)
+        view[count:] = bytes(len(view) - count)
         return len(view)
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Move the position, from the beginning, from where it is or from the end."""
-        self._position = offset + (0, self._position, self._size)[whence]
-        return self._position
-
-    def truncate(self, size: int) -> int:
+    def truncate(self, size: int | None = None) -> int:
         """Cut the file, or make it longer."""
         try:
-            os.ftruncate(self._descriptor, size)
+            return super().truncate(size)
         except OSError as error:
-            if self._failure is None:
-                self._failure = error
-        self._size = size
-        return size
+            self._failure = self._failure or error
+            return size or 0
