@@ -442,7 +442,7 @@ def trust(arguments: dict[str, Any]) -> Any:
 def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
     """What a trusted signature is for and the command did not demand: names of `SIGNED_FOR`.
 
-    seal: as `Seal.describe` gives it
+    seal: as `read_sealed` gives it
     """
     if arguments["keys"] is None:
         return []

@@ -149,7 +149,7 @@ def test_a_bundle_is_signed_for_its_own_case(tmp_path):
         sign(tmp_path / "f.h5", tmp_path / "s.h5", tmp_path / "k.pem", case="case 19")
     for number, words in enumerate(({}, {"case": "case 18"})):
         seal = sign(tmp_path / "f.h5", tmp_path / f"{number}.h5", tmp_path / "k.pem", **words)
-        assert seal.case == "case 18"
+        assert seal["case"] == "case 18"
 
 
 def test_a_case_can_be_read_off_a_page(tmp_path):

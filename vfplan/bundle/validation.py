@@ -209,7 +209,7 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         "version": content["/@version"],
         "frame": content["/@frame"],
         "points": len(content["/points"]),
-        "seal": seal.describe(),
+        "seal": seal,
         "findings": [finding.as_dict() for finding in findings_of(content)],
         "reviewed": review_of(content),
     }

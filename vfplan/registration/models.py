@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.geometry.lines import Array, Flags, plane_normal
+from vfplan.geometry.lines import Array, Flags
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -222,40 +222,6 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     return np.concatenate([linear[..., :k], t[..., None]], axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """What the linear part A (3, k) of a transform T says about scale and direction."""
-
-    # (k,) metres in one source unit along the principal directions, largest first.
-    singular_values: Array
-    # (k,) metres in one source unit along each source axis: the length of A's columns.
-    axis_scales: Array
-    # Largest singular value over the smallest, minus 1: 0 for square pixels.
-    anisotropy: float
-    # Cosine of the angle between two columns, the one of largest size: 0 for a right angle.
-    shear: float
-    # (3,) unit vector u x v of a planar source in the target frame. With u to the right and v
-    # down it points away from whoever looks at the slice. `None` for a source in space.
-    normal: Array | None
-
-    @property
-    def scale(self) -> float:
-        """Geometric mean of the singular values."""
-        return float(np.exp(np.log(self.singular_values).mean()))
-
-
-def geometry(transform: Array) -> Geometry:
-    """Scale and direction of a T (3, 3) of a planar source or (4, 4) of one in space."""
-    k = transform.shape[0] - 1
-    a = transform[:3, :k]
-    values = np.linalg.svd(a, compute_uv=False)
-    lengths = np.linalg.norm(a, axis=0)
-    cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
-    shear = float(cosines[np.abs(cosines).argmax()])
-    normal = plane_normal(a) / np.linalg.norm(plane_normal(a)) if k == 2 else None
-    return Geometry(values, lengths, float(values[0] / values[-1] - 1), shear, normal)
-
-
 # Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
 # at one length beside the line, the error would be a thousand times that of a marker.
 MAX_CONDITION = 1e3
@@ -400,14 +366,11 @@ def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Arr
 
 
 def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> None:
-    if len(raw) != len(target):
+    if not len(raw) == len(target) == len(names):
         raise MarkerError(
-            f"{len(raw)} source and {len(target)} target positions. Give as many of both",
+            f"{len(raw)} source and {len(target)} target positions, {len(names)} labels. Give as "
+            "many of each",
             code="markers-shape",
-        )
-    if len(names) != len(raw):
-        raise MarkerError(
-            f"{len(names)} labels for {len(raw)} markers. Give one each", code="markers-shape"
         )
     for name in names:
         if names.count(name) > 1:

@@ -52,7 +52,6 @@ from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
     MAX_CONDITION,
     Fit,
-    Geometry,
     ModelName,
     Orthogonal,
     Problem,
@@ -60,7 +59,6 @@ from vfplan.registration.models import (
     f_limit,
     f_quantile,
     fit_model,
-    geometry,
     homogeneous,
     leave_one_out,
     make_problem,
@@ -522,21 +520,16 @@ class Registration:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
         return error_rows(self.normalised(points), self.fit.covariance_root) * self.sigma_m
 
-    @cached_property
-    def geometry(self) -> Geometry:
-        """Scale, anisotropy, shear and normal of the transform."""
-        return geometry(self.T_target_source)
-
     @property
     def image_faces(self) -> Array | None:
         """(3,) unit vector in the target frame towards whoever looks at the slice.
 
         With u to the right and v down. `None` for a source in space.
         """
-        normal = self.geometry.normal
-        if normal is None:
+        if self.source.shape[1] == 3:
             return None
-        return -normal
+        normal = plane_normal(self.T_target_source[:3])
+        return -normal / np.linalg.norm(normal)
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
@@ -690,8 +683,13 @@ def registration_report(
     As `--json` reports it. What has no meaning for this source or model is absent, and what cannot
     be known is `None`.
     """
-    shape = registration.geometry
-    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    # What the linear part says of scale and direction: its singular values, largest first, and the
+    # largest cosine between two of its columns, which is 0 for right angles.
+    k = registration.source.shape[1]
+    linear = registration.T_target_source[:3, :k]
+    values, lengths = np.linalg.svd(linear, compute_uv=False), np.linalg.norm(linear, axis=0)
+    cosines = (linear.T @ linear / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
+    unit = "_m_per_px" if k == 2 else ""
     markers = [
         {
             "label": label,
@@ -715,14 +713,14 @@ def registration_report(
         "condition": registration.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
-        f"scale{unit}": shape.scale,
-        f"axis_scales{unit}": shape.axis_scales,
-        f"singular_values{unit}": shape.singular_values,
-        "anisotropy": shape.anisotropy,
-        "shear": shape.shear,
+        f"scale{unit}": float(np.exp(np.log(values).mean())),
+        f"axis_scales{unit}": lengths,
+        f"singular_values{unit}": values,
+        "anisotropy": float(values[0] / values[-1] - 1),
+        "shear": float(cosines[np.abs(cosines).argmax()]),
     }
-    if shape.normal is not None:
-        report["plane_normal"] = shape.normal
+    if registration.image_faces is not None:
+        report["plane_normal"] = -registration.image_faces
         report["image_faces"] = registration.image_faces
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:

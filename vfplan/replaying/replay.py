@@ -330,7 +330,7 @@ def replay(
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)
         common["fixture"] = {
-            "name": path.name, **seal.describe(), "signature_checked": trust is not None,
+            "name": path.name, **seal, "signature_checked": trust is not None,
         }  # fmt: skip
     if isinstance(session, (str, Path)):
         poses, events = as_the_loop_saw(session, poses, events)

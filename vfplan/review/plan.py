@@ -639,7 +639,8 @@ def _of_bundle(
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
-        case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
+        case=seal.get("case") or fixture.case or "",
+        robot_serial=seal.get("robot_serial", ""),
     )  # fmt: skip
 
 
