@@ -320,6 +320,11 @@ ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
 ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
 
 
+# Of the commands that register.
+TIP = option("--tip", type=FILE, metavar="TIP.json",
+             help="Record the tool that touched the markers, from `vfplan tip -o`.")  # fmt: skip
+
+
 def setting_option(kind: type, name: str) -> Callable[[F], F]:
     """The option of a field of a class of settings, as `vfplan.settings` declares it."""
     setting = next(setting for setting in fields(kind) if setting.name == name)

@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
-from vfplan.bundle.leak import parts_of, sorted_edges
+from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
@@ -167,23 +167,14 @@ def path_issues(content: Content) -> Iterator[Issue]:
 
 def mesh_doubts(fixture: Fixture) -> list[str]:
     """What a mesh has that no certificate of its triangles sees: rims, doubled faces."""
-    edges, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
+    _, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     texts = []
-    is_rim = count == 1
-    if is_rim.any():
-        # Rim edges that share an end are of one rim.
-        ends = np.stack((edges[is_rim] >> 32, edges[is_rim] & 0xFFFFFFFF))
-        used, ends = np.unique(ends, return_inverse=True)
-        ends = ends.reshape(2, -1)
-        rim_of = parts_of(len(used), ends.T)
-        rims = int(rim_of.max()) + 1
-        of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
-        widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
-        of_rims = "1 rim" if rims == 1 else f"{rims} rims"
+    rim_edges = int(np.count_nonzero(count == 1))
+    if rim_edges > 0:
         texts.append(
-            f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
-            f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
-            f"than {2e3 * fixture.contact_radius:g} mm. Close the holes in the tool that made it"
+            f"the mesh is open: {rim_edges} edges on its rims; the proxy goes round a rim, and "
+            f"through a hole wider than {2e3 * fixture.contact_radius:g} mm. Close the holes in "
+            "the tool that made it"
         )
     shared_edges = int(np.count_nonzero(count > 2))
     if shared_edges > 0:

@@ -20,6 +20,7 @@ from vfplan.io.files import to_json_types
 FIXTURES = (
     "minimal", "cloud", "curve", "registered", "navigated", "pixels", "patient", "mesh",
     "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed", "of_a_case",
+    "touched",
 )  # fmt: skip
 # Those that are also there as a person approved them, each with its review digest.
 REVIEWED = (

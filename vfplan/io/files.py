@@ -30,7 +30,7 @@ from typing import IO, Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError
+from vfplan.errors import CheckFailed, InputError
 
 # Bytes of a file that is read whole, where the caller names no other limit.
 MAX_FILE_BYTES = 1 << 30
@@ -85,10 +85,10 @@ _DECIMAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9
 
 @contextmanager
 def naming_place(where: object | None) -> Iterator[None]:
-    """Add a place to input errors that are raised inside and name none; `None` adds nothing."""
+    """Add a place to refusals of input that are raised inside and name none; `None` adds none."""
     try:
         yield
-    except InputError as error:
+    except (CheckFailed, InputError) as error:
         if where is not None and not error.where:
             error.where = str(where)
         raise

@@ -61,11 +61,6 @@ class RegisterResult:
     report: dict[str, Any]
     findings: tuple[Finding, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
-
 
 @dataclass(frozen=True, eq=False)
 class PlanResult:
@@ -85,11 +80,6 @@ class PlanResult:
         """What a person should look at."""
         return self.extracted.findings + self.registered.findings
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
-
 
 def plan(
     image: str | Path,
@@ -99,6 +89,7 @@ def plan(
     extraction: ExtractSettings | None = None,
     curve: str | Path | None = None,
     settings: FixtureSettings | None = None,
+    tip: str | Path | None = None,
 ) -> PlanResult:
     """From a planned slice and its markers to a fixture in the robot's frame.
 
@@ -112,6 +103,8 @@ def plan(
         A file of a curve that was drawn on the slice as vectors; no pen is then looked for.
     extraction, settings
         How the curve is extracted, and how it becomes a fixture.
+    tip
+        As `register` takes it.
 
     Raises
     ------
@@ -128,7 +121,9 @@ def plan(
     extracted = extract(
         image, extraction, curve=curve, contact_radius=settings.contact_radius
     )  # fmt: skip
-    registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
+    registered = register(
+        extracted.fixture, markers, markers2, settings, image=extracted.image, tip=tip
+    )
     return PlanResult(registered.fixture, extracted, registered)
 
 
@@ -176,6 +171,7 @@ def register(
     image: PlannedImage | None = None,
     touched: str | Path | None = None,
     tip_radius: float = 0.0,
+    tip: str | Path | None = None,
 ) -> RegisterResult:
     """Carry a curve or a surface by markers to the robot, and say how it is rendered there.
 
@@ -201,6 +197,8 @@ def register(
         A file of points that the robot touched on a surface. They refine a rigid registration.
     tip_radius
         The radius of the ball that touched them [m].
+    tip
+        The file of `vfplan tip` about the tool that touched the markers, which the bundle records.
 
     Raises
     ------
@@ -230,7 +228,7 @@ def register(
     # registration, which begins at that of the markers.
     record = Record()
     record.findings += overridden(recipe or asked, asked)
-    matched = match(unregistered, markers, markers2, settings, image, record)
+    matched = match(unregistered, markers, markers2, settings, image, record, tip)
     curve, registration = matched.curve, matched.registration
     was_turned = any(finding.code == "picture-turned" for finding in unregistered.findings)
     if was_turned and "pixels" not in unregistered.provenance.settings:
@@ -278,7 +276,7 @@ def register(
 
     # Residuals and checks are those of the registration by markers. The error is that of the
     # registration in use, which touched points may have refined.
-    report = registration_report(matched.registration, curve.points, error=error)
+    report = registration_report(matched.registration, curve.points, error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | record.report
     if touched is not None:
@@ -350,7 +348,8 @@ def make_fixture(
     image, transform = None, None
     if matched.correspondences.target_frame == "robot_base":
         image = curve.image
-        transform = registration.record(carried.source, source_frame=curve.frame)
+        tool, tip = matched.correspondences.tool, matched.correspondences.tip
+        transform = replace(registration.record(carried.source, curve.frame), tool=tool, tip=tip)
     return Fixture(
         frame=matched.correspondences.target_frame, points=carried.points, sigma=carried.sigma,
         provenance=replace(provenance, settings=chosen, history=curve.provenance.history),

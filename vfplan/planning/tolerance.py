@@ -102,29 +102,17 @@ class Choice:
         return LAG_SHARE / BAND_SHARE * self.band_m
 
 
-def choose(
-    tolerance_m: float, radius_m: float, *, planar: bool = True, speed_m_s: float = SPEED_M_S,
-    rate_hz: float = RATE_HZ, depth_m: float | None = None,
-) -> Choice:  # fmt: skip
+def choose(tolerance_m: float, radius_m: float, *, planar: bool = True) -> Choice:
     """The settings that a tolerance allows.
 
     tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used;
         `used_tolerance_m` says so.
     radius_m: R = r_c + r_v [m]
     planar: whether the fixture ignores an axis
-    speed_m_s, rate_hz: the fastest hand and the servo rate that the tolerance is to hold for
-    depth_m: the deepest press that it is to hold for, below R [m]; `None`: R/2
-    Raises SettingError: a value that is not positive and finite, or a depth that is not below R
+    Raises SettingError: a value that is not positive and finite
     """
     tolerance_m = number("tolerance", tolerance_m, "m", above=0.0)
     radius_m = number("radius", radius_m, "m", above=0.0)
-    speed_m_s = number("speed", speed_m_s, "m/s", above=0.0)
-    rate_hz = number("rate", rate_hz, "Hz", above=0.0)
-    depth_m = number("depth", DEPTH * radius_m if depth_m is None else depth_m, "m", above=0.0)
-    if depth_m >= radius_m:
-        raise SettingError(
-            f"depth is {depth_m:g} m. Give less than R = {radius_m:g} m", code="depth-range"
-        )
     used_m = min(tolerance_m, largest_tolerance(radius_m))
     dimple_m = DIMPLE_SHARE * used_m
     # Faces that can hold the proxy.
@@ -132,16 +120,14 @@ def choose(
     return Choice(
         tolerance_m=tolerance_m, used_tolerance_m=used_m, sampling_tolerance_m=dimple_m,
         spacing_m=math.sqrt(8 * radius_m * dimple_m), band_m=BAND_SHARE * used_m,
-        max_iterations=iterations(LAG_SHARE * used_m, radius_m, depth_m, speed_m_s / rate_hz)
-        + faces,
+        max_iterations=iterations(LAG_SHARE * used_m) + faces,
     )  # fmt: skip
 
 
-def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> int:
+def iterations(lag_m: float) -> int:
     """How many iterations a tick keep the lag below `lag_m` on the sharpest convex surface."""
-    q = depth_m / radius_m
-    run = step_m / (1 - q)
-    return max(1, math.ceil(math.log1p(run / lag_m) / -math.log(q)))
+    run_m = SPEED_M_S / RATE_HZ / (1 - DEPTH)
+    return max(1, math.ceil(math.log1p(run_m / lag_m) / -math.log(DEPTH)))
 
 
 def largest_tolerance(radius_m: float) -> float:
@@ -368,7 +354,7 @@ def carry(
     curve: Fixture,
     registration: Registration,
     settings: FixtureSettings,
-    tolerance_m: float | None = None,
+    tolerance_m: float | None,
 ) -> CarriedPoints:
     """Carry a curve into the registration's target frame; sample it where it is ordered.
 
@@ -380,8 +366,6 @@ def carry(
         sigma = curve.sigma * scale if curve.sigma is not None else None
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
-    if tolerance_m is None:
-        tolerance_m = settings.tolerance_m
     points, strokes, tight_bends = [], [], []
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
     for stroke in curve.strokes:

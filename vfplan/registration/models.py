@@ -183,14 +183,10 @@ def root_of_inverse(rows: Array) -> Array:
 
 
 def rotation(rotation_vector: Array) -> Array:
-    """(3, 3) rotation of a rotation vector [rad], by O. Rodrigues' formula (1840)."""
-    x, y, z = rotation_vector
-    angle = float(np.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # np.sinc(a) is sin(pi a) / (pi a), which stays exact as the angle goes to 0.
-    sine = np.sinc(angle / np.pi)
-    cosine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + sine * cross + cosine * cross @ cross
+    """(3, 3) rotation of a rotation vector [rad]."""
+    from cv2 import Rodrigues
+
+    return Rodrigues(np.asarray(rotation_vector))[0]
 
 
 def _weighted_least_squares(x: Array, y: Array, w: Array) -> Array:

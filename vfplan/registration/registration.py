@@ -38,7 +38,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
-from math import comb, erfc, pi, sqrt
+from math import comb
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -202,17 +203,9 @@ def _directions(p: int) -> Array:
     return np.ascontiguousarray(normal.T)
 
 
-def normal_quantile(share: Array) -> Array:
-    """What a normal variable stays below with a probability from 1e-7 to 1 - 1e-7, to 1e-11.
-
-    NumPy has none. This is its Taylor series from the nearest of many places whose share is known.
-    """
-    places = np.linspace(-6.0, 6.0, 2401)
-    known = np.array([erfc(-place / sqrt(2)) / 2 for place in places.tolist()])
-    nearest = np.searchsorted((known[1:] + known[:-1]) / 2, share)
-    z = places[nearest]
-    r = (share - known[nearest]) * sqrt(2 * pi) * np.exp(z * z / 2)
-    return z + r * (1 + r * (z / 2 + r * ((2 * z * z + 1) / 6 + r * z * (6 * z * z + 7) / 24)))
+def normal_quantile(share: ArrayLike) -> Array:
+    """What a standard normal variable stays below with a probability."""
+    return np.vectorize(NormalDist().inv_cdf, otypes=[float])(share)
 
 
 # All minimal subsets are tried, and this many take some seconds.
@@ -553,22 +546,11 @@ class Registration:
             )
         return self.fit.problem.normaliser(array)
 
-    def record(
-        self, points: ArrayLike | None = None, source_frame: Frame | None = None
-    ) -> RegistrationRecord:
-        """The part of this that a fixture keeps.
-
-        Parameters
-        ----------
-        points
-            The fixture's points in the source frame, for the predicted error along them.
-        source_frame
-            "image" or "patient_lps"; by default what the source's dimension says.
-        """
-        frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+    def record(self, points: ArrayLike, source_frame: Frame) -> RegistrationRecord:
+        """The part of this that a fixture keeps, whose points are given in the source frame."""
         return RegistrationRecord(
             model=self.model,
-            source_frame=source_frame or frame,
+            source_frame=source_frame,
             T_robot_image=self.T_target_source,
             labels=tuple(map(str, self.labels)),
             source=self.source,
@@ -576,9 +558,9 @@ class Registration:
             residuals_m=self.residuals_m,
             fre_rms_m=self.fre_rms_m,
             loo_rms_m=self.loo_rms_m,
-            tre_rms_m=None if points is None else self.tre_rms_m(points),
+            tre_rms_m=self.tre_rms_m(points),
             covariance=self.covariance,
-            tre_m=None if points is None else self.tre_m(points),
+            tre_m=self.tre_m(points),
         )
 
 
@@ -676,7 +658,7 @@ def is_mirrored(fit: Fit) -> bool:
 
 
 def registration_report(
-    registration: Registration, points: ArrayLike | None = None, *, error: TargetError | None = None
+    registration: Registration, points: ArrayLike, error: TargetError
 ) -> dict[str, Any]:
     """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 
@@ -728,21 +710,19 @@ def registration_report(
     if registration.fit.problem.sigma_unit_m is not None:
         unit_m = registration.fit.problem.sigma_unit_m
         report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
-    if points is not None:
-        error = error or target_error(registration, points)
-        rms_m = float(np.sqrt((error.rms_m**2).mean()))
-        place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
-        report["tre_rms_m"] = rms_m
-        report["tre"] = {
-            "rms_m": rms_m,
-            "max_rms_m": float(error.rms_m.max()),
-            "bound95_max_m": float(error.bound95_m.max()),
-            "curve95_max_m": float(error.curve95_m.max()),
-            "worst_point": error.worst,
-            "worst_source": place[: registration.source.shape[1]],
-            "worst_target_m": registration.apply(place[None])[0],
-            "points_extrapolated": int(error.is_extrapolated.sum()),
-        }
+    rms_m = float(np.sqrt((error.rms_m**2).mean()))
+    place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
+    report["tre_rms_m"] = rms_m
+    report["tre"] = {
+        "rms_m": rms_m,
+        "max_rms_m": float(error.rms_m.max()),
+        "bound95_max_m": float(error.bound95_m.max()),
+        "curve95_max_m": float(error.curve95_m.max()),
+        "worst_point": error.worst,
+        "worst_source": place[:k],
+        "worst_target_m": registration.apply(place[None])[0],
+        "points_extrapolated": int(error.is_extrapolated.sum()),
+    }
     return report
 
 

@@ -7,12 +7,15 @@ from the residuals, is constant in the tool's frame, and carried from there to t
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CheckFailed
+from vfplan.errors import CheckFailed, MarkerError
+from vfplan.io.files import MAX_SETTINGS_BYTES, read_text
 from vfplan.registration.models import f_exceeds
 from vfplan.registration.registration import pointwise_bound
 
@@ -101,6 +104,23 @@ def calibrate_tip(poses: Array) -> Tip:
     spread_m = float(np.ptp(p, axis=0).max())
     pivot = solution[3:] + centre
     return Tip(solution[:3], error95_m, pivot, lengths, apart_m, f, spread_m, turn_deg)
+
+
+def read_tip(path: str | Path) -> tuple[str, Array, str]:
+    """Tool and tip (3,) [m] of a file that `vfplan tip -o` wrote, and its SHA-256.
+
+    Raises MarkerError: the file cannot be read, or is none of a tip
+    """
+    text, sha256 = read_text(path, MAX_SETTINGS_BYTES, MarkerError)
+    try:
+        values = json.loads(text)
+        tool, tip = str(values["tool"]), np.array(values["tip_m"], float)
+    except (ValueError, KeyError, TypeError):
+        tip = np.empty(0)
+    if tip.shape != (3,) or not np.isfinite(tip).all() or not tool.isprintable():
+        message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
+        raise MarkerError(message, where=str(path), code="tip-file")
+    return tool, tip, sha256
 
 
 def check_tip(tip: Tip, max_error_m: float) -> None:
