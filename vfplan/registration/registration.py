@@ -434,16 +434,6 @@ class Registration:
         weights = self.fit.problem.weights[self.used]
         return float(np.sqrt(self.fit.variance * (1 / weights).sum(axis=1).mean()))
 
-    @property
-    def condition(self) -> float:
-        """Longest over shortest extent of the markers in the source; 1 is best, no unit."""
-        return self.fit.problem.condition
-
-    @property
-    def leverage(self) -> Array:
-        """(N,) share of each marker in its own prediction, 0 to 1 for markers used."""
-        return self.fit.leverage
-
     @cached_property
     def loo_m(self) -> Array:
         """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
@@ -474,11 +464,6 @@ class Registration:
         u, v = self.source[index]
         return float(u), float(v)
 
-    def tre_covariance(self, points: ArrayLike) -> Array:
-        """(M, 3, 3) covariance [m²] of the registration's error at source points."""
-        rows = self._error_rows(points)
-        return rows @ np.swapaxes(rows, 1, 2)
-
     def tre_m(self, points: ArrayLike) -> Array:
         """(M,) predicted RMS target registration error at source points [m]."""
         return np.sqrt((self._error_rows(points) ** 2).sum(axis=(1, 2)))
@@ -489,7 +474,8 @@ class Registration:
 
     def tre95_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at each point with probability 0.95."""
-        return pointwise_bound(self.tre_covariance(points), self.dof)
+        rows = self._error_rows(points)
+        return pointwise_bound(rows @ np.swapaxes(rows, 1, 2), self.dof)
 
     def tre95_curve_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
@@ -548,18 +534,13 @@ class Registration:
 
     def record(self, points: ArrayLike, source_frame: Frame) -> RegistrationRecord:
         """The part of this that a fixture keeps, whose points are given in the source frame."""
+        same = ("model", "source", "target", "residuals_m", "fre_rms_m", "loo_rms_m", "covariance")
         return RegistrationRecord(
-            model=self.model,
+            **{name: getattr(self, name) for name in same},
             source_frame=source_frame,
             T_robot_image=self.T_target_source,
             labels=tuple(map(str, self.labels)),
-            source=self.source,
-            target=self.target,
-            residuals_m=self.residuals_m,
-            fre_rms_m=self.fre_rms_m,
-            loo_rms_m=self.loo_rms_m,
             tre_rms_m=self.tre_rms_m(points),
-            covariance=self.covariance,
             tre_m=self.tre_m(points),
         )
 
@@ -677,7 +658,7 @@ def registration_report(
             "label": label,
             "residual_m": float(registration.residuals_m[i]),
             "vector_m": registration.residual_vectors_m[i],
-            "leverage": float(registration.leverage[i]),
+            "leverage": float(registration.fit.leverage[i]),
             "loo_m": float(registration.loo_m[i]),
             "f": float(registration.studentised_f[i]),
             "used": bool(registration.used[i]),
@@ -692,7 +673,7 @@ def registration_report(
         "fle_rms_m": registration.fle_rms_m,
         "loo_rms_m": registration.loo_rms_m,
         "degrees_of_freedom": registration.dof,
-        "condition": registration.condition,
+        "condition": registration.fit.problem.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
         f"scale{unit}": float(np.exp(np.log(values).mean())),
