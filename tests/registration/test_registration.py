@@ -28,7 +28,7 @@ def test_affine_is_ordinary_least_squares():
     np.testing.assert_allclose(r.T_target_source, b.T, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(r.fre_rms_m, np.sqrt(sse.sum() / 9), rtol=1e-12)
     h = np.diag(x @ np.linalg.inv(x.T @ x) @ x.T)
-    np.testing.assert_allclose(r.fit.leverage, h, rtol=1e-9)
+    np.testing.assert_allclose(r.leverage, h, rtol=1e-9)
     np.testing.assert_allclose(r.covariance[:3, :3], sse.sum() / 18 * np.linalg.inv(x.T @ x))
     np.testing.assert_allclose(r.tre_m(source), np.sqrt(3 * sse.sum() / 18 * h), rtol=1e-9)
 

@@ -527,16 +527,10 @@ def add_guidance(fixture: Fixture, settings: FixtureSettings, record: Record) ->
         )
     guiding = fixture.curve.closed
     if stroke is not None:
-        if len(guiding) == 1:
+        if len(guiding) == 1 or not 0 <= stroke < len(guiding):
             raise SettingError(
-                f"guide stroke {stroke}: the curve is one stroke, which guides without it. Leave "
-                "--guide-stroke out",
-                code="guide-stroke",
-            )
-        if not 0 <= stroke < len(guiding):
-            raise SettingError(
-                f"guide stroke {stroke} is not among the {len(guiding)} strokes. Give 0 to "
-                f"{len(guiding) - 1}, or leave it out and all guide",
+                f"guide stroke {stroke} is not one of several: the curve has {len(guiding)}. Give "
+                f"0 to {len(guiding) - 1}, or leave --guide-stroke out and all guide",
                 code="guide-stroke",
             )
         guiding = guiding[[stroke]]

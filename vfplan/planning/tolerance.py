@@ -196,14 +196,11 @@ def sample_curve(
     else:
         number("density", density_per_m, "a metre", above=0.0)
     points = np.asarray(points_m, float)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2 or not np.isfinite(points).all():
         raise SettingError(
-            f"the curve's points have shape {points.shape}. Give (M, 3) with M of 2 or more",
+            f"the curve's points have shape {points.shape}. Give (M, 3) finite numbers with M of 2 "
+            "or more",
             code="points-shape",
-        )
-    if not np.isfinite(points).all():
-        raise SettingError(
-            "the curve holds points that are not finite. Leave them out", code="points-not-finite"
         )
     curve = CurveSpline.through(points, closed)
 
@@ -261,7 +258,7 @@ class CurveSpline:
 def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
     """(D,) the smallest spacing allowed within one spacing and the steps that it ends in.
 
-    A gap must suit all that it spans. Minima of two runs of 1, 2, 4 ... cover the window of each.
+    A gap must suit all that it spans.
     """
     centre, reach = arc, spacing.max()
     if closed:
@@ -269,12 +266,9 @@ def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
         spacing = np.concatenate([spacing[:-1], spacing, spacing[1:]])
     first = np.maximum(np.searchsorted(arc, centre - reach) - 1, 0)
     last = np.minimum(np.searchsorted(arc, centre + reach, "right") + 1, len(arc))
-    smallest, run = np.empty(len(centre)), 1
-    while run <= (last - first).max():
-        rows = np.flatnonzero((last - first >= run) & (last - first < 2 * run))
-        smallest[rows] = np.minimum(spacing[first[rows]], spacing[last[rows] - run])
-        spacing, run = np.minimum(spacing[:-run], spacing[run:]), 2 * run
-    return smallest
+    # Of each pair of places, the minimum from the one up to the other.
+    runs = np.column_stack([first, last]).ravel()
+    return np.minimum.reduceat(np.append(spacing, np.inf), runs)[::2]
 
 
 def place_points(arc: Array, spacing: Array, closed: bool) -> Array:

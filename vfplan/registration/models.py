@@ -117,8 +117,10 @@ class Orthogonal:
 
     def moved(self, m: Array, step: Array) -> Array:
         """M after the step (p,) in the parameters of `tangent`."""
+        from cv2 import Rodrigues
+
         k = self.dimension
-        linear = rotation(step[:3]) @ m[:, :k]
+        linear = Rodrigues(step[:3])[0] @ m[:, :k]
         if self.scale is None:
             linear = linear * np.exp(step[6])
         return np.column_stack([linear, m[:, k] + step[3:6]])
@@ -180,13 +182,6 @@ def root_of_inverse(rows: Array) -> Array:
     """
     r = np.linalg.qr(rows, mode="r")
     return np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(len(r)))
-
-
-def rotation(rotation_vector: Array) -> Array:
-    """(3, 3) rotation of a rotation vector [rad]."""
-    from cv2 import Rodrigues
-
-    return Rodrigues(np.asarray(rotation_vector))[0]
 
 
 def _weighted_least_squares(x: Array, y: Array, w: Array) -> Array:
@@ -489,7 +484,7 @@ class Fit:
     covariance_root: Array
 
     @property
-    def covariance(self) -> Array:
+    def covariance_m(self) -> Array:
         """(3 (k+1), 3 (k+1)) covariance of row-major M."""
         return self.variance * self.covariance_root @ self.covariance_root.T
 

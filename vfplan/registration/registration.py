@@ -135,11 +135,6 @@ def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
     return bound
 
 
-def error_rows(s: Array, root: Array) -> Array:
-    """(M, 3, p) J_r A: how the error at normalised points s (M, k) follows from p unit normals."""
-    return marker_rows(homogeneous(s)).reshape(len(s), 3, -1) @ root
-
-
 def pointwise_bound(covariances: Array, dof: int) -> Array:
     """(M,) radius [m] that an error stays within with 0.95, for covariances (M, 3, 3) [m²].
 
@@ -159,7 +154,7 @@ def pointwise_bound(covariances: Array, dof: int) -> Array:
 def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
     """κ of at least 1, by which the pointwise bound must grow to hold for all points at once.
 
-    rows: (M, 3, p) [m] of `error_rows`, times the standard deviation
+    rows: (M, 3, p) [m] how the error follows from p unit normals
     pointwise_m: (M,) the points' own bounds [m]
     dof: degrees of freedom of the standard deviation
     """
@@ -236,9 +231,9 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
     worst = int(f.argmax())
     others = registration.used & (np.arange(len(f)) != worst)
-    problem = registration.fit.problem
+    problem = registration.problem
     has_residual = 3 * others.sum() > problem.model.parameters
-    if not f[worst] > outlier_limits(registration.fit)[worst] or not has_residual:
+    if not f[worst] > outlier_limits(registration)[worst] or not has_residual:
         return None
     without = fit_model(problem, others)
     others_m = rms_length(without.vectors[others])
@@ -250,7 +245,7 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
 def outlier_findings(registration: Registration) -> list[Finding]:
     """Markers further from the others' prediction than chance explains, and those left out."""
     findings = []
-    for i in np.flatnonzero(is_outlier(registration.fit)):
+    for i in np.flatnonzero(is_outlier(registration)):
         label, place = registration.labels[i], registration.place_px(i)
         distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
         if not registration.used[i]:
@@ -344,8 +339,10 @@ MIRRORED_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(Fit):
     """A transform source -> target with its errors; `fit_registration` makes it.
+
+    As a `Fit` it has the solved problem, in normalised coordinates.
 
     Parameters
     ----------
@@ -357,8 +354,6 @@ class Registration:
         (N, 2) [px] or (N, 3) [m].
     target
         (N, 3) [m].
-    fit
-        The solved problem, in normalised coordinates.
     robust
         Whether markers that do not agree with the others were left out.
     pixel_spacing
@@ -369,15 +364,14 @@ class Registration:
     labels: tuple[str, ...] | tuple[int, ...]
     source: Array
     target: Array
-    fit: Fit
     robust: bool = False
     pixel_spacing: Array | None = None
 
     @cached_property
     def T_target_source(self) -> Array:
         """(3, 3) acting on [u v 1] with the result (x, y, z) [m], or (4, 4) acting on [x y z 1]."""
-        normaliser = self.fit.problem.normaliser
-        top = self.fit.m @ normaliser.matrix
+        normaliser = self.problem.normaliser
+        top = self.m @ normaliser.matrix
         top[:, -1] += normaliser.target_centre
         if top.shape[1] == 3:
             return top
@@ -386,8 +380,8 @@ class Registration:
     @cached_property
     def covariance(self) -> Array:
         """(9, 9) or (12, 12) covariance of the first three rows of T, row by row."""
-        carry = np.kron(np.eye(3), self.fit.problem.normaliser.matrix.T)
-        return carry @ self.fit.covariance @ carry.T
+        carry = np.kron(np.eye(3), self.problem.normaliser.matrix.T)
+        return carry @ self.covariance_m @ carry.T
 
     def apply(self, points: ArrayLike) -> Array:
         """Target positions (M, 3) [m] of source points (M, 2|3).
@@ -396,27 +390,17 @@ class Registration:
         the frame "image" holds them.
         """
         x = homogeneous(self.normalised(points))
-        return x @ self.fit.m.T + self.fit.problem.normaliser.target_centre
-
-    @property
-    def used(self) -> Flags:
-        """(N,) the markers that the fit rests on; all of them, unless it was robust."""
-        return self.fit.used
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom ν = 3 N - p."""
-        return self.fit.dof
+        return x @ self.m.T + self.problem.normaliser.target_centre
 
     @property
     def residual_vectors_m(self) -> Array:
         """(N, 3) target minus transformed source [m]."""
-        return self.fit.vectors
+        return self.vectors
 
     @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
-        return np.linalg.norm(self.fit.vectors, axis=1)
+        return np.linalg.norm(self.vectors, axis=1)
 
     @property
     def fre_rms_m(self) -> float:
@@ -426,18 +410,18 @@ class Registration:
     @property
     def sigma_m(self) -> float:
         """Estimated standard deviation of a coordinate of a marker of weight 1: √(Σ w e² / ν)."""
-        return float(np.sqrt(self.fit.variance))
+        return float(np.sqrt(self.variance))
 
     @property
     def fle_rms_m(self) -> float:
         """Estimated fiducial localisation error, RMS length [m]; √3 σ for equal markers."""
-        weights = self.fit.problem.weights[self.used]
-        return float(np.sqrt(self.fit.variance * (1 / weights).sum(axis=1).mean()))
+        weights = self.problem.weights[self.used]
+        return float(np.sqrt(self.variance * (1 / weights).sum(axis=1).mean()))
 
     @cached_property
     def loo_m(self) -> Array:
         """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
-        return leave_one_out(self.fit)
+        return leave_one_out(self)
 
     @property
     def loo_rms_m(self) -> float | None:
@@ -450,12 +434,12 @@ class Registration:
     @cached_property
     def studentised_f(self) -> Array:
         """(N,) F of each marker against the others; NaN where nothing is left to judge by."""
-        return studentised_f(self.fit)
+        return studentised_f(self)
 
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
         """Labels of markers whose F is above its limit, and of those a robust fit left out."""
-        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier(self.fit)))
+        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier(self)))
 
     def place_px(self, index: int) -> tuple[float, float] | None:
         """Where a marker stands on the slice; `None` in space."""
@@ -497,7 +481,9 @@ class Registration:
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
-        return error_rows(self.normalised(points), self.fit.covariance_root) * self.sigma_m
+        x = homogeneous(self.normalised(points))
+        rows = marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root
+        return rows * self.sigma_m
 
     @property
     def image_faces(self) -> Array | None:
@@ -515,22 +501,20 @@ class Registration:
         try:
             array = np.atleast_2d(np.asarray(points, dtype=np.float64))
         except (TypeError, ValueError):
-            raise SettingError(
-                "points are not numbers in rows of equal length. Give an array of numbers",
-                code="points-shape",
-            ) from None
+            array = np.empty((0, 0))
         k = self.source.shape[1]
         if k == 2 and array.shape[1:] == (3,) and not array[:, 2].any():
             array = array[:, :2]
         if array.shape[1:] != (k,) or not len(array):
             raise SettingError(
-                f"points have shape {array.shape}. Give (M, {k}) in the source", code="points-shape"
+                f"points have shape {array.shape}. Give numbers (M, {k}) in the source",
+                code="points-shape",
             )
         if not np.isfinite(array).all():
             raise SettingError(
                 "points hold NaN or infinity. Give finite numbers", code="points-not-finite"
             )
-        return self.fit.problem.normaliser(array)
+        return self.problem.normaliser(array)
 
     def record(self, points: ArrayLike, source_frame: Frame) -> RegistrationRecord:
         """The part of this that a fixture keeps, whose points are given in the source frame."""
@@ -621,7 +605,10 @@ def fit_registration(
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
-    return Registration(model, names, source, target, fit, robust, known_spacing)
+    return Registration(
+        **vars(fit), model=model, labels=names, source=source, target=target, robust=robust,
+        pixel_spacing=known_spacing,
+    )  # fmt: skip
 
 
 def is_mirrored(fit: Fit) -> bool:
@@ -658,7 +645,7 @@ def registration_report(
             "label": label,
             "residual_m": float(registration.residuals_m[i]),
             "vector_m": registration.residual_vectors_m[i],
-            "leverage": float(registration.fit.leverage[i]),
+            "leverage": float(registration.leverage[i]),
             "loo_m": float(registration.loo_m[i]),
             "f": float(registration.studentised_f[i]),
             "used": bool(registration.used[i]),
@@ -673,7 +660,7 @@ def registration_report(
         "fle_rms_m": registration.fle_rms_m,
         "loo_rms_m": registration.loo_rms_m,
         "degrees_of_freedom": registration.dof,
-        "condition": registration.fit.problem.condition,
+        "condition": registration.problem.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
         f"scale{unit}": float(np.exp(np.log(values).mean())),
@@ -688,8 +675,8 @@ def registration_report(
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
-    if registration.fit.problem.sigma_unit_m is not None:
-        unit_m = registration.fit.problem.sigma_unit_m
+    if registration.problem.sigma_unit_m is not None:
+        unit_m = registration.problem.sigma_unit_m
         report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
     rms_m = float(np.sqrt((error.rms_m**2).mean()))
     place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
