@@ -40,11 +40,10 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     4 x 4 matrix column by column, as Franka's O_T_EE. Give six poses or more that tilt the tool to
     all sides, each once: the error takes them for independent.
     """
-    from vfplan.registration.tip import calibrate_tip, check_tip
+    from vfplan.registration.tip import calibrate_tip
 
     matrices = read_tool_poses(poses, units, row_major)
-    tip = calibrate_tip(matrices)
-    check_tip(tip, max_error_m)
+    tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
     place, pivot = (",".join(f"{x:.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m

@@ -26,14 +26,6 @@ def key(tmp_path):
     return tmp_path / "key"
 
 
-def test_a_fixture_without_findings_has_no_group_for_them(tmp_path):
-    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
-    content, _ = read_bundle(tmp_path / "a.h5")
-    assert not [path for path in content if path.startswith(("/findings", "/review"))]
-    fixture = vfplan.read_fixture(tmp_path / "a.h5")
-    assert (fixture.findings, fixture.reviewed, fixture.curve.edited) == ((), None, None)
-
-
 def with_finding(**change):
     answered = bundles.FINDINGS[3]
     first = replace(answered, **{"answered_utc": None, "answered_by": None} | change)

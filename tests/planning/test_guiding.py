@@ -105,19 +105,6 @@ def test_what_cannot_guide_is_refused(change, says):
         add_guidance(two_lines(0, ring), settings, Record())
 
 
-@pytest.mark.parametrize(("given", "code"), [
-    ({"guide_ends": "open"}, "no-guide"),
-    ({"guide_ends": "stop"}, "no-guide"),
-    ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),
-    ({"guide_m": 1e-3, "margin": 1e-3}, "guide-margin"),
-])  # fmt: skip
-def test_settings_that_say_nothing_of_a_guide_are_refused(given, code):
-    with refuses(SettingError, code):
-        FixtureSettings(**given)
-    # The margin of a stroke beside the guide is one.
-    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
-
-
 def test_a_pull_that_the_robot_cannot_give_is_warned_of():
     from vfplan.stability.study import strong_pull
 

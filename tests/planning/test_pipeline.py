@@ -199,6 +199,9 @@ def test_markers_in_space_do_not_register_a_slice(tmp_path):
     ({"ignore_axis": ""}, "axis-unknown"),
     ({"stiffness": (1.0, 2.0)}, "stiffness-count"),
     ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide-pull"),
+    ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),
+    ({"guide_m": 1e-3, "margin": 1e-3}, "guide-margin"),
+    ({"guide_ends": "stop"}, "no-guide"),
 ])  # fmt: skip
 def test_settings_that_say_nothing_are_refused(given, code):
     with refuses(SettingError, code):

@@ -1,7 +1,7 @@
 """Read files from outside: regular files of a bounded size, whole or through one open descriptor.
 
 Also strict decimal numbers and lengths of time as text holds them, headers of `.npy` files, values
-as JSON holds them, the time that outputs are stamped with, and CSV tables: `read_table` reads a
+as JSON holds them, the time that outputs are stamped with, and CSV tables: `parse_table` reads a
 small one whole, as text, and `open_number_table` numbers of any length, block by block.
 
 Columns are separated by commas, semicolons or tabs, whichever the header line holds. Between
@@ -430,12 +430,6 @@ class Table:
             line = max(lines[0] for lines in with_mark)
             place = f"{self.where}, line {line}"
             raise self.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
-
-
-def read_table(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[Table, str]:
-    """A table from a file, and the SHA-256 of its bytes; raises the kind of error given."""
-    text, sha256 = read_text(path, max_bytes, kind)
-    return parse_table(text, str(path), kind), sha256
 
 
 def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:

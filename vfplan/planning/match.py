@@ -5,6 +5,7 @@ Points touched on a surface refine its registration, held against what the marke
 
 from __future__ import annotations
 
+import io
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.io.files import naming_place, read_table
+from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
 
@@ -364,20 +365,10 @@ def refine(
 
 
 def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
-    """(T, 3) places [m] that a robot touched, and their file's SHA-256.
+    """(T, 3) places [m] that a robot touched, and their file's SHA-256; other columns are not read.
 
-    Columns `label` and `t` may stand beside them.
-
-    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
-        finite number
+    Raises MarkerError: the file cannot be read, or has no such columns of finite numbers
     """
-    table, sha256 = read_table(path, MAX_BYTES, MarkerError)
-    names = [name.casefold() for name in table.header]
-    if not set(COLUMNS) <= set(names) <= {*COLUMNS, "label", "t"}:
-        raise MarkerError(
-            f"its columns are {','.join(names)[:80]!r}. Give {','.join(COLUMNS)}",
-            where=str(path),
-            code="column-missing",
-        )
-    columns = tuple(table.header[names.index(name)] for name in COLUMNS)
-    return table.numbers(columns), sha256
+    data, sha256 = read_bytes(Path(path), MAX_BYTES, MarkerError)
+    table = open_number_table(lambda: io.BytesIO(data), str(path), MarkerError, COLUMNS)
+    return np.concatenate([np.empty((0, 3)), *table.blocks(COLUMNS)]), sha256
