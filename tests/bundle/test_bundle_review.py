@@ -112,7 +112,7 @@ def test_the_marked_rows_are_what_an_engine_reads():
     source = (include / "fixture.hpp").read_text()
     source = source[source.index("strokes_of(const Content") : source.index("What `read` gives")]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}
-    beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified"}
+    beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified", "/registration@tool"}
     read |= {path for path in re.findall(r'"(/@?\w+)"', source) if path in FIELDS}
     assert read - beside - {"/sigma", "/review", "/findings"} == RENDERED
     values = rendered_values(whole_guide())

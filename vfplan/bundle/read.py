@@ -7,6 +7,7 @@ from typing import Any
 
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.seal import Trust, check_trust, describe, opened_source, unsealed
+from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 
 
@@ -24,6 +25,8 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     BundleError
         The bundle is corrupt, unsafe, of a version this program does not read, or not signed as
         demanded.
+    SettingError
+        `trust` is no `Trust`.
     """
     return read_sealed(path, trust=trust)[0]
 
@@ -44,6 +47,10 @@ def read_bundle(
     Raises as `read_fixture` does.
     """
     with opened_source(source) as stream:
+        if trust is not None and not isinstance(trust, Trust):
+            raise SettingError(
+                f"trust is {trust!r}. Give a `vfplan.Trust`, as Trust(read_keys(PATH))."
+            )
         sealed = unsealed(stream)
         if trust is not None:
             check_trust(sealed, trust)

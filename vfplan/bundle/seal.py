@@ -201,7 +201,8 @@ class Trust:
         How long ago it may have been signed [s]; `None`: not checked. Where the signer stated when
         the patient was registered, that counts.
 
-    Raises `SettingError` when `max_age` is negative or not finite.
+    Raises `SettingError` when `keys` is not what `read_keys` returns, or `max_age` is negative or
+    not finite.
     """
 
     keys: dict[bytes, Any]
@@ -210,7 +211,11 @@ class Trust:
     max_age: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an age that no comparison would ever exceed."""
+        """Refuse what are no keys, and an age that no comparison would ever exceed."""
+        if not isinstance(self.keys, dict) or not all(isinstance(i, bytes) for i in self.keys):
+            raise SettingError(
+                f"The trusted keys are {self.keys!r}. Give what `vfplan.read_keys(PATH)` returns."
+            )
         if self.max_age is not None and not 0 <= self.max_age < math.inf:
             raise SettingError(f"The maximum age is {self.max_age} s. Give a finite number from 0.")
 

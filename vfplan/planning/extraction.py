@@ -214,14 +214,18 @@ def vector_findings(curve: VectorDrawing, contact_radius: float) -> list[Finding
     """What a vector curve's file leaves open."""
     findings = [note("vector-curve", "extract", text) for text in curve.warnings]
     if curve.type_difference_m > MAX_TYPE_DIFFERENCE * contact_radius:
-        text = (
-            "Slicer's file does not say whether the curve is a spline or straight lines, which "
-            f"differ by up to {1e3 * curve.type_difference_m:.2g} mm. A spline was taken. Look up "
-            "Curve Type in Slicer's Markups module, and say it: --curve-type spline or "
-            "--curve-type linear"
-        )
-        findings.append(doubt("slicer-curve-type", "extract", text))
+        findings.append(curve_type_doubt(curve.type_difference_m))
     return findings
+
+
+def curve_type_doubt(difference_m: float) -> Finding:
+    """That a file of Slicer does not say which type of curve it shows."""
+    text = (
+        f"Slicer's file does not say whether the curve is a spline or straight lines, which differ "
+        f"by up to {1e3 * difference_m:.2g} mm. A spline was taken. Look up Curve Type in Slicer's "
+        "Markups module, and say it: --curve-type spline or --curve-type linear"
+    )
+    return doubt("slicer-curve-type", "extract", text)
 
 
 def vector_alone(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -135,10 +136,16 @@ def refuse_wrong_order(
     Raises `InputError` where the first file is a table of markers, or no picture while another is.
     """
     from vfplan.images.read import is_picture_file
+    from vfplan.markers.correspondences import read_sides
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    order = "it holds markers" if holds_markers(image) else None
+    order = None
+    # A table of a curve has no labels, so it is no sound table of markers.
+    if Path(image).suffix.lower() in (".csv", ".txt", ".tsv"):
+        with suppress(InputError):
+            read_sides(Path(image))
+            order = "it holds markers"
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             order = f"{path} is a picture"
@@ -147,19 +154,6 @@ def refuse_wrong_order(
             f"the files are in the wrong order: {order}. Give the slice first and the markers "
             "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
         )  # fmt: skip
-
-
-def holds_markers(path: str | Path) -> bool:
-    """Whether a file is a sound table of markers; a table of a curve has no labels."""
-    from vfplan.markers.correspondences import read_sides
-
-    if Path(path).suffix.lower() not in (".csv", ".txt", ".tsv"):
-        return False
-    try:
-        read_sides(Path(path))
-    except InputError:
-        return False
-    return True
 
 
 def register(

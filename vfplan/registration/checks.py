@@ -85,20 +85,6 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
     return departures
 
 
-def refuse_wrong_scale(registration: Registration) -> None:
-    """Refuse a scale that is more than twice the known one, or less than half (`MarkerError`)."""
-    for departure, standard_error in scale_departures(registration):
-        ratio = 1 + departure
-        is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
-        if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            text = (
-                f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
-                f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing"
-            )
-            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
-
-
 def scale_findings(registration: Registration) -> list[Finding]:
     """A scale that departs from the known one by more than its error, or that nothing checks."""
     departures = scale_departures(registration)
@@ -484,7 +470,17 @@ def refuse_wrong_markers(
             code="residual-large",
             numbers={"fre_rms_m": registration.fre_rms_m, "max_residual_m": max_residual_m},
         )
-    refuse_wrong_scale(registration)
+    # A scale that is another unit, and more than by chance.
+    for departure, standard_error in scale_departures(registration):
+        ratio = 1 + departure
+        is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
+        if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
+            text = (
+                f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
+                f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
+                "the right --pixel-spacing"
+            )
+            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
 def refuse_large_error(
