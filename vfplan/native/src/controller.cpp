@@ -3,6 +3,8 @@
 // The Python face of the controller. Python has checked who signed a bundle's bytes.
 #include "vfplan/controller.hpp"
 
+#include <nanobind/stl/string.h>
+
 #include "numpy.hpp"
 
 namespace {
