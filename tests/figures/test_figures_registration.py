@@ -15,6 +15,7 @@ from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
 from vfplan.fixture import Curve, Fixture, Provenance
+from vfplan.planning.tolerance import scale_m_per_unit
 from vfplan.registration.registration import fit_registration
 
 
