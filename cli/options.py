@@ -302,6 +302,11 @@ ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
 ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
 
 
+# Of the commands that register.
+TIP = option("--tip", type=FILE, metavar="TIP.json",
+             help="Record the tool that touched the markers, from `vfplan tip -o`.")  # fmt: skip
+
+
 def setting_option(kind: type, name: str) -> Callable[[F], F]:
     """The option of a field of a class of settings, as `vfplan.settings` declares it."""
     setting = next(setting for setting in fields(kind) if setting.name == name)
@@ -425,7 +430,7 @@ def trust(arguments: dict[str, Any]) -> Any:
 def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
     """What a trusted signature is for and the command did not demand: names of `SIGNED_FOR`.
 
-    seal: as `Seal.describe` gives it
+    seal: as `read_sealed` gives it
     """
     if arguments["keys"] is None:
         return []

@@ -40,6 +40,7 @@ from vfplan.settings import settings_from_options
                   "working folder]", required=False),
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
+    options.TIP,
     options.ROBOT,
     option("--rehearse", metavar="panda|fr3|FILE.xml",
            help="Move a simulated arm along each side of the curve first. Write nothing if it does "
@@ -85,7 +86,7 @@ def vfplan_plan(
     ):
         planned = plan(
             image, markers, markers2, extraction=extraction, settings=settings,
-            curve=arguments["curve"],
+            curve=arguments["curve"], tip=arguments["tip"],
         )  # fmt: skip
     fixture = replace(planned.fixture, case=arguments["case"])
     data = dict(planned.report)

@@ -36,6 +36,7 @@ from vfplan.display import count, micrometres, millimetres
            "(x_m,y_m,z_m) [m]."),
     option("--tip-radius", type=MM_OR_ZERO,
            help="Radius of the ball that touched them [mm].  [default: 0]"),
+    options.TIP,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
 def vfplan_register(
@@ -61,7 +62,7 @@ def vfplan_register(
     slice_image = read_slice_of(drawn, image) if image is not None else None
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,
-        tip_radius=tip_radius or 0.0,
+        tip_radius=tip_radius or 0.0, tip=arguments["tip"],
     )  # fmt: skip
     options.check_campaign_matches(arguments, planned.fixture)
     fixture = with_verdict_by(drawn.provenance.settings, planned.fixture)

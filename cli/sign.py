@@ -53,11 +53,11 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
         renders = in_one_line(read_fixture(path))
-    signed_for = {"case": seal.case, "robot_serial": seal.robot_serial}
+    signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
     return CommandResult(
-        {"output": str(output), **seal.describe(), "renders": renders},
+        {"output": str(output), **seal, "renders": renders},
         f"wrote {output}\n  renders     {renders}",
-        verdict=f"signed with key {seal.key_id.hex()}",
+        verdict=f"signed with key {seal['key_id']}",
         next_step=verify_command(output, public_key_of(key), **signed_for),
     )  # fmt: skip
 
@@ -73,10 +73,10 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     signed, seal = read_sealed(fixture, trust=trust(arguments))
     reviewed = None if signed.reviewed is None else asdict(signed.reviewed)
     data = {
-        **seal.describe(),
+        **seal,
         "ok": True,
         "renders": in_one_line(signed),
-        "not_compared": not_compared(seal.describe(), arguments),
+        "not_compared": not_compared(seal, arguments),
         "findings": [finding.as_dict() for finding in signed.findings],
         "reviewed": reviewed,
     }
@@ -90,7 +90,7 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         verdict = f"signed by a trusted key, but its {words} was compared with nothing"
         missing = [SIGNED_FOR[name] for name in data["not_compared"]]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
-    if seal.despite_findings:
+    if "despite_findings" in seal:
         unanswered = ["findings were not answered"] if signed.open_findings else []
         unseen = ["nobody had reviewed it"] if signed.reviewed is None else []
         reason = " and ".join(unanswered + unseen)
@@ -176,6 +176,7 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
         data, f"wrote {output}", findings=accepted.findings,
         verdict=f"accepted by {by}",
         next_step=sign_command(
-            output, case=seal.case or accepted.case or "", robot_serial=seal.robot_serial
+            output, case=seal.get("case") or accepted.case or "",
+            robot_serial=seal.get("robot_serial", "")
         ),
     )  # fmt: skip

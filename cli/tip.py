@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from vfplan.cli.options import FILE, MM, option, options_in_order
+from vfplan.cli.options import FILE, MM, OutputFile, option, options_in_order, output_option
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
 from vfplan.display import count, millimetres
 from vfplan.errors import InputError
 from vfplan.geometry import UNIT_ROUNDED
-from vfplan.io.files import OpenedFile, open_number_table
+from vfplan.io.files import OpenedFile, open_number_table, to_json_types
+from vfplan.io.writing import write_whole
 from vfplan.session.events import POSE_COLUMNS
 from vfplan.session.session import unit_factor
 
@@ -25,19 +28,22 @@ from vfplan.session.session import unit_factor
     option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
     option("--max-error", "max_error_m", type=MM, default="2",
            help="Refuse a tip whose 95 % error is larger [mm]: a wrong unit or order shows so."),
+    option("--tool", default="tool", metavar="NAME",
+           help="Name of the tool, which a controller can demand."),
+    output_option("Write tool and tip to this file, for `plan --tip`.", required=False,
+                  kind=OutputFile()),
 )  # fmt: skip
-def vfplan_tip(poses: Path, units: str, row_major: bool, max_error_m: float) -> Any:
+def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     """Find a tool's tip from poses in which the tip stays on one point.
 
     A row of POSES.csv is x,y,z,qw,qx,qy,qz, also with t before it and a header, or 16 numbers of a
     4 x 4 matrix column by column, as Franka's O_T_EE. Give six poses or more that tilt the tool to
     all sides, each once: the error takes them for independent.
     """
-    from vfplan.registration.tip import calibrate_tip, check_tip
+    from vfplan.registration.tip import calibrate_tip
 
     matrices = read_tool_poses(poses, units, row_major)
-    tip = calibrate_tip(matrices)
-    check_tip(tip, max_error_m)
+    tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
     place, pivot = (",".join(f"{x:.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m
@@ -49,11 +55,14 @@ def vfplan_tip(poses: Path, units: str, row_major: bool, max_error_m: float) -> 
         f"{millimetres(tip.residuals_m[worst])} at most, in pose {worst + 1}"
     )
     data = {
-        "poses": len(matrices), "tip_m": tip.offset_m, "error95_m": tip.error95_m,
+        "tool": tool, "poses": len(matrices), "tip_m": tip.offset_m, "error95_m": tip.error95_m,
         "pivot_m": tip.pivot_m, "residual_rms_m": tip.residual_rms_m,
         "residual_max_m": tip.residuals_m[worst], "worst_pose": worst + 1,
         "turn_deg": tip.turn_deg,
     }  # fmt: skip
+    with outputs(output) as (path,):
+        if path is not None:
+            write_whole(path, [json.dumps(to_json_types(data)).encode()], overwrite=False)
     return CommandResult(
         data, text, verdict=f"the tip is known to {error_mm:.3f} mm",
         next_step="count this error too, where the tool touches the markers: "

@@ -37,7 +37,7 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     ticks = None
     if result is not None:
         ticks, attributes = read_result(result)
-        require_fixture(attributes, seal.sha256.hex(), result.name)
+        require_fixture(attributes, seal["sha256"], result.name)
     image = None if slice_path is None else read_slice_of(planned, slice_path)
     if image is not None:
         check_slice(planned, image)

@@ -9,6 +9,7 @@ import pytest
 import vfplan
 from vfplan import Controller, Status
 from vfplan.bundle.seal import keygen, sign
+from vfplan.conformance import fixtures
 from vfplan.controller import ASKED
 from vfplan.errors import SettingError, VfplanError
 from vfplan.findings import doubt
@@ -57,7 +58,8 @@ def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
     open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
     doubted = stored(tmp_path / "doubted.h5", is_approved=True, findings=(open_one,))
     bare, signed = stored(tmp_path / "bare.h5"), tmp_path / "signed.h5"
-    placed = tmp_path / "patient.h5"
+    placed, touched = tmp_path / "patient.h5", tmp_path / "touched.h5"
+    vfplan.write_fixture(fixtures.touched(), touched)
     vfplan.write_fixture(replace(bundles.small(), frame="patient_lps"), placed)
     sign(plain, signed, tmp_path / "k", case="C1", robot_serial="R7")
     unsigned = {"accept_unsigned": True}
@@ -76,6 +78,9 @@ def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
         (doubted, unsigned, "unsafe.findings"),
         (doubted, {**unsigned, "accept_doubts": True}, None),
         (placed, ANY, "unsafe.frame"),
+        (touched, {**ANY, "tool": "probe 1"}, None),
+        (touched, {**ANY, "tool": "probe 2"}, "unsafe.tool"),
+        (bare, {**ANY, "tool": "probe 1"}, "unsafe.tool"),
     ):
         if code is None:
             controller = Controller(path, **demand)

@@ -73,6 +73,8 @@ class Controller(_core.Controller):
         A file of public keys, several, or what `read_keys` returns: one must have signed it.
     case, robot_serial, max_age_s
         For which case and robot it was signed, and how long ago at most [s].
+    tool
+        The tool that touched the markers.
     accept_unsigned, accept_unreviewed, accept_doubts
         Take a bundle without keys, one that nobody approved, one with open doubts.
     governor
@@ -100,6 +102,7 @@ class Controller(_core.Controller):
         robot_serial: str | None = None,
         max_age_s: float | None = None,
         *,
+        tool: str | None = None,
         accept_unsigned: bool = False,
         accept_unreviewed: bool = False,
         accept_doubts: bool = False,
@@ -127,6 +130,7 @@ class Controller(_core.Controller):
                 data,
                 accept_unreviewed=accept_unreviewed,
                 accept_doubts=accept_doubts,
+                tool=tool,
                 governor=governor.limits,
                 max_hip_step=real_number("max_hip_step", max_hip_step),
                 hold_time=real_number("hold_time_s", hold_time_s),

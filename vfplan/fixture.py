@@ -121,6 +121,9 @@ class RegistrationRecord:
         (P, P) covariance of the transform's parameters, row-major T; `None` when unknown.
     tre_m
         (N,) predicted RMS TRE at each of the fixture's points [m]; `None` when unknown.
+    tool, tip
+        The tool that touched the markers, and (3,) its tip in its own frame [m]; `None` when
+        nobody said it.
     """
 
     model: str
@@ -135,6 +138,8 @@ class RegistrationRecord:
     tre_rms_m: float | None = None
     covariance: NDArray[np.float64] | None = None
     tre_m: NDArray[np.float64] | None = None
+    tool: str | None = None
+    tip: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

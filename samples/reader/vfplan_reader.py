@@ -73,6 +73,8 @@ ROWS = """
 /registration/labels ; text (M,) ;  ;  ;  ; group ; reviewed
 /registration/source ; f8 (M, D) ; @source_frame ; @source_frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group ; reviewed
 /registration/target ; f8 (M, 3) ; m ; robot_base ; abs ≤ 100 m ; group ; reviewed
+/registration@tool ; text ;  ;  ;  ; optional ; reviewed
+/registration/tip ; f8 (3,) ; m ; tool ; abs ≤ 100 m ; optional ; reviewed
 /registration/residuals ; f8 (M,) ; m ;  ; ≥ 0 ; group ; reviewed
 /registration/covariance ; f8 (U, U) ; T_robot_image^2 ;  ;  ; optional ; reviewed
 /registration/tre ; f8 (N,) ; m ;  ; ≥ 0 ; optional ; reviewed

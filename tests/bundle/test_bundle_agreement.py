@@ -6,7 +6,6 @@ and under a good seal it is refused.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 import bundles
@@ -79,11 +78,6 @@ def shortened():
     )
 
 
-def lengthened():
-    """The pieces go on beyond the last point."""
-    return with_inserted(3, [[0.44, 0.05, 0.1]])
-
-
 def short_cut():
     """A second way along the first stroke: every vertex and every point lies on the curve."""
     return with_inserted(3, bundles.drawn().pieces.vertices[[2, 0, 1]])
@@ -106,14 +100,11 @@ def tear(vertices):
 OTHER_CURVES = {
     "vertices collapsed to a dot": vertices(lambda v: 0 * v + v[0]),
     "a stroke torn off by 54 mm": vertices(tear),
-    "vertices moved by 1 mm": vertices(lambda v: v + np.array([0.001, 0, 0])),
     "points moved by 50 mm": lambda: moved_points(bundles.drawn(), [0.05, 0, 0]),
     "a spur of 5 mm": spur,
     "an arc turned over": bulged(1, -np.tan(np.pi / 8)),
     "an arc made a line": bulged(1, 0.0),
-    "a line made an arc": bulged(0, 0.5),
     "pieces that stop half way": shortened,
-    "pieces that go on": lengthened,
     "pieces that go back and begin again": short_cut,
     "pieces drawn the other way": reversed_pieces,
 }
@@ -275,17 +266,3 @@ def test_curves_at_random_agree_with_points_on_them_and_not_with_others(seed, tm
     if apart > 2e-6:
         with pytest.raises(SettingError):
             vfplan.write_fixture(moved, path, overwrite=True)
-
-
-def test_the_largest_stiffness_across_an_axis_is_that_of_numpy(tmp_path):
-    draw = np.random.default_rng(3)
-    for _ in range(60):
-        axis = unit(draw.normal(size=3))
-        K = draw.uniform(100, 2000, 3)
-        felt = felt_across(axis, K)
-        rendering = replace(bundles.small().rendering, ignore_axis=axis, stiffness=K)
-        for factor in (1.0, 1 + 1e-5, 1 - 1e-5):
-            judged = verdict(k_n_per_m=felt * factor)
-            fixture = replace(bundles.small(), rendering=rendering, stability=judged)
-            with nullcontext() if factor == 1 else pytest.raises(SettingError):
-                vfplan.write_fixture(fixture, tmp_path / "a.h5", overwrite=True)

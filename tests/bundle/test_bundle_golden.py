@@ -62,7 +62,7 @@ def test_a_bundle_of_a_version_before_2_is_refused(found, tmp_path, vfplan_cli):
 def test_the_signed_bundle_still_verifies():
     keys = read_keys(KEYS)
     seal = read_bundle(SIGNED, trust=Trust(keys, "case 17", "R-0042"))[1]
-    assert seal.describe()["signed_utc"] == "2026-01-02T03:00:00Z"
+    assert seal["signed_utc"] == "2026-01-02T03:00:00Z"
     with pytest.raises(SignatureError):
         read_bundle(SIGNED, trust=Trust(keys, max_age=3600))
 

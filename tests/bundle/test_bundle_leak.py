@@ -129,31 +129,6 @@ def test_a_shape_that_names_what_is_not_there_has_no_certificate(shape):
         _core.certificate(np.zeros((3, 3)), None, 0.3, **shape)
 
 
-@pytest.mark.parametrize("make", CLOUDS.values(), ids=CLOUDS)
-def test_the_pieces_of_a_cloud_are_those_of_a_full_search(make, monkeypatch):
-    for points, draw in clouds(make, 15, 40, 2, monkeypatch):
-        apart = distances(points)
-        reach = float(np.quantile(apart.min(axis=1), draw.uniform(0.3, 1))) or 0.1
-        waiting, pieces = set(range(len(points))), []
-        while waiting:
-            piece, edge = set(), {waiting.pop()}
-            while edge:
-                piece |= edge
-                waiting -= edge
-                near = (apart[sorted(edge)] <= reach).any(axis=0)
-                edge = waiting & set(np.flatnonzero(near).tolist())
-            pieces.append(sorted(piece))
-        assert leak.pieces_of(points, reach)[0] == len(pieces)
-
-
-def test_open_edges_are_those_counted_one_by_one():
-    draw = np.random.default_rng(13)
-    for _ in range(100):
-        triangles = draw.integers(0, 9, (draw.integers(1, 40), 3)).astype(np.int32)
-        edges = [tuple(sorted((t[i], t[i - 1]))) for t in triangles.tolist() for i in range(3)]
-        assert leak.open_edges(triangles) == sum(edges.count(e) == 1 for e in set(edges))
-
-
 def test_points_of_one_place_cost_no_more_than_others(tmp_path):
     """A tree cannot part them: a plain search among them takes minutes."""
     count = 200_000

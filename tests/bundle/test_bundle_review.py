@@ -112,7 +112,7 @@ def test_the_marked_rows_are_what_an_engine_reads():
     source = (include / "fixture.hpp").read_text()
     source = source[source.index("strokes_of(const Content") : source.index("What `read` gives")]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}
-    beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified"}
+    beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified", "/registration@tool"}
     read |= {path for path in re.findall(r'"(/@?\w+)"', source) if path in FIELDS}
     assert read - beside - {"/sigma", "/review", "/findings"} == RENDERED
     values = rendered_values(whole_guide())
@@ -149,7 +149,7 @@ def test_a_bundle_is_signed_for_its_own_case(tmp_path):
         sign(tmp_path / "f.h5", tmp_path / "s.h5", tmp_path / "k.pem", case="case 19")
     for number, words in enumerate(({}, {"case": "case 18"})):
         seal = sign(tmp_path / "f.h5", tmp_path / f"{number}.h5", tmp_path / "k.pem", **words)
-        assert seal.case == "case 18"
+        assert seal["case"] == "case 18"
 
 
 def test_a_case_can_be_read_off_a_page(tmp_path):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import bundles
 import pytest
 from conftest import ROOT
 
 import vfplan
-from vfplan.errors import SceneError
 
 SAMPLES = ROOT / "samples"
 SESSION = SAMPLES / "elbow_session.csv"
@@ -42,16 +40,6 @@ def test_replay_takes_the_curve_where_there_is_one(planned, vfplan_cli):
     assert exact["contact_ticks"] == pytest.approx(robust["contact_ticks"], rel=0.01)
     assert abs(exact["clearance_min_m"]) < 1e-9
     assert exact["force_max_n"] == pytest.approx(robust["force_max_n"], rel=0.01)
-
-
-def test_no_pieces_no_exact_rule(vfplan_cli, tmp_path):
-    path = tmp_path / "f.h5"
-    vfplan.write_fixture(bundles.whole(), path)
-    run = vfplan_cli("replay", path, SESSION, "--rule", "exact")
-    assert run.code == 3
-    assert "needs a curve of pieces and an axis" in run.stderr
-    with pytest.raises(SceneError, match="needs a curve"):
-        vfplan.ProxyEngine.of(bundles.whole(), "exact")
 
 
 def test_arcs_of_a_fixture_in_space_are_refused(vfplan_cli, tmp_path):

@@ -84,7 +84,7 @@ def test_what_was_not_approved_is_code_4_and_why(file, keys, words, reason, desk
 def test_a_changed_and_resealed_bundle_is_not_what_was_signed(desk):
     trust = Trust(read_keys(desk / "alice.pub"))
     signed, other = (desk / "s.h5").read_bytes(), (desk / "a.h5").read_bytes()
-    assert read_bundle(signed, trust=trust)[1].signed
+    assert read_bundle(signed, trust=trust)[1]["signed"]
     start = len(signed) - damage.SEAL
     last_of_payload = start - 1, bytes([signed[start - 1] ^ 1])
     another_case = start + 148, b"C2"
@@ -103,7 +103,7 @@ def test_several_trusted_keys_stand_in_one_file(desk):
     both = desk / "both.pub"
     both.write_bytes((desk / "mallory.pub").read_bytes() + (desk / "alice.pub").read_bytes())
     assert len(read_keys(both)) == 2
-    assert read_bundle(desk / "s.h5", trust=Trust(read_keys(both)))[1].signed
+    assert read_bundle(desk / "s.h5", trust=Trust(read_keys(both)))[1]["signed"]
 
 
 def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfplan_cli):
@@ -113,7 +113,7 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
     words = ["--key", desk / "alice.key", "--case", token, "--despite-findings"]
     words += ["-o", desk / "long.h5", "--overwrite"]
     assert vfplan_cli("sign", desk / "a.h5", *words).code == 0
-    assert read_bundle(desk / "long.h5")[1].case == token
+    assert read_bundle(desk / "long.h5")[1]["case"] == token
     with h5py.File(desk / "long.h5") as file:
         assert file.userblock_size == 0
         assert file["points"].shape == (70, 3)

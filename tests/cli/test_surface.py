@@ -106,7 +106,10 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
     worst = run.json["tre"]
     assert refined.points[worst["worst_point"]] == pytest.approx(worst["worst_target_m"], abs=1e-9)
     (tmp_path / "t.csv").write_text("a,b\n1,2\n")
-    assert "its columns are 'a,b'" in called(*touched, "-o", "u.h5", code=3).error_line
+    assert (
+        "column 'x_m' is missing from the header 'a,b'"
+        in called(*touched, "-o", "u.h5", code=3).error_line
+    )
     assert not (tmp_path / "u.h5").exists()
 
 

@@ -27,8 +27,7 @@ def sealed(payload: bytes, *, end: int | None = None) -> bytes:
     payload += bytes(-len(payload) % 8)
     if len(payload) >= 48:
         payload = seal.with_end_of_file(payload, len(payload) + SEAL if end is None else end)
-    digest = hashlib.sha256(payload).digest()
-    return payload + seal.to_bytes(seal.Seal(len(payload), digest))
+    return payload + seal.seal_of(payload)
 
 
 def resealed(data: bytes, damaged_seal: bool = False) -> bytes:

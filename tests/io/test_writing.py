@@ -126,22 +126,6 @@ def test_the_longest_name_a_file_may_have_can_be_written(tmp_path):
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_a_failed_fsync_leaves_the_old_files_and_nothing_else(monkeypatch, tmp_path):
-    old = tmp_path / "a.h5"
-    old.write_bytes(b"old")
-    monkeypatch.setattr(os, "fsync", failing(errno.ENOSPC))
-    with refuses(OutputError, "output-not-written", errno=errno.ENOSPC), outputs(old) as (path,):
-        path.write_bytes(b"new")
-    assert old.read_bytes() == b"old"
-    assert os.listdir(tmp_path) == ["a.h5"]
-
-
-def test_a_name_too_long_is_an_output_error(tmp_path):
-    with refuses(OutputError, "output-not-written", errno=errno.ENAMETOOLONG):
-        write_whole(tmp_path / ("x" * 300), [b"1"], overwrite=False)
-    assert list(tmp_path.iterdir()) == []
-
-
 CURVES = [(read_vector_curve, end, InputError) for end in (".csv", ".mrk.json", ".fcsv", ".roi")]
 READERS = [
     *CURVES, (read_image, ".png", ImageError), (read_markers, ".csv", MarkerError),

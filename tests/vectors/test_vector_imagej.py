@@ -142,8 +142,8 @@ def test_a_selection_beside_its_image_is_the_curve(tmp_path):
     assert made.report["strokes"][0]["length_px"] == pytest.approx(160)
     assert made.fixture.points.min(0).tolist() == [9.5, 9.5, 0]
     unsure = selection(tmp_path, "POLYLINE", LINE, version=228)
-    assert len(extract(capture(tmp_path), ExtractSettings(), curve=unsure).warnings) == 1
-    assert len(extract(unsure, ExtractSettings()).warnings) == 1
+    assert len(extract(capture(tmp_path), ExtractSettings(), curve=unsure).findings) == 1
+    assert len(extract(unsure, ExtractSettings()).findings) == 1
 
 
 def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):

@@ -77,11 +77,11 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
             from vfplan.arm.figures import page
 
             facts = {"command": command_line(), "fixture": fixture.name,
-                     "fixture's SHA-256": seal.describe()["sha256"]}  # fmt: skip
+                     "fixture's SHA-256": seal["sha256"]}  # fmt: skip
             write_whole(index, [page(rehearsal, facts).encode("utf-8")], overwrite=True)
 
     # What to do now.
-    warnings += options.not_compared_warnings(seal.describe(), arguments)
+    warnings += options.not_compared_warnings(seal, arguments)
     metrics = rehearsal.metrics
     written = [f"wrote {path}" for path in (output, index_path) if path is not None]
     failed = ""

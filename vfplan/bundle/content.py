@@ -124,56 +124,37 @@ def max_number(path: str) -> float:
     return math.inf if largest is None else float(largest)
 
 
-# Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:
-# a path without a field, or a field without a path, fails. `/findings`, `/provenance` and
-# `/rendering/stability` are written out below, and `/@format`, `/@version`, `/@id`,
-# `/@must_understand` and `/leak` are what the format computes.
-# Path in the bundle -> field of the fixture.
-FIELDS = {
-    "/@frame": "frame",
-    "/@case": "case",
-    "/points": "points",
-    "/sigma": "sigma",
-    "/curve/stroke": "curve.stroke",
-    "/curve/closed": "curve.closed",
-    "/curve/bridged": "curve.bridged",
-    "/curve/edited": "curve.edited",
-    "/pieces/vertices": "pieces.vertices",
-    "/pieces/bulges": "pieces.bulges",
-    "/pieces/stroke": "pieces.stroke",
+# The fields of a fixture that are not named as their paths are. `PARTS` has the types of its parts.
+RENAMED = {
     "/pieces@error_m": "pieces.error",
     "/mesh/triangles": "mesh",
     "/mesh@sample_radius_m": "sample_radius",
-    "/image@width_px": "image.width_px",
-    "/image@height_px": "image.height_px",
     "/image/pixel_spacing": "image.pixel_spacing_mm",
-    "/rendering/stiffness": "rendering.stiffness",
-    "/rendering/ignore_axis": "rendering.ignore_axis",
     "/rendering@contact_radius_m": "rendering.contact_radius",
     "/rendering@band_m": "rendering.band",
     "/rendering@point_radius_m": "rendering.point_radius",
-    "/rendering@max_iterations": "rendering.max_iterations",
     "/guidance@radius_m": "guidance.radius",
     "/guidance@stiffness_n_per_m": "guidance.stiffness",
-    "/guidance@ends": "guidance.ends",
     "/guidance@lead_force_n": "guidance.lead_force",
     "/guidance@lead_speed_m_s": "guidance.lead_speed",
-    "/guidance@stroke": "guidance.stroke",
-    "/registration@model": "registration.model",
-    "/registration@source_frame": "registration.source_frame",
-    "/registration@fre_rms_m": "registration.fre_rms_m",
-    "/registration@loo_rms_m": "registration.loo_rms_m",
-    "/registration@tre_rms_m": "registration.tre_rms_m",
-    "/registration/T_robot_image": "registration.T_robot_image",
-    "/registration/labels": "registration.labels",
-    "/registration/source": "registration.source",
-    "/registration/target": "registration.target",
     "/registration/residuals": "registration.residuals_m",
-    "/registration/covariance": "registration.covariance",
     "/registration/tre": "registration.tre_m",
     "/review@by": "reviewed.by",
     "/review@utc": "reviewed.utc",
     "/review@digest": "reviewed.digest",
+}
+
+# What the format computes, and what is written out below.
+NO_FIELDS = (
+    *("/@format", "/@version", "/@id", "/@must_understand", "/leak"),
+    *("/findings", "/provenance", "/rendering@robot", "/rendering/stability"),
+)
+
+# Path in the bundle -> field of the fixture. A test holds it against the classes of a fixture.
+FIELDS = {
+    row.path: RENAMED.get(row.path, re.sub("[/@]", ".", row.path).strip("."))
+    for row in table()
+    if row.kind != "group" and not row.path.startswith(NO_FIELDS)
 }
 
 # Fields of a `StabilityVerdict` in the order of `/rendering/stability`.

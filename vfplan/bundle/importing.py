@@ -134,15 +134,7 @@ def import_cloud(
     SettingError
         A parameter outside its range.
     """
-    if units not in METRES:
-        raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
-    if curve not in (None, "open", "closed"):
-        raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
     radius = contact_radius + point_radius
-    if not 0 < radius < np.inf:
-        raise SettingError(
-            f"R = contact radius + point radius is {radius} m. Give radii whose sum is above 0."
-        )
     axis = check_axis(ignore_axis)
     with naming_place(path):
         cloud, digest = read_cloud(Path(path), units)

@@ -19,8 +19,6 @@ from vfplan.bundle.content import Content
 
 # Number of triangles or points that are looked at together, to bound memory.
 BLOCK = 1 << 18
-# Number of steps along a tree's order that bound the distance to the nearest neighbour.
-STEPS = 16
 # Pieces of a cloud whose way to the next piece is measured, and places of an opening looked around.
 LARGEST_PIECES = 64
 # Largest area of a sheet for that of the skin over its rim. Half a sphere has twice as much.
@@ -259,59 +257,32 @@ def pieces_of(points: NDArray[np.float64], reach: float) -> tuple[int, float]:
 
 
 def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
-    """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point.
-
-    The tree's order puts neighbours beside each other, so a few steps along it bound each point's
-    distance from above; only those whose bound exceeds the largest distance found are searched for.
-    """
-    if len(points) == 1:
-        return 0.0, 0
-    tree, _, rows = tree_of(points)
+    """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
+    rows, place = places_of(points)
     best = (0.0, 0)
-    for start in range(0, len(rows), BLOCK):
-        block = rows[start : start + BLOCK]
-        first = max(0, start - STEPS)
-        nearby = distance_bounds(points[rows[first : start + BLOCK + STEPS]])
-        bound = nearby[start - first :][: len(block)]
-        waiting = np.argsort(-bound)
-        waiting = waiting[bound[waiting] > best[0]]
-        begin, count = 0, 64
-        while begin < len(waiting) and bound[waiting[begin]] > best[0]:
-            chosen = block[waiting[begin : begin + count]]
-            distance = tree.query(points[chosen], k=[2], workers=-1)[0][:, 0]
+    if len(rows) > 1:
+        tree = kd_tree(points[rows])
+        # In the tree's order neighbours are searched for one after the other.
+        alone = rows[tree.indices][np.bincount(place)[tree.indices] == 1]
+        for start in range(0, len(alone), BLOCK):
+            block = alone[start : start + BLOCK]
+            distance = tree.query(points[block], k=[2], workers=-1)[0][:, 0]
             farthest = int(np.argmax(distance))
-            if distance[farthest] > best[0]:
-                best = (float(distance[farthest]), int(chosen[farthest]))
-            begin += count
-            count = min(2 * count, BLOCK)
+            best = max(best, (float(distance[farthest]), int(block[farthest])))
     return best
 
 
-def tree_of(points: NDArray[np.float64], kind: NDArray[np.int32] | None = None) -> Any:
-    """(k-d tree, rows of its points, rows of all points in the tree's order).
+def places_of(points: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """A point of each place, and (N,) the number of the place of each point.
 
-    The tree holds one point of each place, or two of different `kind`: no tree can part points
-    of one place, and a search among them would look at each.
+    No tree can part points of one place, so a search among them would look at each.
     """
-    tree = kd_tree(points)
-    rows = tree.indices
-    is_new = np.ones(len(rows), dtype=bool)
-    for start in range(1, len(rows), BLOCK):
-        before = rows[start - 1 : start - 1 + BLOCK]
-        after = rows[start : start + BLOCK]
-        differs = points[after] != points[before[: len(after)]]
-        is_new[start : start + BLOCK] = np.any(differs, axis=1)
-    if is_new.all():
-        return tree, slice(None), rows
-    del tree
-    keep = is_new.copy()
-    if kind is not None:
-        # Of the points of one place, also the first whose kind is another one than the head's.
-        heads = np.flatnonzero(is_new)
-        run = np.cumsum(is_new) - 1
-        other = np.flatnonzero(kind[rows] != kind[rows[heads]][run])
-        keep[other[np.unique(run[other], return_index=True)[1]]] = True
-    return kd_tree(points[rows[keep]]), rows[keep], rows
+    order = np.lexsort(points.T)
+    is_new = np.ones(len(points), bool)
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    place = np.empty(len(points), np.intp)
+    place[order] = np.cumsum(is_new) - 1
+    return order[is_new], place
 
 
 def kd_tree(points: NDArray[np.float64]) -> Any:
@@ -319,18 +290,6 @@ def kd_tree(points: NDArray[np.float64]) -> Any:
     from scipy.spatial import cKDTree
 
     return cKDTree(points, leafsize=32, balanced_tree=False, compact_nodes=False)
-
-
-def distance_bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) distance [m] of each point to the nearest of the next and last few in this order."""
-    axes = np.ascontiguousarray(ordered.T)
-    nearest = np.full(len(ordered), np.inf)
-    for k in range(1, min(STEPS + 1, len(ordered))):
-        x, y, z = (axes[:, k:] - axes[:, :-k]) ** 2
-        square = x + y + z
-        np.minimum(nearest[k:], square, out=nearest[k:])
-        np.minimum(nearest[:-k], square, out=nearest[:-k])
-    return np.sqrt(nearest)
 
 
 def open_ends(content: Content) -> Content:
@@ -355,19 +314,18 @@ def distance_to_other_strokes(
     points: NDArray[np.float64], stroke: NDArray[np.int32], ends: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """(E,) distance [m] of each of these points to the nearest one of another stroke."""
-    tree, kept, _ = tree_of(points, stroke)
-    stroke_in_tree = stroke[kept]
-    distance = np.full(len(ends), np.inf)
-    waiting = np.arange(len(ends))
+    rows, place = places_of(points)
+    tree, stroke_in_tree = kd_tree(points[rows]), stroke[rows]
+    # Where several strokes meet, each of them is at another one.
+    is_shared = np.bincount(place[stroke != stroke_in_tree[place]], minlength=len(rows)) > 0
+    stroke_in_tree[is_shared] = -1
+    distance = np.where(is_shared[place[ends]], 0.0, np.inf)
     count = 8
-    while len(waiting) > 0:
-        # There are two strokes at least, so that count is 2 or more.
-        count = min(count, len(stroke_in_tree))
-        for start in range(0, len(waiting), max(1, BLOCK // count)):
-            chosen = waiting[start : start + max(1, BLOCK // count)]
-            to_nearest, index = tree.query(points[ends[chosen]], k=count, workers=-1)
+    while len(waiting := np.flatnonzero(np.isinf(distance))):
+        count = min(count, len(rows))
+        for chosen in np.array_split(waiting, 1 + len(waiting) * count // BLOCK):
+            to_nearest, index = tree.query(points[ends[chosen]], k=[*range(1, count + 1)])
             is_same_stroke = stroke_in_tree[index] == stroke[ends[chosen], None]
             distance[chosen] = np.where(is_same_stroke, np.inf, to_nearest).min(axis=1)
-        waiting = waiting[np.isinf(distance[waiting])]
         count *= 4
     return distance

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from vfplan.bundle.content import Content, from_content
-from vfplan.bundle.seal import Seal, Trust, check_trust, opened_source, unsealed
+from vfplan.bundle.seal import Trust, check_trust, describe, opened_source, unsealed
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 
@@ -30,13 +31,17 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     return read_sealed(path, trust=trust)[0]
 
 
-def read_sealed(path: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Fixture, Seal]:
-    """The fixture, and the bundle's seal; raises as `read_fixture` does."""
+def read_sealed(
+    path: str | Path | bytes, *, trust: Trust | None = None
+) -> tuple[Fixture, dict[str, Any]]:
+    """The fixture, and the bundle's seal as `info` shows it; raises as `read_fixture` does."""
     content, seal = read_bundle(path, trust=trust)
     return from_content(content), seal
 
 
-def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Content, Seal]:
+def read_bundle(
+    source: str | Path | bytes, *, trust: Trust | None = None
+) -> tuple[Content, dict[str, Any]]:
     """Every value of a bundle, by its path in the format's table, and its seal.
 
     Raises as `read_fixture` does.
@@ -49,4 +54,4 @@ def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tu
         sealed = unsealed(stream)
         if trust is not None:
             check_trust(sealed, trust)
-        return sealed.read()[0], Seal.of(sealed)
+        return sealed.read()[0], describe(sealed)

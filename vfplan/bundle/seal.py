@@ -27,15 +27,15 @@ import hashlib
 import io
 import math
 import os
+import re
 import shlex
 import stat
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import IntFlag
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -66,76 +66,26 @@ SIGNATURE = slice(72, 136)
 DOMAIN = b"vfplan bundle seal 2\0"
 
 
-class SealFlag(IntFlag):
-    """The bits of a seal's flags."""
-
-    SIGNED = 1
-    DESPITE_FINDINGS = 2
+# The bits of a seal's flags.
+SIGNED = 1
+DESPITE_FINDINGS = 2
 
 
-@dataclass(frozen=True)
-class Seal:
-    """What a bundle's seal says.
-
-    Parameters
-    ----------
-    payload_length, sha256
-        Of the HDF5 file in front of the seal.
-    key_id
-        The first 16 bytes of SHA-256 of the raw public key; `None` when unsigned.
-    signature
-        64 bytes; `None` when unsigned.
-    case, robot_serial
-        What the bundle was approved for; "" when not given.
-    signed_at
-        When it was signed, or the earlier time from which its signer lets its age count, as when
-        the patient was registered [s since 1970 UTC]; `None` when not given.
-    despite_findings
-        Whether it was signed although findings were open, or nobody had reviewed the plan.
-    """
-
-    payload_length: int
-    sha256: bytes
-    key_id: bytes | None = None
-    signature: bytes | None = None
-    case: str = ""
-    robot_serial: str = ""
-    signed_at: int | None = None
-    despite_findings: bool = False
-
-    @classmethod
-    def of(cls, sealed: Sealed) -> Seal:
-        """The seal of a bundle's bytes, as the reader found it."""
-        if not sealed.signed:
-            return cls(sealed.payload_length, sealed.sha256)
-        return cls(
-            sealed.payload_length, sealed.sha256, sealed.key_id, sealed.signature, sealed.case,
-            sealed.robot_serial, sealed.signed_at or None, sealed.despite_findings,
-        )  # fmt: skip
-
-    @property
-    def signed(self) -> bool:
-        """Whether there is a signature; says nothing about its worth."""
-        return self.key_id is not None
-
-    def describe(self) -> dict[str, object]:
-        """The seal as `vfplan info --json` shows it: what is not there is absent."""
-        data: dict[str, object] = {
-            "ok": True,
-            "signed": self.signed,
-            "key_id": self.key_id.hex() if self.key_id else None,
-            "sha256": self.sha256.hex(),
-        }
-        if self.case:
-            data["case"] = self.case
-        if self.robot_serial:
-            data["robot_serial"] = self.robot_serial
-        if self.signed_at is not None:
-            moment = datetime.fromtimestamp(self.signed_at, UTC)
-            data["signed_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-        if self.despite_findings:
-            data["despite_findings"] = True
-        return data
+def describe(sealed: Sealed) -> dict[str, Any]:
+    """A seal as `vfplan info --json` shows it: what is not there is absent."""
+    data: dict[str, Any] = {
+        "ok": True,
+        "signed": sealed.signed,
+        "key_id": sealed.key_id.hex() if sealed.signed else None,
+        "sha256": sealed.sha256.hex(),
+    }
+    if sealed.signed_at:
+        moment = datetime.fromtimestamp(sealed.signed_at, UTC)
+        data["signed_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+    for name in ("case", "robot_serial", "despite_findings"):
+        if getattr(sealed, name):
+            data[name] = getattr(sealed, name)
+    return data
 
 
 # --- Bytes --------------------------------------------------------------------------------------
@@ -164,39 +114,38 @@ def with_end_of_file(payload: bytes, length: int) -> bytes:
     return head + struct.pack("<I", lookup3(head)) + payload[48:]
 
 
-def unsigned(payload: bytes) -> list[bytes]:
-    """The parts of a bundle's file: the payload, and the seal of one that nobody signed."""
-    payload = with_end_of_file(payload, len(payload) + seal_length())
-    return [payload, to_bytes(Seal(len(payload), hashlib.sha256(payload).digest()))]
+def sealed_file(payload: bytes, key: Any = None, **signed_for: Any) -> list[bytes]:
+    """The parts of a bundle's file: the payload, and its seal, which a private key signs."""
+    length = seal_length(signed_for.get("case", ""), signed_for.get("robot_serial", ""))
+    payload = with_end_of_file(payload, len(payload) + length)
+    return [payload, seal_of(payload, key, **signed_for)]
 
 
-def to_bytes(seal: Seal) -> bytes:
-    """The seal as it stands behind the payload; raises as `seal_length` does."""
-    length = seal_length(seal.case, seal.robot_serial)
-    body = to_body(seal, length)
-    return body + TAIL.pack(hashlib.sha256(body).digest(), length, 0, TAIL_MAGIC)
+def seal_of(
+    payload: bytes, key: Any = None, *, case: str = "", robot_serial: str = "",
+    signed_at: int = 0, despite_findings: bool = False, domain: bytes = DOMAIN,
+) -> bytes:  # fmt: skip
+    """The seal as it stands behind the payload; raises as `seal_length` does.
 
-
-def signed_message(seal: Seal) -> bytes:
-    """The bytes a signature covers: all of the seal but the signature and the tail."""
-    body = to_body(seal, seal_length(seal.case, seal.robot_serial))
-    return DOMAIN + body[: SIGNATURE.start] + body[SIGNATURE.stop :]
-
-
-def to_body(seal: Seal, length: int) -> bytes:
-    """The seal without its tail, filled up with zeros."""
-    case, serial = seal.case.encode(), seal.robot_serial.encode()
-    flags = SealFlag(0)
-    if seal.signed:
-        flags |= SealFlag.SIGNED
-    if seal.despite_findings:
-        flags |= SealFlag.DESPITE_FINDINGS
+    signed_at: when it was signed, or the earlier time from which its age counts [s since 1970]
+    despite_findings: whether findings were open, or nobody had reviewed the plan
+    domain: what is signed in front of the seal, which without its signature and tail follows
+    """
+    texts = case.encode(), robot_serial.encode()
+    length = seal_length(case, robot_serial)
+    flags, key_id = 0, bytes(16)
+    if key is not None:
+        flags = SIGNED | DESPITE_FINDINGS * despite_findings
+        key_id = key_id_of(key.public_key())
     head = HEAD.pack(
-        MAGIC, SEAL_VERSION, flags, length, seal.payload_length, seal.sha256,
-        seal.key_id or bytes(16), seal.signature or bytes(64), seal.signed_at or 0,
-        len(case), len(serial),
+        MAGIC, SEAL_VERSION, flags, length, len(payload), hashlib.sha256(payload).digest(),
+        key_id, bytes(64), signed_at, *map(len, texts),
     )  # fmt: skip
-    return (head + case + serial).ljust(length - TAIL.size, b"\0")
+    body = (head + b"".join(texts)).ljust(length - TAIL.size, b"\0")
+    if key is not None:
+        before, after = body[: SIGNATURE.start], body[SIGNATURE.stop :]
+        body = before + key.sign(domain + before + after) + after
+    return body + TAIL.pack(hashlib.sha256(body).digest(), length, 0, TAIL_MAGIC)
 
 
 @contextmanager
@@ -295,24 +244,20 @@ def check_trust(seal: Sealed, trust: Trust) -> None:
             f"The signature by key {seal.key_id.hex()} does not hold: the file is not what was "
             "signed. Fetch it once more from the planner."
         ) from None
-    if trust.case is not None and not seal.case:
-        raise SignatureError(
-            f"is signed for no particular case. Sign it for {trust.case!r}: vfplan sign --case."
-        )
-    if trust.case is not None and seal.case != trust.case:
-        raise SignatureError(
-            f"is signed for case {seal.case!r}. Sign it for {trust.case!r}, or demand its own case."
-        )
-    if trust.robot_serial is not None and not seal.robot_serial:
-        raise SignatureError(
-            "is signed for no particular robot. "
-            f"Sign it for {trust.robot_serial!r}: vfplan sign --robot-serial."
-        )
-    if trust.robot_serial is not None and seal.robot_serial != trust.robot_serial:
-        raise SignatureError(
-            f"is signed for robot {seal.robot_serial!r}. Sign it for {trust.robot_serial!r}, or "
-            "load it on its own robot."
-        )
+    for what, demanded, given, option, otherwise in (
+        ("case", trust.case, seal.case, "--case", "demand its own case"),
+        ("robot", trust.robot_serial, seal.robot_serial, "--robot-serial",
+         "load it on its own robot"),
+    ):  # fmt: skip
+        if demanded is not None and not given:
+            raise SignatureError(
+                f"is signed for no particular {what}. Sign it for {demanded!r}: vfplan sign "
+                f"{option}."
+            )
+        if demanded not in (None, given):
+            raise SignatureError(
+                f"is signed for {what} {given!r}. Sign it for {demanded!r}, or {otherwise}."
+            )
     if trust.max_age is None:
         return
     if not seal.signed_at:
@@ -331,7 +276,8 @@ def check_trust(seal: Sealed, trust: Trust) -> None:
 
 # --- Keys ---------------------------------------------------------------------------------------
 
-BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
+BEGIN = b"-----BEGIN PUBLIC KEY-----"
+PUBLIC_KEY = re.compile(rb"^-----BEGIN PUBLIC KEY-----\n(?:.*\n)*?-----END PUBLIC KEY-----$", re.M)
 COPY_KEY = "Copy the file that vfplan keygen wrote with .pub"
 MAKE_KEY = "Make a pair of keys: vfplan keygen"
 
@@ -389,53 +335,48 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
 
     Raises `InputError` when there is no such file, or it holds anything but Ed25519 public keys.
     """
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric import ed25519
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
-    keys = {}
-    for block in public_key_blocks(read_pem(path, COPY_KEY)[0], str(path)):
-        try:
-            key = serialization.load_pem_public_key(block)
-        # The library raises many kinds of errors for a damaged key.
-        except Exception as error:
-            raise InputError(
-                f"It holds a public key that cannot be read. {COPY_KEY}.", where=str(path)
-            ) from error
-        if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
-        keys[key_id_of(key)] = key
-    if not keys:
-        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
-    return keys
-
-
-def public_key_blocks(data: bytes, where: str) -> Iterator[bytes]:
-    """The PEM blocks of public keys; nothing but empty lines and comments stands between them."""
-    block: list[bytes] = []
-    for number, raw in enumerate(data.split(b"\n"), start=1):
-        line = raw.strip(b" \t\r")
-        if not block and (not line or line.startswith(b"#")):
-            continue
-        if not block and line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
-            half = f"its public half, {Path(where).with_suffix('.pub').name}"
-            wanted = "a file of public keys alone" if Path(where).suffix == ".pub" else half
+    text = b"\n".join(line.strip(b" \t\r") for line in read_pem(path, COPY_KEY)[0].split(b"\n"))
+    # What is left in place of a key keeps the lines' numbers.
+    left = PUBLIC_KEY.sub(lambda block: b"\n" * block[0].count(b"\n"), text).split(b"\n")
+    for number, line in enumerate(left, start=1):
+        if line == BEGIN:
+            raise InputError(f"It ends within a public key. {COPY_KEY}.", where=str(path))
+        if line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
+            wanted = f"its public half, {Path(path).with_suffix('.pub').name}"
+            if Path(path).suffix == ".pub":
+                wanted = "a file of public keys alone"
             raise InputError(
                 f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
-                where=where,
-                code="private-key",
-            )
-        if not block and line != BEGIN:
+                where=str(path), code="private-key",
+            )  # fmt: skip
+        if line and not line.startswith(b"#"):
             raise InputError(
                 f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
-                "#.",
-                where=where,
-            )
-        block.append(line)
-        if line == END:
-            yield b"\n".join([*block, b""])
-            block.clear()
-    if block:
-        raise InputError(f"It ends within a public key. {COPY_KEY}.", where=where)
+                "#.", where=str(path),
+            )  # fmt: skip
+    keys = [
+        ed25519_key(lambda block: load_pem_public_key(block + b"\n"), block, COPY_KEY, path)
+        for block in PUBLIC_KEY.findall(text)
+    ]
+    if not keys:
+        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
+    return {key_id_of(key): key for key in keys}
+
+
+def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: str | Path) -> Any:
+    """The Ed25519 key that the library loads; `advice` where it loads none."""
+    try:
+        key = load(data)
+    # The library raises many kinds of errors for a damaged key.
+    except Exception as error:
+        raise InputError(
+            f"It holds a key that cannot be read. {advice}.", where=str(path)
+        ) from error
+    if not type(key).__name__.startswith("Ed25519"):
+        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
+    return key
 
 
 def read_private(path: str | Path) -> Any:
@@ -444,8 +385,7 @@ def read_private(path: str | Path) -> Any:
     Raises `InputError` when there is no such file, it holds no Ed25519 key, it belongs to somebody
     else, or its mode lets others read or write it.
     """
-    from cryptography.hazmat.primitives import serialization
-    from cryptography.hazmat.primitives.asymmetric import ed25519
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
     data, status = read_pem(path, f"{MAKE_KEY} -o {shlex.quote(str(path))}")
     if BEGIN in data:
@@ -468,16 +408,7 @@ def read_private(path: str | Path) -> Any:
             "(chmod 600), or make a new key if somebody may have copied it.",
             where=str(path),
         )
-    try:
-        key = serialization.load_pem_private_key(data, password=None)
-    # As in `read_keys`.
-    except Exception as error:
-        raise InputError(
-            f"It holds no private key in PEM form. {MAKE_KEY}.", where=str(path)
-        ) from error
-    if not isinstance(key, ed25519.Ed25519PrivateKey):
-        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
-    return key
+    return ed25519_key(lambda block: load_pem_private_key(block, None), data, MAKE_KEY, path)
 
 
 def read_pem(path: str | Path, advice: str) -> tuple[bytes, os.stat_result]:
@@ -511,8 +442,8 @@ def sign(
     registered_utc: str | None = None,
     despite_findings: bool = False,
     overwrite: bool = False,
-) -> Seal:
-    """Sign a bundle: write it again, its content unchanged, with a signed seal.
+) -> dict[str, Any]:
+    """Sign a bundle: write it again, its content unchanged, with a signed seal, described here.
 
     `case`, `robot_serial` and the time of signing are covered by the signature. A bundle that is
     for a case is signed for that one. With
@@ -553,15 +484,12 @@ def sign(
     case = case or fixture.case or ""
     if not despite_findings:
         check_is_approved(fixture, str(source))
-    payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))
-    seal = Seal(
-        len(payload), hashlib.sha256(payload).digest(), key_id_of(key.public_key()), bytes(64),
-        case=case, robot_serial=robot_serial, signed_at=signed_at,
+    parts = sealed_file(
+        payload, key, case=case, robot_serial=robot_serial, signed_at=signed_at,
         despite_findings=bool(fixture.open_findings) or fixture.reviewed is None,
     )  # fmt: skip
-    seal = replace(seal, signature=key.sign(signed_message(seal)))
-    write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
-    return seal
+    write_whole(Path(target), parts, overwrite=overwrite)
+    return describe(Sealed(b"".join(parts)))
 
 
 def check_texts(case: str, robot_serial: str = "") -> None:

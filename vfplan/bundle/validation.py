@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
-from vfplan.bundle.leak import parts_of, sorted_edges
+from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
@@ -63,9 +63,13 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
-        issues += rendering_issues(content)
-    issues += size_issues(content)
-    issues += path_issues(content)
+        doubts = None
+        if "/rendering/stiffness" in content:
+            doubts = engine_doubt(from_content(content))
+        if doubts is not None:
+            code, text = doubts
+            issues.append(Issue("/rendering", code, "warning", text))
+    issues += content_issues(content)
     if is_valid:
         issues += finding_issues(content)
     return issues
@@ -128,16 +132,6 @@ def certificate_issues(content: Content) -> Iterator[Issue]:
         yield Issue("/leak@open_edges", "leak.open_edges", "note", text)
 
 
-def rendering_issues(content: Content) -> Iterator[Issue]:
-    """Why no engine renders it, or not at 1 kHz."""
-    if "/rendering/stiffness" not in content:
-        return
-    warning = engine_doubt(from_content(content))
-    if warning is not None:
-        code, text = warning
-        yield Issue("/rendering", code, "warning", text)
-
-
 def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     """(code, sentence) of a rendering outside the engine's ranges, or too slow for 1 kHz."""
     try:
@@ -148,17 +142,12 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return None if text is None else ("rendering.work", f"{text}. {more}")
 
 
-def size_issues(content: Content) -> Iterator[Issue]:
-    """A slip of units, which no rule of the format can see."""
-    if content.get("/@frame") == "image" or "/points" not in content:
-        return
-    text = size_doubt(content["/points"])
-    if text is not None:
-        yield Issue("/points", "points.size", "warning", text)
-
-
-def path_issues(content: Content) -> Iterator[Issue]:
-    """Texts of settings that look like the path of a file."""
+def content_issues(content: Content) -> Iterator[Issue]:
+    """What no rule of the format can see: slips of units, and settings that look like paths."""
+    if content.get("/@frame") != "image" and "/points" in content:
+        text = size_doubt(content["/points"])
+        if text is not None:
+            yield Issue("/points", "points.size", "warning", text)
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
             message = f"{text} looks like a path, and bundles hold none. Give another text"
@@ -167,23 +156,14 @@ def path_issues(content: Content) -> Iterator[Issue]:
 
 def mesh_doubts(fixture: Fixture) -> list[str]:
     """What a mesh has that no certificate of its triangles sees: rims, doubled faces."""
-    edges, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
+    _, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     texts = []
-    is_rim = count == 1
-    if is_rim.any():
-        # Rim edges that share an end are of one rim.
-        ends = np.stack((edges[is_rim] >> 32, edges[is_rim] & 0xFFFFFFFF))
-        used, ends = np.unique(ends, return_inverse=True)
-        ends = ends.reshape(2, -1)
-        rim_of = parts_of(len(used), ends.T)
-        rims = int(rim_of.max()) + 1
-        of_rim = [fixture.points[used[rim_of == rim]] for rim in range(rims)]
-        widest = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in of_rim)
-        of_rims = "1 rim" if rims == 1 else f"{rims} rims"
+    rim_edges = int(np.count_nonzero(count == 1))
+    if rim_edges > 0:
         texts.append(
-            f"the mesh is open: {ends.shape[1]} edges on {of_rims}, the widest "
-            f"{1e3 * widest:.1f} mm across; the proxy goes round a rim, and through a hole wider "
-            f"than {2e3 * fixture.contact_radius:g} mm. Close the holes in the tool that made it"
+            f"the mesh is open: {rim_edges} edges on its rims; the proxy goes round a rim, and "
+            f"through a hole wider than {2e3 * fixture.contact_radius:g} mm. Close the holes in "
+            "the tool that made it"
         )
     shared_edges = int(np.count_nonzero(count > 2))
     if shared_edges > 0:
@@ -209,23 +189,19 @@ def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:
         "version": content["/@version"],
         "frame": content["/@frame"],
         "points": len(content["/points"]),
-        "seal": seal.describe(),
+        "seal": seal,
         "findings": [finding.as_dict() for finding in findings_of(content)],
-        "reviewed": review_of(content),
+        "reviewed": None,
     }
+    if "/review@by" in content:
+        of_review = {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
+        described["reviewed"] = of_review
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = tick_work(content)
     for row in table():
         if row.path in content:
             described[row.path] = summary(content[row.path], row)
     return described
-
-
-def review_of(content: Content) -> dict[str, str] | None:
-    """Who reviewed the plan, when, and the digest of what was shown; `None` where nobody did."""
-    if "/review@by" not in content:
-        return None
-    return {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
 
 
 def tick_work(content: Content) -> dict[str, Any]:

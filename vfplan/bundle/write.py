@@ -56,7 +56,7 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
     InputError
         The fixture breaks another rule of the format.
     """
-    parts = seal.unsigned(to_payload(completed(to_content(fixture))))
+    parts = seal.sealed_file(to_payload(completed(to_content(fixture))))
     issues = read_payload(parts[0], sum(map(len, parts)), strict=False)[1]
     errors = [issue for issue in issues if issue[2] == "error"]
     if errors:

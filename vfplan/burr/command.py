@@ -58,7 +58,7 @@ def vfplan_burr(
             save_png(burr_figure(burred), picture)
 
     metrics = burred.metrics
-    warnings = options.not_compared_warnings(seal.describe(), arguments) + [
+    warnings = options.not_compared_warnings(seal, arguments) + [
         finding["message"] for finding in metrics["findings"] if finding["code"] == "burr-held"
     ]
     written = [f"wrote {path}" for path in (output, events_out, picture_out) if path is not None]

@@ -83,6 +83,13 @@ def registered() -> Fixture:
     return replace(curve(), registration=record, image=SourceImage(871, 786, (0.5, 0.5)))
 
 
+def touched() -> Fixture:
+    """The same, whose markers a known tool touched."""
+    tip = np.array([0.0, 0.0, 0.125])
+    made = registered()
+    return replace(made, registration=replace(made.registration, tool="probe 1", tip=tip))
+
+
 def navigated() -> Fixture:
     """A cloud that came from a navigation system's axes."""
     T = np.eye(4)

@@ -21,6 +21,7 @@ from vfplan.io.files import to_json_types
 FIXTURES = (
     "minimal", "cloud", "curve", "registered", "navigated", "pixels", "patient", "mesh",
     "drawn_mesh", "pieces", "mirrored_pieces", "guided", "findings", "reviewed", "of_a_case",
+    "touched",
 )  # fmt: skip
 # Those that are also there as a person approved them, each with its review digest.
 REVIEWED = (
@@ -68,7 +69,7 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
     """(name, bytes) of the sound files: each fixture as libhdf5 and as plain bytes lay it out."""
     for name in FIXTURES:
         content = vectors.content_of(name)
-        yield name, b"".join(seal.unsigned(to_payload(content)))
+        yield name, b"".join(seal.sealed_file(to_payload(content)))
         yield f"{name}_plain", vectors.of_content(content)
     for name in REVIEWED:
         approved = fixtures.approved(getattr(fixtures, name)())

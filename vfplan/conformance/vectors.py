@@ -69,7 +69,7 @@ def payload_of(name: str) -> bytes:
 
 def sealed_as_it_is(payload: bytes) -> bytes:
     """A payload under a seal, its superblock left alone."""
-    return payload + seal.to_bytes(seal.Seal(len(payload), hashlib.sha256(payload).digest()))
+    return payload + seal.seal_of(payload)
 
 
 def of_content(content: Content) -> bytes:
@@ -79,7 +79,7 @@ def of_content(content: Content) -> bytes:
 
 def of_items(items: dict[str, Item]) -> bytes:
     """The bundle of items, whatever they are."""
-    return b"".join(seal.unsigned(fixtures.to_payload(items)))
+    return b"".join(seal.sealed_file(fixtures.to_payload(items)))
 
 
 def sound_file() -> bytes:
@@ -102,15 +102,11 @@ def signed(
     name: str, despite_findings: bool, seed: bytes = KIT_SEED, domain: bytes = seal.DOMAIN
 ) -> bytes:
     """A fixture signed by the key of a seed; `domain` are the first bytes that are signed."""
-    key = key_of(seed)
     payload = payload_of(name)
-    unsigned = seal.Seal(
-        len(payload), hashlib.sha256(payload).digest(), seal.key_id_of(key.public_key()),
-        bytes(64), case="case 17", robot_serial="R-0042", signed_at=1_767_323_045,
-        despite_findings=despite_findings,
+    return payload + seal.seal_of(
+        payload, key_of(seed), case="case 17", robot_serial="R-0042", signed_at=1_767_323_045,
+        despite_findings=despite_findings, domain=domain,
     )  # fmt: skip
-    message = domain + seal.signed_message(unsigned).removeprefix(seal.DOMAIN)
-    return payload + seal.to_bytes(replace(unsigned, signature=key.sign(message)))
 
 
 # --- Changes of a content -----------------------------------------------------------------------

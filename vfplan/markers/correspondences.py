@@ -108,6 +108,9 @@ class Correspondences:
     inputs: dict[str, str] = field(default_factory=dict)
     # Units that were concluded, and markers that only one side has.
     findings: tuple[Finding, ...] = ()
+    # The tool that touched them, and (3,) its tip in its own frame [m].
+    tool: str | None = None
+    tip: NDArray[np.float64] | None = None
 
 
 def read_markers(

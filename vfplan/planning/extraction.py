@@ -67,11 +67,6 @@ class ExtractResult:
     report: dict[str, Any]
     findings: tuple[Finding, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
-
 
 def extract(
     source: str | Path | PlannedImage, settings: ExtractSettings | None = None, *,
@@ -142,7 +137,18 @@ def extract(
                 "with a point if the comma was meant as one."
             )
             findings += (note("pixel-spacing-uneven", "extract", text),)
-    fixture = replace(planned_curve(extraction, image, settings, inputs=inputs), findings=findings)
+    strokes = extraction.strokes
+    points = np.concatenate([stroke.points for stroke in strokes])
+    sigma = None
+    if extraction.method != "vector":
+        sigma = np.concatenate([stroke.sigma for stroke in strokes])
+    fixture = Fixture(
+        frame="image", points=np.column_stack([points, np.zeros(len(points))]),
+        provenance=Provenance.now(inputs, settings), sigma=sigma,
+        curve=None if extraction.method == "mask" else Curve.of(strokes),
+        image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
+        findings=findings,
+    )  # fmt: skip
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return ExtractResult(fixture, image, extraction, report, findings)
 
@@ -258,29 +264,6 @@ def vector_alone(
         "elapsed_s": time.perf_counter() - started,
     }  # fmt: skip
     return ExtractResult(fixture, None, None, report, findings)
-
-
-def planned_curve(
-    extraction: Extraction,
-    image: PlannedImage,
-    settings: ExtractSettings | None = None,
-    *,
-    inputs: dict[str, str] | None = None,
-) -> Fixture:
-    """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
-    strokes = extraction.strokes
-    points = np.concatenate([stroke.points for stroke in strokes])
-    sigma = curve = None
-    if extraction.method != "vector":
-        sigma = np.concatenate([stroke.sigma for stroke in strokes])
-    if extraction.method != "mask":
-        curve = Curve.of(strokes)
-    return Fixture(
-        frame="image", points=np.column_stack([points, np.zeros(len(points))]),
-        provenance=Provenance.now(inputs or {"image": image.sha256}, settings or ExtractSettings()),
-        sigma=sigma, curve=curve,
-        image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
-    )  # fmt: skip
 
 
 def resample(

@@ -5,8 +5,7 @@ Points touched on a surface refine its registration, held against what the marke
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import io
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CheckFailed, CurveError, ImageError, MarkerError, SettingError
+from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.io.files import naming_place, read_table
+from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
 
@@ -77,6 +76,7 @@ def match(
     settings: FixtureSettings,
     image: PlannedImage | None,
     record: Record,
+    tip: str | Path | None = None,
 ) -> MatchResult:
     """Read the markers, fit the registration, and refuse what is plainly wrong.
 
@@ -95,6 +95,7 @@ def match(
     from vfplan.markers.correspondences import read_markers
     from vfplan.registration.checks import refuse_wrong_markers, registration_findings, side_finding
     from vfplan.registration.registration import fit_registration
+    from vfplan.registration.tip import read_tip
 
     if curve.frame == "robot_base":
         raise CurveError(
@@ -113,6 +114,9 @@ def match(
     if isinstance(markers, (str, Path)):
         correspondences = read_markers(markers, markers2, common=settings.common)
         where = str(markers) if markers2 is None else f"{markers}, {markers2}"
+    if tip is not None:
+        tool, place, record.inputs["tip"] = read_tip(tip)
+        correspondences = replace(correspondences, tool=tool, tip=place)
     slice_axes = None
     if (correspondences.source_frame, curve.frame) == ("patient_lps", "image"):
         curve, slice_axes = in_patient(curve, slice_image)
@@ -125,7 +129,7 @@ def match(
     is_in_image = correspondences.source_frame == "image"
     labels, source = correspondences.labels, correspondences.source
     drawn_markers, marks = None, None
-    with naming(where):
+    with naming_place(where):
         refuse_implausible(correspondences, curve, slice_image)
 
         # The positions as given, or where the marks are drawn.
@@ -192,17 +196,6 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
             code="image-size-differs",
             numbers={"width_px": size[0], "height_px": size[1]},
         )
-
-
-@contextmanager
-def naming(where: str | None) -> Iterator[None]:
-    """Refusals raised inside name the marker files, where they name no place."""
-    with naming_place(where):
-        try:
-            yield
-        except CheckFailed as error:
-            error.where = error.where or where
-            raise
 
 
 def find_drawn(
@@ -372,20 +365,10 @@ def refine(
 
 
 def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
-    """(T, 3) places [m] that a robot touched, and their file's SHA-256.
+    """(T, 3) places [m] that a robot touched, and their file's SHA-256; other columns are not read.
 
-    Columns `label` and `t` may stand beside them.
-
-    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
-        finite number
+    Raises MarkerError: the file cannot be read, or has no such columns of finite numbers
     """
-    table, sha256 = read_table(path, MAX_BYTES, MarkerError)
-    names = [name.casefold() for name in table.header]
-    if not set(COLUMNS) <= set(names) <= {*COLUMNS, "label", "t"}:
-        raise MarkerError(
-            f"its columns are {','.join(names)[:80]!r}. Give {','.join(COLUMNS)}",
-            where=str(path),
-            code="column-missing",
-        )
-    columns = tuple(table.header[names.index(name)] for name in COLUMNS)
-    return table.numbers(columns), sha256
+    data, sha256 = read_bytes(Path(path), MAX_BYTES, MarkerError)
+    table = open_number_table(lambda: io.BytesIO(data), str(path), MarkerError, COLUMNS)
+    return np.concatenate([np.empty((0, 3)), *table.blocks(COLUMNS)]), sha256

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -61,11 +62,6 @@ class RegisterResult:
     report: dict[str, Any]
     findings: tuple[Finding, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
-
 
 @dataclass(frozen=True, eq=False)
 class PlanResult:
@@ -85,11 +81,6 @@ class PlanResult:
         """What a person should look at."""
         return self.extracted.findings + self.registered.findings
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
-
 
 def plan(
     image: str | Path,
@@ -99,6 +90,7 @@ def plan(
     extraction: ExtractSettings | None = None,
     curve: str | Path | None = None,
     settings: FixtureSettings | None = None,
+    tip: str | Path | None = None,
 ) -> PlanResult:
     """From a planned slice and its markers to a fixture in the robot's frame.
 
@@ -112,6 +104,8 @@ def plan(
         A file of a curve that was drawn on the slice as vectors; no pen is then looked for.
     extraction, settings
         How the curve is extracted, and how it becomes a fixture.
+    tip
+        As `register` takes it.
 
     Raises
     ------
@@ -128,7 +122,9 @@ def plan(
     extracted = extract(
         image, extraction, curve=curve, contact_radius=settings.contact_radius
     )  # fmt: skip
-    registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
+    registered = register(
+        extracted.fixture, markers, markers2, settings, image=extracted.image, tip=tip
+    )
     return PlanResult(registered.fixture, extracted, registered)
 
 
@@ -140,10 +136,16 @@ def refuse_wrong_order(
     Raises `InputError` where the first file is a table of markers, or no picture while another is.
     """
     from vfplan.images.read import is_picture_file
+    from vfplan.markers.correspondences import read_sides
 
     if is_picture_file(image) or not Path(image).is_file():
         return
-    order = "it holds markers" if holds_markers(image) else None
+    order = None
+    # A table of a curve has no labels, so it is no sound table of markers.
+    if Path(image).suffix.lower() in (".csv", ".txt", ".tsv"):
+        with suppress(InputError):
+            read_sides(Path(image))
+            order = "it holds markers"
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             order = f"{path} is a picture"
@@ -152,19 +154,6 @@ def refuse_wrong_order(
             f"the files are in the wrong order: {order}. Give the slice first and the markers "
             "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
         )  # fmt: skip
-
-
-def holds_markers(path: str | Path) -> bool:
-    """Whether a file is a sound table of markers; a table of a curve has no labels."""
-    from vfplan.markers.correspondences import read_sides
-
-    if Path(path).suffix.lower() not in (".csv", ".txt", ".tsv"):
-        return False
-    try:
-        read_sides(Path(path))
-    except InputError:
-        return False
-    return True
 
 
 def register(
@@ -176,6 +165,7 @@ def register(
     image: PlannedImage | None = None,
     touched: str | Path | None = None,
     tip_radius: float = 0.0,
+    tip: str | Path | None = None,
 ) -> RegisterResult:
     """Carry a curve or a surface by markers to the robot, and say how it is rendered there.
 
@@ -201,6 +191,8 @@ def register(
         A file of points that the robot touched on a surface. They refine a rigid registration.
     tip_radius
         The radius of the ball that touched them [m].
+    tip
+        The file of `vfplan tip` about the tool that touched the markers, which the bundle records.
 
     Raises
     ------
@@ -230,7 +222,7 @@ def register(
     # registration, which begins at that of the markers.
     record = Record()
     record.findings += overridden(recipe or asked, asked)
-    matched = match(unregistered, markers, markers2, settings, image, record)
+    matched = match(unregistered, markers, markers2, settings, image, record, tip)
     curve, registration = matched.curve, matched.registration
     was_turned = any(finding.code == "picture-turned" for finding in unregistered.findings)
     if was_turned and "pixels" not in unregistered.provenance.settings:
@@ -278,7 +270,7 @@ def register(
 
     # Residuals and checks are those of the registration by markers. The error is that of the
     # registration in use, which touched points may have refined.
-    report = registration_report(matched.registration, curve.points, error=error)
+    report = registration_report(matched.registration, curve.points, error)
     report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | record.report
     if touched is not None:
@@ -350,7 +342,8 @@ def make_fixture(
     image, transform = None, None
     if matched.correspondences.target_frame == "robot_base":
         image = curve.image
-        transform = registration.record(carried.source, source_frame=curve.frame)
+        tool, tip = matched.correspondences.tool, matched.correspondences.tip
+        transform = replace(registration.record(carried.source, curve.frame), tool=tool, tip=tip)
     return Fixture(
         frame=matched.correspondences.target_frame, points=carried.points, sigma=carried.sigma,
         provenance=replace(provenance, settings=chosen, history=curve.provenance.history),
@@ -528,16 +521,10 @@ def add_guidance(fixture: Fixture, settings: FixtureSettings, record: Record) ->
         )
     guiding = fixture.curve.closed
     if stroke is not None:
-        if len(guiding) == 1:
+        if len(guiding) == 1 or not 0 <= stroke < len(guiding):
             raise SettingError(
-                f"guide stroke {stroke}: the curve is one stroke, which guides without it. Leave "
-                "--guide-stroke out",
-                code="guide-stroke",
-            )
-        if not 0 <= stroke < len(guiding):
-            raise SettingError(
-                f"guide stroke {stroke} is not among the {len(guiding)} strokes. Give 0 to "
-                f"{len(guiding) - 1}, or leave it out and all guide",
+                f"guide stroke {stroke} is not one of several: the curve has {len(guiding)}. Give "
+                f"0 to {len(guiding) - 1}, or leave --guide-stroke out and all guide",
                 code="guide-stroke",
             )
         guiding = guiding[[stroke]]

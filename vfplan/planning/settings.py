@@ -323,16 +323,12 @@ class FixtureSettings:
             )
         for name in ("max_residual_m", "max_tre_m"):
             limit = getattr(self, name)
-            if isinstance(limit, (int, float)) and not is_length(limit):
+            is_word = (name, limit) == ("max_tre_m", "contact radius")
+            if limit is not None and not is_word and not is_length(limit):
                 raise SettingError(
-                    f"{name} is {limit:g} m. Give a finite length above 0, or None",
+                    f"{name} is {limit!r}. Give a finite length above 0 [m], or None",
                     code="gate-range",
                 )
-        if isinstance(self.max_tre_m, str) and self.max_tre_m != "contact radius":
-            raise SettingError(
-                f"max_tre_m is {self.max_tre_m!r}. Give a length [m], None or 'contact radius'",
-                code="gate-range",
-            )
         if self.guide_m is not None:
             self._check_guide()
         elif any((self.guide_ends, self.guide_pull, self.guide_cut_bends)) or (
@@ -356,23 +352,19 @@ class FixtureSettings:
                 "Leave --margin out, or name the --guide-stroke",
                 code="guide-margin",
             )
-        if len(self.guide_pull) > 2:
+        if not self.guide_pull:
+            return
+        force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
+        max_force = max_number("/guidance@lead_force_n")
+        max_speed = max_number("/guidance@lead_speed_m_s")
+        is_in_range = abs(force) <= max_force and 0 < speed <= max_speed
+        if len(self.guide_pull) > 2 or not is_in_range:
             raise SettingError(
-                f"guide pull is {len(self.guide_pull)} numbers. Give a force, and a speed if "
-                "you like",
+                f"guide pull is {force:g} N at {1e3 * speed:g} mm/s, of {len(self.guide_pull)} "
+                f"numbers. Give {-max_force:g} to {max_force:g} N "
+                f"and, if you like, above 0 to {1e3 * max_speed:g} mm/s",
                 code="guide-pull",
             )
-        if self.guide_pull:
-            force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
-            max_force = max_number("/guidance@lead_force_n")
-            max_speed = max_number("/guidance@lead_speed_m_s")
-            if not (abs(force) <= max_force and 0 < speed <= max_speed):
-                raise SettingError(
-                    f"guide pull is {force:g} N at {1e3 * speed:g} mm/s. Give "
-                    f"{-max_force:g} to {max_force:g} N, and above 0 to "
-                    f"{1e3 * max_speed:g} mm/s",
-                    code="guide-pull",
-                )
 
     @property
     def max_tre_length_m(self) -> float | None:

@@ -102,29 +102,17 @@ class Choice:
         return LAG_SHARE / BAND_SHARE * self.band_m
 
 
-def choose(
-    tolerance_m: float, radius_m: float, *, planar: bool = True, speed_m_s: float = SPEED_M_S,
-    rate_hz: float = RATE_HZ, depth_m: float | None = None,
-) -> Choice:  # fmt: skip
+def choose(tolerance_m: float, radius_m: float, *, planar: bool = True) -> Choice:
     """The settings that a tolerance allows.
 
     tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used;
         `used_tolerance_m` says so.
     radius_m: R = r_c + r_v [m]
     planar: whether the fixture ignores an axis
-    speed_m_s, rate_hz: the fastest hand and the servo rate that the tolerance is to hold for
-    depth_m: the deepest press that it is to hold for, below R [m]; `None`: R/2
-    Raises SettingError: a value that is not positive and finite, or a depth that is not below R
+    Raises SettingError: a value that is not positive and finite
     """
     tolerance_m = number("tolerance", tolerance_m, "m", above=0.0)
     radius_m = number("radius", radius_m, "m", above=0.0)
-    speed_m_s = number("speed", speed_m_s, "m/s", above=0.0)
-    rate_hz = number("rate", rate_hz, "Hz", above=0.0)
-    depth_m = number("depth", DEPTH * radius_m if depth_m is None else depth_m, "m", above=0.0)
-    if depth_m >= radius_m:
-        raise SettingError(
-            f"depth is {depth_m:g} m. Give less than R = {radius_m:g} m", code="depth-range"
-        )
     used_m = min(tolerance_m, largest_tolerance(radius_m))
     dimple_m = DIMPLE_SHARE * used_m
     # Faces that can hold the proxy.
@@ -132,16 +120,14 @@ def choose(
     return Choice(
         tolerance_m=tolerance_m, used_tolerance_m=used_m, sampling_tolerance_m=dimple_m,
         spacing_m=math.sqrt(8 * radius_m * dimple_m), band_m=BAND_SHARE * used_m,
-        max_iterations=iterations(LAG_SHARE * used_m, radius_m, depth_m, speed_m_s / rate_hz)
-        + faces,
+        max_iterations=iterations(LAG_SHARE * used_m) + faces,
     )  # fmt: skip
 
 
-def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> int:
+def iterations(lag_m: float) -> int:
     """How many iterations a tick keep the lag below `lag_m` on the sharpest convex surface."""
-    q = depth_m / radius_m
-    run = step_m / (1 - q)
-    return max(1, math.ceil(math.log1p(run / lag_m) / -math.log(q)))
+    run_m = SPEED_M_S / RATE_HZ / (1 - DEPTH)
+    return max(1, math.ceil(math.log1p(run_m / lag_m) / -math.log(DEPTH)))
 
 
 def largest_tolerance(radius_m: float) -> float:
@@ -210,14 +196,11 @@ def sample_curve(
     else:
         number("density", density_per_m, "a metre", above=0.0)
     points = np.asarray(points_m, float)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2 or not np.isfinite(points).all():
         raise SettingError(
-            f"the curve's points have shape {points.shape}. Give (M, 3) with M of 2 or more",
+            f"the curve's points have shape {points.shape}. Give (M, 3) finite numbers with M of 2 "
+            "or more",
             code="points-shape",
-        )
-    if not np.isfinite(points).all():
-        raise SettingError(
-            "the curve holds points that are not finite. Leave them out", code="points-not-finite"
         )
     curve = CurveSpline.through(points, closed)
 
@@ -275,7 +258,7 @@ class CurveSpline:
 def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
     """(D,) the smallest spacing allowed within one spacing and the steps that it ends in.
 
-    A gap must suit all that it spans. Minima of two runs of 1, 2, 4 ... cover the window of each.
+    A gap must suit all that it spans.
     """
     centre, reach = arc, spacing.max()
     if closed:
@@ -283,12 +266,9 @@ def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
         spacing = np.concatenate([spacing[:-1], spacing, spacing[1:]])
     first = np.maximum(np.searchsorted(arc, centre - reach) - 1, 0)
     last = np.minimum(np.searchsorted(arc, centre + reach, "right") + 1, len(arc))
-    smallest, run = np.empty(len(centre)), 1
-    while run <= (last - first).max():
-        rows = np.flatnonzero((last - first >= run) & (last - first < 2 * run))
-        smallest[rows] = np.minimum(spacing[first[rows]], spacing[last[rows] - run])
-        spacing, run = np.minimum(spacing[:-run], spacing[run:]), 2 * run
-    return smallest
+    # Of each pair of places, the minimum from the one up to the other.
+    runs = np.column_stack([first, last]).ravel()
+    return np.minimum.reduceat(np.append(spacing, np.inf), runs)[::2]
 
 
 def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
@@ -368,7 +348,7 @@ def carry(
     curve: Fixture,
     registration: Registration,
     settings: FixtureSettings,
-    tolerance_m: float | None = None,
+    tolerance_m: float | None,
 ) -> CarriedPoints:
     """Carry a curve into the registration's target frame; sample it where it is ordered.
 
@@ -380,8 +360,6 @@ def carry(
         sigma = curve.sigma * scale if curve.sigma is not None else None
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
-    if tolerance_m is None:
-        tolerance_m = settings.tolerance_m
     points, strokes, tight_bends = [], [], []
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
     for stroke in curve.strokes:

@@ -28,6 +28,7 @@ from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
     Affine,
+    Fit,
     Orthogonal,
     Problem,
     f_exceeds,
@@ -65,7 +66,8 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
 
     Of a rigid registration: what its scale would be if it were free. Empty where no scale is known.
     """
-    fit, problem = registration.fit, registration.fit.problem
+    fit: Fit = registration
+    problem = registration.problem
     k = problem.model.dimension
     if k == 2 and registration.pixel_spacing is None:
         return []
@@ -73,7 +75,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
         fit = fit_similarity(problem, fit.used)
     axes = k if registration.model == "affine" else 1
     radius = problem.normaliser.radius
-    covariance = fit.covariance.reshape(3, k + 1, 3, k + 1)
+    covariance = fit.covariance_m.reshape(3, k + 1, 3, k + 1)
     departures = []
     for axis in range(axes):
         column = fit.m[:, axis]
@@ -81,20 +83,6 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
         variance = column @ covariance[:, axis, :, axis] @ column / length**2
         departures.append((length / radius - 1, float(np.sqrt(max(variance, 0.0))) / radius))
     return departures
-
-
-def refuse_wrong_scale(registration: Registration) -> None:
-    """Refuse a scale that is more than twice the known one, or less than half (`MarkerError`)."""
-    for departure, standard_error in scale_departures(registration):
-        ratio = 1 + departure
-        is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
-        if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            text = (
-                f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
-                f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing"
-            )
-            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
 def scale_findings(registration: Registration) -> list[Finding]:
@@ -123,12 +111,12 @@ def stretch_findings(registration: Registration) -> list[Finding]:
 
     By the F test of an affine map against a similarity.
     """
-    problem, used = registration.fit.problem, registration.used
+    problem, used = registration.problem, registration.used
     affine = Affine(2)
     if problem.model.dimension != 2 or 3 * used.sum() <= affine.parameters:
         return []
     free = fit_model(replace(problem, model=affine), used)
-    square = fit_similarity(problem, used) if registration.model == "affine" else registration.fit
+    square = fit_similarity(problem, used) if registration.model == "affine" else registration
     long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
     if registration.model == "affine" and long < MAX_STRETCH * short:
         return []
@@ -194,7 +182,7 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
     `None` for markers in space, for fewer than six, and for an exact fit. All markers count, also
     those that a robust fit left out.
     """
-    problem = registration.fit.problem
+    problem = registration.problem
     n = len(problem.s)
     # Fewer than twice as many markers as an affine map needs leave hardly a residual to judge by.
     if problem.model.dimension != 2 or n < 2 * Affine(2).minimal:
@@ -320,7 +308,7 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     An order is one of them unless the given one fits better by an F that equally good orders reach
     once in a hundred sets. The likeliest comes first.
     """
-    everyone = registration.fit.problem
+    everyone = registration.problem
     judge = everyone
     if registration.pixel_spacing is not None and isinstance(everyone.model, Affine):
         # Four or five markers fit an affine map in almost any order. The true map is close to a
@@ -482,7 +470,17 @@ def refuse_wrong_markers(
             code="residual-large",
             numbers={"fre_rms_m": registration.fre_rms_m, "max_residual_m": max_residual_m},
         )
-    refuse_wrong_scale(registration)
+    # A scale that is another unit, and more than by chance.
+    for departure, standard_error in scale_departures(registration):
+        ratio = 1 + departure
+        is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
+        if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
+            text = (
+                f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
+                f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
+                "the right --pixel-spacing"
+            )
+            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
 def refuse_large_error(
@@ -504,8 +502,8 @@ def refuse_large_error(
         return
     advice = "Add markers around the curve"
     if registration.model == "affine" and not stretch_findings(registration):
-        fit = fit_similarity(registration.fit.problem, registration.used)
-        similar = replace(registration, model="similarity", fit=fit)
+        fit = fit_similarity(registration.problem, registration.used)
+        similar = replace(registration, model="similarity", **vars(fit))
         similar_m = float(similar.curve95_m(points, error.own).max())
         if similar_m <= max_tre_m:
             advice = f"With --model similarity it is {_mm(similar_m)}"
@@ -568,13 +566,14 @@ def layout_findings(registration: Registration) -> list[Finding]:
     """A layout that is long, very large, or has two markers at one place."""
     findings = []
     labels = registration.labels
-    if registration.condition > LONG_LAYOUT:
+    condition = registration.problem.condition
+    if condition > LONG_LAYOUT:
         text = (
-            f"The markers' layout is {registration.condition:.0f} times as long as wide, and "
+            f"The markers' layout is {condition:.0f} times as long as wide, and "
             "the error grows fast across it. Add a marker off the long axis."
         )
         findings.append(note("layout-long", "register", text))
-    s = registration.fit.problem.s
+    s = registration.problem.s
     for i, j in combinations(range(len(s)), 2):
         if np.linalg.norm(s[i] - s[j]) < 1e-6:
             text = (
@@ -583,7 +582,7 @@ def layout_findings(registration: Registration) -> list[Finding]:
             )
             place = registration.place_px(i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
-    radius_m = rms_length(registration.fit.problem.y)
+    radius_m = rms_length(registration.problem.y)
     if radius_m > MAX_RADIUS_M:
         text = f"The markers lie {radius_m:.3g} m (rms) from their centre. Is the unit metres?"
         findings.append(doubt("layout-large", "register", text))
@@ -597,13 +596,12 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     where a marker alone decides its own place, for another marker near it would check it; and where
     an affine map's stretch explains what a marker may have caused.
     """
-    fit = registration.fit
     # The share in the direction that is checked least.
-    share = np.linalg.eigvals(fit.hat).real.max(axis=1)
-    unchecked = np.flatnonzero(fit.used & (share > UNCHECKED_LEVERAGE))
+    share = np.linalg.eigvals(registration.hat).real.max(axis=1)
+    unchecked = np.flatnonzero(registration.used & (share > UNCHECKED_LEVERAGE))
     if not len(unchecked):
         return []
-    if fit.used.sum() == 3:
+    if registration.used.sum() == 3:
         text = (
             "Three markers cannot check each other: an error across the slice moves the fixture "
             "and shows nowhere. A fourth marker would show it."
@@ -613,8 +611,10 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = registration.place_px(int(unchecked[0]))
     residual_m = 0.0
-    if registration.model == "affine" and fit.problem.model.dimension == 2:
-        residual_m = rms_length(fit_similarity(fit.problem, fit.used).vectors[fit.used])
+    if registration.model == "affine" and registration.problem.model.dimension == 2:
+        residual_m = rms_length(
+            fit_similarity(registration.problem, registration.used).vectors[registration.used]
+        )
     finding = doubt
     if share[unchecked].max() > DECISIVE_LEVERAGE:
         text += " Add a marker near it."
@@ -631,7 +631,7 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
 
 def sigma_findings(registration: Registration) -> list[Finding]:
     """Residuals that are larger than the stated sigmas allow, by a chi-square test."""
-    unit_m = registration.fit.problem.sigma_unit_m
+    unit_m = registration.problem.sigma_unit_m
     if unit_m is None:
         return []
     from scipy.special import chdtrc

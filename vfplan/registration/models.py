@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.geometry.lines import Array, Flags, plane_normal
+from vfplan.geometry.lines import Array, Flags
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -117,8 +117,10 @@ class Orthogonal:
 
     def moved(self, m: Array, step: Array) -> Array:
         """M after the step (p,) in the parameters of `tangent`."""
+        from cv2 import Rodrigues
+
         k = self.dimension
-        linear = rotation(step[:3]) @ m[:, :k]
+        linear = Rodrigues(step[:3])[0] @ m[:, :k]
         if self.scale is None:
             linear = linear * np.exp(step[6])
         return np.column_stack([linear, m[:, k] + step[3:6]])
@@ -182,17 +184,6 @@ def root_of_inverse(rows: Array) -> Array:
     return np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(len(r)))
 
 
-def rotation(rotation_vector: Array) -> Array:
-    """(3, 3) rotation of a rotation vector [rad], by O. Rodrigues' formula (1840)."""
-    x, y, z = rotation_vector
-    angle = float(np.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # np.sinc(a) is sin(pi a) / (pi a), which stays exact as the angle goes to 0.
-    sine = np.sinc(angle / np.pi)
-    cosine = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + sine * cross + cosine * cross @ cross
-
-
 def _weighted_least_squares(x: Array, y: Array, w: Array) -> Array:
     """(..., k+1, D) for x (..., N, k+1), y (..., N, D), w (..., N); by QR."""
     root = np.sqrt(w)[..., None]
@@ -220,40 +211,6 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
     linear = linear * scale
     t = y_mean - np.einsum("...ab,...b->...a", linear, s_mean)
     return np.concatenate([linear[..., :k], t[..., None]], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """What the linear part A (3, k) of a transform T says about scale and direction."""
-
-    # (k,) metres in one source unit along the principal directions, largest first.
-    singular_values: Array
-    # (k,) metres in one source unit along each source axis: the length of A's columns.
-    axis_scales: Array
-    # Largest singular value over the smallest, minus 1: 0 for square pixels.
-    anisotropy: float
-    # Cosine of the angle between two columns, the one of largest size: 0 for a right angle.
-    shear: float
-    # (3,) unit vector u x v of a planar source in the target frame. With u to the right and v
-    # down it points away from whoever looks at the slice. `None` for a source in space.
-    normal: Array | None
-
-    @property
-    def scale(self) -> float:
-        """Geometric mean of the singular values."""
-        return float(np.exp(np.log(self.singular_values).mean()))
-
-
-def geometry(transform: Array) -> Geometry:
-    """Scale and direction of a T (3, 3) of a planar source or (4, 4) of one in space."""
-    k = transform.shape[0] - 1
-    a = transform[:3, :k]
-    values = np.linalg.svd(a, compute_uv=False)
-    lengths = np.linalg.norm(a, axis=0)
-    cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
-    shear = float(cosines[np.abs(cosines).argmax()])
-    normal = plane_normal(a) / np.linalg.norm(plane_normal(a)) if k == 2 else None
-    return Geometry(values, lengths, float(values[0] / values[-1] - 1), shear, normal)
 
 
 # Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
@@ -400,14 +357,11 @@ def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Arr
 
 
 def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> None:
-    if len(raw) != len(target):
+    if not len(raw) == len(target) == len(names):
         raise MarkerError(
-            f"{len(raw)} source and {len(target)} target positions. Give as many of both",
+            f"{len(raw)} source and {len(target)} target positions, {len(names)} labels. Give as "
+            "many of each",
             code="markers-shape",
-        )
-    if len(names) != len(raw):
-        raise MarkerError(
-            f"{len(names)} labels for {len(raw)} markers. Give one each", code="markers-shape"
         )
     for name in names:
         if names.count(name) > 1:
@@ -530,7 +484,7 @@ class Fit:
     covariance_root: Array
 
     @property
-    def covariance(self) -> Array:
+    def covariance_m(self) -> Array:
         """(3 (k+1), 3 (k+1)) covariance of row-major M."""
         return self.variance * self.covariance_root @ self.covariance_root.T
 

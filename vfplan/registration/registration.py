@@ -38,7 +38,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
-from math import comb, erfc, pi, sqrt
+from math import comb
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,6 @@ from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
     MAX_CONDITION,
     Fit,
-    Geometry,
     ModelName,
     Orthogonal,
     Problem,
@@ -60,7 +60,6 @@ from vfplan.registration.models import (
     f_limit,
     f_quantile,
     fit_model,
-    geometry,
     homogeneous,
     leave_one_out,
     make_problem,
@@ -136,11 +135,6 @@ def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
     return bound
 
 
-def error_rows(s: Array, root: Array) -> Array:
-    """(M, 3, p) J_r A: how the error at normalised points s (M, k) follows from p unit normals."""
-    return marker_rows(homogeneous(s)).reshape(len(s), 3, -1) @ root
-
-
 def pointwise_bound(covariances: Array, dof: int) -> Array:
     """(M,) radius [m] that an error stays within with 0.95, for covariances (M, 3, 3) [m²].
 
@@ -160,7 +154,7 @@ def pointwise_bound(covariances: Array, dof: int) -> Array:
 def whole_curve_factor(rows: Array, pointwise_m: Array, dof: int) -> float:
     """κ of at least 1, by which the pointwise bound must grow to hold for all points at once.
 
-    rows: (M, 3, p) [m] of `error_rows`, times the standard deviation
+    rows: (M, 3, p) [m] how the error follows from p unit normals
     pointwise_m: (M,) the points' own bounds [m]
     dof: degrees of freedom of the standard deviation
     """
@@ -204,17 +198,9 @@ def _directions(p: int) -> Array:
     return np.ascontiguousarray(normal.T)
 
 
-def normal_quantile(share: Array) -> Array:
-    """What a normal variable stays below with a probability from 1e-7 to 1 - 1e-7, to 1e-11.
-
-    NumPy has none. This is its Taylor series from the nearest of many places whose share is known.
-    """
-    places = np.linspace(-6.0, 6.0, 2401)
-    known = np.array([erfc(-place / sqrt(2)) / 2 for place in places.tolist()])
-    nearest = np.searchsorted((known[1:] + known[:-1]) / 2, share)
-    z = places[nearest]
-    r = (share - known[nearest]) * sqrt(2 * pi) * np.exp(z * z / 2)
-    return z + r * (1 + r * (z / 2 + r * ((2 * z * z + 1) / 6 + r * z * (6 * z * z + 7) / 24)))
+def normal_quantile(share: ArrayLike) -> Array:
+    """What a standard normal variable stays below with a probability."""
+    return np.vectorize(NormalDist().inv_cdf, otypes=[float])(share)
 
 
 # All minimal subsets are tried, and this many take some seconds.
@@ -245,9 +231,9 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
     worst = int(f.argmax())
     others = registration.used & (np.arange(len(f)) != worst)
-    problem = registration.fit.problem
+    problem = registration.problem
     has_residual = 3 * others.sum() > problem.model.parameters
-    if not f[worst] > outlier_limits(registration.fit)[worst] or not has_residual:
+    if not f[worst] > outlier_limits(registration)[worst] or not has_residual:
         return None
     without = fit_model(problem, others)
     others_m = rms_length(without.vectors[others])
@@ -259,7 +245,7 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
 def outlier_findings(registration: Registration) -> list[Finding]:
     """Markers further from the others' prediction than chance explains, and those left out."""
     findings = []
-    for i in np.flatnonzero(is_outlier(registration.fit)):
+    for i in np.flatnonzero(is_outlier(registration)):
         label, place = registration.labels[i], registration.place_px(i)
         distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
         if not registration.used[i]:
@@ -353,8 +339,10 @@ MIRRORED_PROBABILITY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(Fit):
     """A transform source -> target with its errors; `fit_registration` makes it.
+
+    As a `Fit` it has the solved problem, in normalised coordinates.
 
     Parameters
     ----------
@@ -366,8 +354,6 @@ class Registration:
         (N, 2) [px] or (N, 3) [m].
     target
         (N, 3) [m].
-    fit
-        The solved problem, in normalised coordinates.
     robust
         Whether markers that do not agree with the others were left out.
     pixel_spacing
@@ -378,15 +364,14 @@ class Registration:
     labels: tuple[str, ...] | tuple[int, ...]
     source: Array
     target: Array
-    fit: Fit
     robust: bool = False
     pixel_spacing: Array | None = None
 
     @cached_property
     def T_target_source(self) -> Array:
         """(3, 3) acting on [u v 1] with the result (x, y, z) [m], or (4, 4) acting on [x y z 1]."""
-        normaliser = self.fit.problem.normaliser
-        top = self.fit.m @ normaliser.matrix
+        normaliser = self.problem.normaliser
+        top = self.m @ normaliser.matrix
         top[:, -1] += normaliser.target_centre
         if top.shape[1] == 3:
             return top
@@ -395,8 +380,8 @@ class Registration:
     @cached_property
     def covariance(self) -> Array:
         """(9, 9) or (12, 12) covariance of the first three rows of T, row by row."""
-        carry = np.kron(np.eye(3), self.fit.problem.normaliser.matrix.T)
-        return carry @ self.fit.covariance @ carry.T
+        carry = np.kron(np.eye(3), self.problem.normaliser.matrix.T)
+        return carry @ self.covariance_m @ carry.T
 
     def apply(self, points: ArrayLike) -> Array:
         """Target positions (M, 3) [m] of source points (M, 2|3).
@@ -405,27 +390,17 @@ class Registration:
         the frame "image" holds them.
         """
         x = homogeneous(self.normalised(points))
-        return x @ self.fit.m.T + self.fit.problem.normaliser.target_centre
-
-    @property
-    def used(self) -> Flags:
-        """(N,) the markers that the fit rests on; all of them, unless it was robust."""
-        return self.fit.used
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom ν = 3 N - p."""
-        return self.fit.dof
+        return x @ self.m.T + self.problem.normaliser.target_centre
 
     @property
     def residual_vectors_m(self) -> Array:
         """(N, 3) target minus transformed source [m]."""
-        return self.fit.vectors
+        return self.vectors
 
     @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
-        return np.linalg.norm(self.fit.vectors, axis=1)
+        return np.linalg.norm(self.vectors, axis=1)
 
     @property
     def fre_rms_m(self) -> float:
@@ -435,28 +410,18 @@ class Registration:
     @property
     def sigma_m(self) -> float:
         """Estimated standard deviation of a coordinate of a marker of weight 1: √(Σ w e² / ν)."""
-        return float(np.sqrt(self.fit.variance))
+        return float(np.sqrt(self.variance))
 
     @property
     def fle_rms_m(self) -> float:
         """Estimated fiducial localisation error, RMS length [m]; √3 σ for equal markers."""
-        weights = self.fit.problem.weights[self.used]
-        return float(np.sqrt(self.fit.variance * (1 / weights).sum(axis=1).mean()))
-
-    @property
-    def condition(self) -> float:
-        """Longest over shortest extent of the markers in the source; 1 is best, no unit."""
-        return self.fit.problem.condition
-
-    @property
-    def leverage(self) -> Array:
-        """(N,) share of each marker in its own prediction, 0 to 1 for markers used."""
-        return self.fit.leverage
+        weights = self.problem.weights[self.used]
+        return float(np.sqrt(self.variance * (1 / weights).sum(axis=1).mean()))
 
     @cached_property
     def loo_m(self) -> Array:
         """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
-        return leave_one_out(self.fit)
+        return leave_one_out(self)
 
     @property
     def loo_rms_m(self) -> float | None:
@@ -469,12 +434,12 @@ class Registration:
     @cached_property
     def studentised_f(self) -> Array:
         """(N,) F of each marker against the others; NaN where nothing is left to judge by."""
-        return studentised_f(self.fit)
+        return studentised_f(self)
 
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
         """Labels of markers whose F is above its limit, and of those a robust fit left out."""
-        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier(self.fit)))
+        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier(self)))
 
     def place_px(self, index: int) -> tuple[float, float] | None:
         """Where a marker stands on the slice; `None` in space."""
@@ -482,11 +447,6 @@ class Registration:
             return None
         u, v = self.source[index]
         return float(u), float(v)
-
-    def tre_covariance(self, points: ArrayLike) -> Array:
-        """(M, 3, 3) covariance [m²] of the registration's error at source points."""
-        rows = self._error_rows(points)
-        return rows @ np.swapaxes(rows, 1, 2)
 
     def tre_m(self, points: ArrayLike) -> Array:
         """(M,) predicted RMS target registration error at source points [m]."""
@@ -498,7 +458,8 @@ class Registration:
 
     def tre95_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at each point with probability 0.95."""
-        return pointwise_bound(self.tre_covariance(points), self.dof)
+        rows = self._error_rows(points)
+        return pointwise_bound(rows @ np.swapaxes(rows, 1, 2), self.dof)
 
     def tre95_curve_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
@@ -520,12 +481,9 @@ class Registration:
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
-        return error_rows(self.normalised(points), self.fit.covariance_root) * self.sigma_m
-
-    @cached_property
-    def geometry(self) -> Geometry:
-        """Scale, anisotropy, shear and normal of the transform."""
-        return geometry(self.T_target_source)
+        x = homogeneous(self.normalised(points))
+        rows = marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root
+        return rows * self.sigma_m
 
     @property
     def image_faces(self) -> Array | None:
@@ -533,59 +491,41 @@ class Registration:
 
         With u to the right and v down. `None` for a source in space.
         """
-        normal = self.geometry.normal
-        if normal is None:
+        if self.source.shape[1] == 3:
             return None
-        return -normal
+        normal = plane_normal(self.T_target_source[:3])
+        return -normal / np.linalg.norm(normal)
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
         try:
             array = np.atleast_2d(np.asarray(points, dtype=np.float64))
         except (TypeError, ValueError):
-            raise SettingError(
-                "points are not numbers in rows of equal length. Give an array of numbers",
-                code="points-shape",
-            ) from None
+            array = np.empty((0, 0))
         k = self.source.shape[1]
         if k == 2 and array.shape[1:] == (3,) and not array[:, 2].any():
             array = array[:, :2]
         if array.shape[1:] != (k,) or not len(array):
             raise SettingError(
-                f"points have shape {array.shape}. Give (M, {k}) in the source", code="points-shape"
+                f"points have shape {array.shape}. Give numbers (M, {k}) in the source",
+                code="points-shape",
             )
         if not np.isfinite(array).all():
             raise SettingError(
                 "points hold NaN or infinity. Give finite numbers", code="points-not-finite"
             )
-        return self.fit.problem.normaliser(array)
+        return self.problem.normaliser(array)
 
-    def record(
-        self, points: ArrayLike | None = None, source_frame: Frame | None = None
-    ) -> RegistrationRecord:
-        """The part of this that a fixture keeps.
-
-        Parameters
-        ----------
-        points
-            The fixture's points in the source frame, for the predicted error along them.
-        source_frame
-            "image" or "patient_lps"; by default what the source's dimension says.
-        """
-        frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+    def record(self, points: ArrayLike, source_frame: Frame) -> RegistrationRecord:
+        """The part of this that a fixture keeps, whose points are given in the source frame."""
+        same = ("model", "source", "target", "residuals_m", "fre_rms_m", "loo_rms_m", "covariance")
         return RegistrationRecord(
-            model=self.model,
-            source_frame=source_frame or frame,
+            **{name: getattr(self, name) for name in same},
+            source_frame=source_frame,
             T_robot_image=self.T_target_source,
             labels=tuple(map(str, self.labels)),
-            source=self.source,
-            target=self.target,
-            residuals_m=self.residuals_m,
-            fre_rms_m=self.fre_rms_m,
-            loo_rms_m=self.loo_rms_m,
-            tre_rms_m=None if points is None else self.tre_rms_m(points),
-            covariance=self.covariance,
-            tre_m=None if points is None else self.tre_m(points),
+            tre_rms_m=self.tre_rms_m(points),
+            tre_m=self.tre_m(points),
         )
 
 
@@ -665,7 +605,10 @@ def fit_registration(
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
-    return Registration(model, names, source, target, fit, robust, known_spacing)
+    return Registration(
+        **vars(fit), model=model, labels=names, source=source, target=target, robust=robust,
+        pixel_spacing=known_spacing,
+    )  # fmt: skip
 
 
 def is_mirrored(fit: Fit) -> bool:
@@ -683,15 +626,20 @@ def is_mirrored(fit: Fit) -> bool:
 
 
 def registration_report(
-    registration: Registration, points: ArrayLike | None = None, *, error: TargetError | None = None
+    registration: Registration, points: ArrayLike, error: TargetError
 ) -> dict[str, Any]:
     """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 
     As `--json` reports it. What has no meaning for this source or model is absent, and what cannot
     be known is `None`.
     """
-    shape = registration.geometry
-    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    # What the linear part says of scale and direction: its singular values, largest first, and the
+    # largest cosine between two of its columns, which is 0 for right angles.
+    k = registration.source.shape[1]
+    linear = registration.T_target_source[:3, :k]
+    values, lengths = np.linalg.svd(linear, compute_uv=False), np.linalg.norm(linear, axis=0)
+    cosines = (linear.T @ linear / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
+    unit = "_m_per_px" if k == 2 else ""
     markers = [
         {
             "label": label,
@@ -712,39 +660,37 @@ def registration_report(
         "fle_rms_m": registration.fle_rms_m,
         "loo_rms_m": registration.loo_rms_m,
         "degrees_of_freedom": registration.dof,
-        "condition": registration.condition,
+        "condition": registration.problem.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
-        f"scale{unit}": shape.scale,
-        f"axis_scales{unit}": shape.axis_scales,
-        f"singular_values{unit}": shape.singular_values,
-        "anisotropy": shape.anisotropy,
-        "shear": shape.shear,
+        f"scale{unit}": float(np.exp(np.log(values).mean())),
+        f"axis_scales{unit}": lengths,
+        f"singular_values{unit}": values,
+        "anisotropy": float(values[0] / values[-1] - 1),
+        "shear": float(cosines[np.abs(cosines).argmax()]),
     }
-    if shape.normal is not None:
-        report["plane_normal"] = shape.normal
+    if registration.image_faces is not None:
+        report["plane_normal"] = -registration.image_faces
         report["image_faces"] = registration.image_faces
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
-    if registration.fit.problem.sigma_unit_m is not None:
-        unit_m = registration.fit.problem.sigma_unit_m
+    if registration.problem.sigma_unit_m is not None:
+        unit_m = registration.problem.sigma_unit_m
         report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
-    if points is not None:
-        error = error or target_error(registration, points)
-        rms_m = float(np.sqrt((error.rms_m**2).mean()))
-        place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
-        report["tre_rms_m"] = rms_m
-        report["tre"] = {
-            "rms_m": rms_m,
-            "max_rms_m": float(error.rms_m.max()),
-            "bound95_max_m": float(error.bound95_m.max()),
-            "curve95_max_m": float(error.curve95_m.max()),
-            "worst_point": error.worst,
-            "worst_source": place[: registration.source.shape[1]],
-            "worst_target_m": registration.apply(place[None])[0],
-            "points_extrapolated": int(error.is_extrapolated.sum()),
-        }
+    rms_m = float(np.sqrt((error.rms_m**2).mean()))
+    place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
+    report["tre_rms_m"] = rms_m
+    report["tre"] = {
+        "rms_m": rms_m,
+        "max_rms_m": float(error.rms_m.max()),
+        "bound95_max_m": float(error.bound95_m.max()),
+        "curve95_max_m": float(error.curve95_m.max()),
+        "worst_point": error.worst,
+        "worst_source": place[:k],
+        "worst_target_m": registration.apply(place[None])[0],
+        "points_extrapolated": int(error.is_extrapolated.sum()),
+    }
     return report
 
 

@@ -7,12 +7,15 @@ from the residuals, is constant in the tool's frame, and carried from there to t
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CheckFailed
+from vfplan.errors import CheckFailed, MarkerError
+from vfplan.io.files import MAX_SETTINGS_BYTES, read_text
 from vfplan.registration.models import f_exceeds
 from vfplan.registration.registration import pointwise_bound
 
@@ -44,11 +47,6 @@ class Tip:
     pivot_m: Array
     # (n,) how far each pose puts the tip from the pivot [m]
     residuals_m: Array
-    # (n,) how far it puts the tip from where the others do [m], and the F of that
-    apart_m: Array
-    f: Array
-    # The largest difference of two places along an axis [m]
-    spread_m: float
     # How far the tool turned about the axis about which it turned least
     turn_deg: float
 
@@ -58,10 +56,11 @@ class Tip:
         return float(np.sqrt(np.mean(self.residuals_m**2)))
 
 
-def calibrate_tip(poses: Array) -> Tip:
+def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
     """The tip of a tool from its poses (n, 4, 4) [m] about one point.
 
-    Raises CheckFailed: fewer than six poses, or turned about one axis at most
+    Raises CheckFailed: fewer than six poses, or turned about one axis at most; a single pose that
+        has moved the tip, or a 95 % error above `max_error_m`
     """
     n = len(poses)
     if n < MIN_POSES:
@@ -97,30 +96,39 @@ def calibrate_tip(poses: Array) -> Tip:
     apart = np.linalg.solve(np.eye(3) - hats, residuals[..., None])[..., 0]
     lost = (residuals * apart).sum(axis=1)
     f = lost / 3 / (np.maximum((residuals**2).sum() - lost, n * ROUNDING_M**2) / (3 * n - 9))
-    lengths, apart_m = np.linalg.norm([residuals, apart], axis=2)
-    spread_m = float(np.ptp(p, axis=0).max())
-    pivot = solution[3:] + centre
-    return Tip(solution[:3], error95_m, pivot, lengths, apart_m, f, spread_m, turn_deg)
-
-
-def check_tip(tip: Tip, max_error_m: float) -> None:
-    """Refuse a tip that a single pose has moved, or that is not known well enough.
-
-    Raises CheckFailed: "tip-pose-off", "tip-error-large"
-    """
-    n, worst = len(tip.f), int(tip.f.argmax())
-    if n * f_exceeds(3, 3 * n - 9, tip.f[worst]) < SURE_OUTLIER:
-        apart_m = float(tip.apart_m[worst])
+    worst = int(f.argmax())
+    if n * f_exceeds(3, 3 * n - 9, f[worst]) < SURE_OUTLIER:
+        apart_m = float(np.linalg.norm(apart[worst]))
         raise CheckFailed(
             f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
             "it out, or record it again",
             code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
         )  # fmt: skip
-    if not tip.error95_m <= max_error_m:
+    if not error95_m <= max_error_m:
+        spread_m = float(np.ptp(p, axis=0).max())
         raise CheckFailed(
-            f"the tip is known to {1e3 * tip.error95_m:.3f} mm only, and --max-error allows "
-            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {tip.spread_m:.3g} m "
+            f"the tip is known to {1e3 * error95_m:.3f} mm only, and --max-error allows "
+            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {spread_m:.3g} m "
             "apart; give --units mm for millimetres) and the order (w before x, y, z), look at "
             f"pose {worst + 1}, or record more poses that tilt the tool more",
-            code="tip-error-large", numbers={"error95_m": tip.error95_m},
+            code="tip-error-large", numbers={"error95_m": error95_m},
         )  # fmt: skip
+    lengths = np.linalg.norm(residuals, axis=1)
+    return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+
+
+def read_tip(path: str | Path) -> tuple[str, Array, str]:
+    """Tool and tip (3,) [m] of a file that `vfplan tip -o` wrote, and its SHA-256.
+
+    Raises MarkerError: the file cannot be read, or is none of a tip
+    """
+    text, sha256 = read_text(path, MAX_SETTINGS_BYTES, MarkerError)
+    try:
+        values = json.loads(text)
+        tool, tip = str(values["tool"]), np.array(values["tip_m"], float)
+    except (ValueError, KeyError, TypeError):
+        tip = np.empty(0)
+    if tip.shape != (3,) or not np.isfinite(tip).all() or not tool.isprintable():
+        message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
+        raise MarkerError(message, where=str(path), code="tip-file")
+    return tool, tip, sha256

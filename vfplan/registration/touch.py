@@ -178,7 +178,7 @@ def refine_by_touch(
     """
     from scipy.special import stdtrit
 
-    model = registration.fit.problem.model
+    model = registration.problem.model
     if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:
         raise SettingError(
             f"touching refines a rigid registration in space, and this one is "
@@ -191,7 +191,7 @@ def refine_by_touch(
         text = f"{len(tip_positions)} points were touched. Give {min_points} to {MAX_POINTS}"
         raise MarkerError(text, code="touch-count", numbers={"points": len(tip_positions)})
     patch = _Patch(registration, tip_positions, NearestOnMesh(points, triangles), tip_radius)
-    m = registration.fit.m
+    m = registration.m
     before_m = patch.distances(m)
     start_m = float(np.median(np.abs(before_m)))
     if start_m > MAX_START_DISTANCE_M:
@@ -230,16 +230,14 @@ def refine_by_touch(
 
     # The covariance is that of the distances' fit.
     jacobian = _jacobian(normals, places - m[:, 3])
-    fit = registration.fit
-    refined_fit = replace(
-        fit,
+    refined = replace(
+        registration,
         m=m,
-        vectors=fit.problem.y - fit.problem.x @ m.T,
+        vectors=registration.problem.y - registration.problem.x @ m.T,
         variance=float((distances_m[used] ** 2).sum()) / dof,
         dof=dof,
         covariance_root=model.tangent(m) @ root_of_inverse(jacobian),
     )
-    refined = replace(registration, fit=refined_fit)
     return TouchRefinement(refined, distances_m, before_m, used, constraint)
 
 
@@ -258,7 +256,7 @@ class _Patch:
 
     def nearest(self, m: Array) -> tuple[Array, Array, Array]:
         """Distances (T,), and normals and nearest places (T, 3) on the surface in the target."""
-        normaliser = self.registration.fit.problem.normaliser
+        normaliser = self.registration.problem.normaliser
         y = self.tip_positions - normaliser.target_centre
         s = np.linalg.solve(m[:, :3], (y - m[:, 3]).T).T
         source = (s * normaliser.radius + normaliser.centre) / normaliser.spacing

@@ -319,7 +319,7 @@ def replay(
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)
         common["fixture"] = {
-            "name": path.name, **seal.describe(), "signature_checked": trust is not None,
+            "name": path.name, **seal, "signature_checked": trust is not None,
         }  # fmt: skip
     poses, events = as_the_loop_saw(session, poses, events)
     if isinstance(session, (str, Path)):

@@ -306,7 +306,9 @@ class Plan:
         # Markers that nobody changed are those that were read.
         pairs = self.fit.pairs()
         if self.fit is source.fit:
-            pairs = source.pairs or replace(pairs, inputs={})
+            record = None if opened is None else opened.registration
+            touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
+            pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
         image = source.image if source.slice_path is not None else None
         try:
             planned = register(curve, pairs, None, self.fit.settings, image=image).fixture
@@ -639,7 +641,8 @@ def _of_bundle(
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
-        case=seal.case or fixture.case or "", robot_serial=seal.robot_serial,
+        case=seal.get("case") or fixture.case or "",
+        robot_serial=seal.get("robot_serial", ""),
     )  # fmt: skip
 
 

@@ -3,6 +3,8 @@
 // The Python face of the controller. Python has checked who signed a bundle's bytes.
 #include "vfplan/controller.hpp"
 
+#include <nanobind/stl/string.h>
+
 #include "numpy.hpp"
 
 namespace {
@@ -47,11 +49,12 @@ void bind_controller(nb::module_& m) {
         .def(
             "__init__",
             [](Controller* self, const nb::bytes& data, bool accept_unreviewed, bool accept_doubts,
-               const vfplan::GovernorLimits& governor, double max_hip_step, double hold_time,
-               const std::optional<Row>& moving) {
+               const std::optional<std::string>& tool, const vfplan::GovernorLimits& governor,
+               double max_hip_step, double hold_time, const std::optional<Row>& moving) {
                 vfplan::Demand demand;
                 demand.accept_unreviewed = accept_unreviewed;
                 demand.accept_doubts = accept_doubts;
+                demand.tool = tool;
                 vfplan::ControllerSettings settings;
                 settings.governor = governor;
                 settings.max_hip_step = max_hip_step;
@@ -60,8 +63,8 @@ void bind_controller(nb::module_& m) {
                 new (self) Controller(fixture_of(data, demand), demand, settings);
                 self->demand = demand;
             },
-            "data"_a, nb::kw_only(), "accept_unreviewed"_a, "accept_doubts"_a, "governor"_a,
-            "max_hip_step"_a = usual.max_hip_step, "hold_time"_a = usual.hold_time,
+            "data"_a, nb::kw_only(), "accept_unreviewed"_a, "accept_doubts"_a, "tool"_a.none(),
+            "governor"_a, "max_hip_step"_a = usual.max_hip_step, "hold_time"_a = usual.hold_time,
             "moving"_a = nb::none())
         .def("add", [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
         .def("exchange",

@@ -49,6 +49,7 @@ struct Demand {
     std::optional<std::string> case_id;       ///< for which it was signed
     std::optional<std::string> robot_serial;  ///< for which it was signed
     std::optional<double> max_age_s;          ///< how long ago it was signed at most [s]
+    std::optional<std::string> tool;          ///< that touched the markers
     bool accept_unsigned = false;             ///< anybody may have made it, where no keys are given
     bool accept_unreviewed = false;           ///< nobody may have looked at its plan
     bool accept_doubts = false;               ///< doubts about its plan may be open

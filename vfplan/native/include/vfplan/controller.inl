@@ -53,6 +53,12 @@ inline void check(const bundle::Fixture& fixture, const Demand& demand) {
                                {"is in the frame ", bundle::Quoted{fixture.frame},
                                 ", and the arm moves in robot_base"},
                                "Register it first: vfplan register");
+    if (demand.tool && fixture.tool != *demand.tool)
+        bundle::detail::refuse(
+            "unsafe.tool", "",
+            {"names ", bundle::Quoted{fixture.tool}, " as the tool that touched the markers, and ",
+             bundle::Quoted{*demand.tool}, " is demanded"},
+            "Touch them with this tool, and give plan its file by --tip");
     if (!fixture.reviewed && !demand.accept_unreviewed)
         bundle::detail::refuse("unsafe.review", "", {"was approved by nobody"},
                                "Approve it with `vfplan review`, or accept_unreviewed");

@@ -60,6 +60,7 @@ struct Fixture {
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
     std::string case_id;             // the case that it is for; empty where nobody said so
+    std::string tool;                // that touched the markers; empty where nobody said so
     std::vector<Stroke> pieces;      // lines and arcs, a stroke each; none where unknown
     std::vector<std::int32_t> mesh;  // three points a triangle, or empty
     // How far a place of the mesh may be from a sample where points are rendered [m]; without it
@@ -263,6 +264,7 @@ inline Fixture to_fixture(Bundle bundle) {
     fixture.id = content.at("/@id").string();
     fixture.created_utc = content.at("/provenance@created_utc").string();
     if (const Value* own_case = content.find("/@case")) fixture.case_id = own_case->string();
+    if (const Value* tool = content.find("/registration@tool")) fixture.tool = tool->string();
     fixture.points = content.take("/points").f8;
     if (content.has("/sigma")) fixture.sigma = content.take("/sigma").f8;
     if (content.has("/rendering/stiffness")) {

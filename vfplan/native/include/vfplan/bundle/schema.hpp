@@ -74,7 +74,7 @@ inline constexpr std::array<Size, 13> sizes{
     Size{'F', 1000},
 };
 
-inline constexpr std::array<Row, 88> rows{
+inline constexpr std::array<Row, 90> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
@@ -127,6 +127,8 @@ inline constexpr std::array<Row, 88> rows{
     Row{"/registration/labels", Kind::dataset, Type::text, Required::group, {"M", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
     Row{"/registration/source", Kind::dataset, Type::f8, Required::group, {"M", "D"}, "@source_frame", "@source_frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {2, 0}, Mark::reviewed},
     Row{"/registration/target", Kind::dataset, Type::f8, Required::group, {"M", "3"}, "m", "robot_base", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::reviewed},
+    Row{"/registration@tool", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
+    Row{"/registration/tip", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "m", "tool", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::reviewed},
     Row{"/registration/residuals", Kind::dataset, Type::f8, Required::group, {"M", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
     Row{"/registration/covariance", Kind::dataset, Type::f8, Required::optional, {"U", "U"}, "T_robot_image^2", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
     Row{"/registration/tre", Kind::dataset, Type::f8, Required::optional, {"N", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
