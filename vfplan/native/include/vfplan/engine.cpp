@@ -10,7 +10,7 @@
 #include "vfplan/tick_time.hpp"
 
 // What they declare:
-#include "vfplan/engine_impl.hpp"
+#include "vfplan/engine.inl"
 
 #ifdef __cpp_exceptions
 #include "vfplan/controller.hpp"

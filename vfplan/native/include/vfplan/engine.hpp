@@ -303,5 +303,5 @@ class Engine {
 }  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
-#include "vfplan/engine_impl.hpp"
+#include "vfplan/engine.inl"
 #endif

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include "vfplan/curve/pieces.hpp"
-#include "vfplan/engine.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -34,3 +33,7 @@ inline bool by_triangles(const mesh::Surface& surface, const Parameters& p) {
 }
 
 }  // namespace vfplan::inline v1
+
+#ifndef VFPLAN_COMPILED
+#include "vfplan/engine.inl"
+#endif

@@ -16,7 +16,7 @@
 #error "vfplan: needs vector extensions: build with g++, clang or MinGW"
 #endif
 
-/// Stands before a function that engine_impl.hpp or controller.inl defines. With
+/// Stands before a function that engine.inl or controller.inl defines. With
 /// VFPLAN_COMPILED it is compiled in engine.cpp alone, without it in each source file.
 #ifdef VFPLAN_COMPILED
 #define VFPLAN_COMPILED_ONCE
