@@ -15,6 +15,7 @@ void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
 void bind_picture(nb::module_& m);
 void bind_controller(nb::module_& m);
+void bind_arcs(nb::module_& m);
 
 namespace {
 
@@ -353,4 +354,5 @@ NB_MODULE(_core, m) {
     bind_bundle(m);
     bind_picture(m);
     bind_controller(m);
+    bind_arcs(m);
 }
