@@ -2,9 +2,6 @@
 //
 // Arcs along a smooth run of a measured curve, by pairs that meet with one tangent (Bolton, "Biarc
 // curves", 1975), each as long as a tolerance allows; and distances from lines and arcs.
-#include <algorithm>
-#include <cmath>
-#include <vector>
 
 #include "numpy.hpp"
 

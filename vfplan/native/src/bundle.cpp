@@ -7,12 +7,8 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include <cstdint>
-#include <memory>
-#include <optional>
 #include <span>
 #include <stdexcept>
-#include <utility>
 
 #include "vfplan/bundle/fixture.hpp"
 
@@ -91,11 +87,9 @@ auto values(const std::optional<Array>& array) {
 
 /// Throws std::invalid_argument unless all numbers name one of `count` things.
 void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
-    for (const std::int32_t number : numbers) {
-        if (number < 0 || static_cast<std::size_t>(number) >= count) {
+    for (const std::int32_t number : numbers)
+        if (number < 0 || static_cast<std::size_t>(number) >= count)
             throw std::invalid_argument("vfplan: a number of a point or a stroke is not there");
-        }
-    }
 }
 
 /// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
@@ -116,9 +110,8 @@ nb::tuple certificate(const Coordinates& points, const std::optional<Axis>& axis
         nb::gil_scoped_release release;
         check_numbers(shape.triangles, points.shape(0));
         check_numbers(shape.stroke, shape.closed.size());
-        if (!shape.stroke.empty() && shape.stroke.size() != points.shape(0)) {
+        if (!shape.stroke.empty() && shape.stroke.size() != points.shape(0))
             throw std::invalid_argument("vfplan: each point needs the number of its stroke");
-        }
         made = vb::detail::certify(shape, reach);
     }
     return nb::make_tuple(made.kind, made.largest, made.limit, made.holds, made.rows);

@@ -9,9 +9,7 @@
 
 #include <atomic>
 #include <cstring>
-#include <optional>
 #include <stdexcept>
-#include <string>
 
 #include "vfplan/base/vec.hpp"
 

@@ -3,8 +3,6 @@
 // Lines and arcs as NumPy holds them.
 #pragma once
 
-#include <vector>
-
 #include "numpy.hpp"
 #include "vfplan/curve/pieces.hpp"
 

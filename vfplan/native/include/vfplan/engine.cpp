@@ -5,6 +5,7 @@
 #ifndef VFPLAN_COMPILED
 #define VFPLAN_COMPILED
 #endif
+#define VFPLAN_COMPILING
 #include "vfplan/engine.hpp"
 
 #include "vfplan/tick_time.hpp"
@@ -15,9 +16,4 @@
 #ifdef __cpp_exceptions
 #include "vfplan/controller.hpp"
 #include "vfplan/controller.inl"
-
-vfplan::bundle::Content vfplan::bundle::read_payload(View payload, std::uint64_t file_length,
-                                                     Findings& findings) {
-    return detail::read_and_check(payload, file_length, findings);
-}
 #endif

@@ -6,21 +6,9 @@
 // and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "vfplan/base/queue.hpp"
-#include "vfplan/base/vec.hpp"
-#include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {
@@ -65,7 +53,7 @@ using ImplPtr = std::unique_ptr<EngineImpl>;
 
 /// What the editor hands to the loop.
 struct PendingChange {
-    enum Kind { exchange, remove, add, stiffness } kind = exchange;
+    enum Change { exchange, remove, add, stiffness } what = exchange;
     EngineImpl* engine = nullptr;
     std::size_t id = 0;
     Vec3 point;  ///< or K [N/m]

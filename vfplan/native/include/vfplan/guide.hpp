@@ -13,11 +13,8 @@
 // where strands run close by or cross.
 #pragma once
 
-#include <cstdint>
 #include <cstdio>
-#include <optional>
 
-#include "vfplan/cloud/points.hpp"
 #include "vfplan/curve/tube.hpp"
 #include "vfplan/parameters.hpp"
 

@@ -9,9 +9,6 @@
 // of docs/engine.md, which tests/engine/test_worst_tick.py measures.
 #pragma once
 
-#include <cstddef>
-#include <vector>
-
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"

@@ -4,14 +4,10 @@
 // outside its range is refused.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <concepts>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <stdexcept>
-#include <string>
 #include <tuple>
 #include <type_traits>
 
@@ -216,9 +212,20 @@ void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
 }
 
 template <int D>
-struct Box {
-    Vec<D> low, high;
+Vec<D> filled(double c) noexcept {
+    Vec<D> v;
+    std::fill_n(v.c, D, c);
+    return v;
+}
 
+template <int D>
+struct Box {
+    Vec<D> low = filled<D>(infinity), high = filled<D>(-infinity);  ///< nothing at first
+
+    void include(const Box& b) noexcept {
+        include(b.low);
+        include(b.high);
+    }
     void include(const Vec<D>& p) noexcept {
         for (int k = 0; k < D; ++k) {
             low.c[k] = std::min(low.c[k], p.c[k]);
@@ -270,14 +277,10 @@ struct Slice {
     Vec3 e1, e2;
 
     explicit Slice(const Vec3& a) noexcept {
-        int least = 0;
-        for (int k = 1; k < 3; ++k)
-            if (std::abs(a[k]) < std::abs(a[least])) least = k;
-        Vec3 axis;
-        axis[least] = 1;
-        e1 = axis - dot(a, axis) * a;
-        e1 = (1 / norm(e1)) * e1;
-        e2 = cross(a, e1);
+        Vec3 side[2];
+        tangent_frame(a, side);
+        e1 = side[0];
+        e2 = side[1];
     }
     Vec2 project(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
     Vec3 direction(const Vec2& v) const noexcept { return v[0] * e1 + v[1] * e2; }

@@ -6,12 +6,6 @@
 //     vfplan::Guide guide = vfplan::bundle::make_guide(vfplan::bundle::read_fixture("guided.h5"));
 #pragma once
 
-#include <cstddef>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"

@@ -3,15 +3,8 @@
 // The cloud: one array a coordinate, in an order of the owner's choice, and the box around it.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
 #include <new>
-#include <string>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/kernels.hpp"
 
 namespace vfplan::inline v1 {

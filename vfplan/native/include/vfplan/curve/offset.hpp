@@ -22,10 +22,6 @@
 // everywhere.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 #include "vfplan/base/vec.hpp"
 #include "vfplan/rules/constants.hpp"
 
@@ -45,11 +41,10 @@ struct Quadratic {
         if (!(square >= 0)) return infinity;
         const double root = std::sqrt(square);
         double t = infinity;
-        if (b > 0) {
+        if (b > 0)
             t = -(b + root) / (2 * a);
-        } else if (root > b) {
+        else if (root > b)
             t = 2 * c / (root - b);
-        }
         return t >= 0 ? t : infinity;
     }
 };

@@ -3,12 +3,6 @@
 // Lines and arcs: as a drawing has them, and as pieces in space.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <vector>
-
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::inline v1 {
@@ -23,7 +17,12 @@ struct Stroke {
     std::vector<double> vertices;  ///< x y z of each in turn [m]
     std::vector<double> bulges;    ///< of the piece from each vertex to the next; one each
     bool closed = false;           ///< whether the last piece leads back to the first vertex
+
+    bool operator==(const Stroke&) const = default;
 };
+
+/// Points nearer than this are one [m]. A direction from one to the other would be rounding.
+inline constexpr double shortest_piece = 1e-9;
 
 /// tan(pi / 8), the bulge of a quarter circle.
 inline constexpr double quarter_bulge = 0.41421356237309515;
@@ -151,6 +150,25 @@ inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noex
     }
     s.length = 2 * s.radius * std::asin(half);
     return s;
+}
+
+/// Adds a line or an arc of a half circle at most, across an axis, in parts that are a quarter
+/// circle and `longest` [m] at most. One of no length is left out.
+inline void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
+                std::vector<Piece>& pieces) {
+    const double chord = norm(b - a);
+    if (!(chord > shortest_piece)) return;
+    const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
+    if (std::abs(bulge) > quarter_bulge || chord > longest) {
+        const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
+        const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
+        cut(a, middle, half, axis, longest, pieces);
+        cut(middle, b, half, axis, longest, pieces);
+        return;
+    }
+    const double share = 1 / (1 + bulge * bulge);
+    const Vec3 begins = ((1 - bulge * bulge) * share) * e - (2 * bulge * share) * left;
+    pieces.push_back(bend(a, b, begins, false));
 }
 
 }  // namespace detail
