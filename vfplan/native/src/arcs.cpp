@@ -8,8 +8,6 @@
 namespace {
 
 using vfplan::Vec2;
-using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
-using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 Vec2 place(const Places& rows, std::size_t i) { return {rows(i, 0), rows(i, 1)}; }
 

@@ -10,7 +10,6 @@
 namespace {
 
 using Mask = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
 // A pixel's neighbours are counted counter-clockwise from the right; the code of its surroundings
 // has a bit for each that is set.

@@ -198,8 +198,7 @@ class PointNumbers {
             all.push_back({PendingChange::remove, nullptr, id, {}});
         }
         for (std::size_t i = 0; i < m; ++i) {
-            const Vec3 point{{add[3 * i], add[3 * i + 1], add[3 * i + 2]}};
-            all.push_back({PendingChange::add, nullptr, 0, point});
+            all.push_back({PendingChange::add, nullptr, 0, point_at(add, i)});
             local_.push_back(next_++);
         }
         xyz_.insert(xyz_.end(), add, add + 3 * m);

@@ -144,7 +144,7 @@ class Guide {
     void add(const double* xyz, std::size_t n, bool closed) {
         std::vector<Vec3> points(n);
         for (std::size_t i = 0; i < n; ++i) {
-            const Vec3 x{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
+            const Vec3 x = point_at(xyz, i);
             if (!is_within_range(x)) reject("points must be finite, coordinates up to 1e6 m");
             points[i] = across(x);
         }

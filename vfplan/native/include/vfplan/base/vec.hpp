@@ -184,6 +184,12 @@ double norm(const Vec<D>& a) noexcept {
 inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
     return {{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}};
 }
+/// Row i of a table of coordinates, x y z of each in turn.
+inline Vec3 point_at(const double* xyz, std::size_t i) noexcept {
+    return {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]};
+}
+/// Counterclockwise by a quarter turn.
+inline Vec2 left(const Vec2& v) noexcept { return {-v[1], v[0]}; }
 /// Whether each coordinate is finite and within 1e6 m.
 inline bool is_within_range(const Vec3& x) noexcept {
     return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&

@@ -26,11 +26,6 @@ inline constexpr double same_place_m = 1e-6;
 /// approved and rendered is one curve.
 inline constexpr double max_error_of_radius = 0.01, max_error_m = 1e-4;
 
-/// Row `i` of a table of coordinates [m].
-inline Vec3 row_of(const std::vector<double>& table, std::size_t i) {
-    return {table[3 * i], table[3 * i + 1], table[3 * i + 2]};
-}
-
 /// Where on a piece a point is nearest, as the way from the beginning of the piece, and how far
 /// away the point is [m].
 struct PieceFoot {
@@ -189,9 +184,9 @@ class Walk {
 /// The points, which are certified, and the lines and arcs, which are rendered, are one curve.
 inline void check_one_curve(const Content& content, Findings& findings) {
     if (!content.has_group("/pieces")) return;
-    const Vec3 axis = row_of(content.at("/rendering/ignore_axis").f8, 0);
+    const Vec3 axis = point_at(content.at("/rendering/ignore_axis").f8.data(), 0);
     const auto across = [&](const std::vector<double>& table, std::size_t i) {
-        const Vec3 x = row_of(table, i);
+        const Vec3 x = point_at(table.data(), i);
         return x - dot(axis, x) * axis;
     };
     const std::vector<double>& points = content.at("/points").f8;
@@ -311,7 +306,7 @@ inline void check_registered(const Content& content, Findings& findings) {
     for (std::size_t i = 0; i < residuals.size(); ++i) {
         Vec3 place = columns.back();
         for (std::size_t k = 0; k + 1 < side; ++k) place += source[(side - 1) * i + k] * columns[k];
-        const double residual = norm(place - row_of(target, i));
+        const double residual = norm(place - point_at(target.data(), i));
         worst = std::max(worst, std::abs(residual - residuals[i]));
     }
     findings.require(worst <= same_place_m, "unsafe.registration", "/registration/residuals",
@@ -326,7 +321,8 @@ inline void check_registered(const Content& content, Findings& findings) {
     const std::vector<double>& points = content.at("/points").f8;
     double farthest = 0;
     for (std::size_t i = 0; 3 * i < points.size(); ++i)
-        farthest = std::max(farthest, std::abs(dot(normal, row_of(points, i) - columns[2])));
+        farthest =
+            std::max(farthest, std::abs(dot(normal, point_at(points.data(), i) - columns[2])));
     farthest /= norm(normal);
     findings.require(
         farthest <= same_place_m, "unsafe.registration", "/points",

@@ -161,13 +161,19 @@ inline Content read_sealed(const Seal& seal, View payload, std::uint64_t file_le
     return content;
 }
 
-/// Checks seal, structure and every rule. Throws BundleError.
-inline Bundle read_bundle(View data) {
+/// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
+/// Throws BundleError.
+template <class CheckSeal>
+Bundle read_bundle(View data, const CheckSeal& check_seal) {
     View payload;
     Bundle bundle{{}, unseal(data, payload)};
+    check_seal(bundle.seal);
     Findings findings(true);
     bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
     return bundle;
+}
+inline Bundle read_bundle(View data) {
+    return read_bundle(data, [](const Seal&) {});
 }
 
 /// Every finding of a bundle's bytes; it is sound when none is an error.

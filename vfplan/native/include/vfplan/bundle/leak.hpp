@@ -37,7 +37,7 @@ struct Certificate {
 class PointDistances {
   public:
     explicit PointDistances(const CertifiedShape& shape) : points_(shape.points) {
-        if (!shape.axis.empty()) axis_ = {shape.axis[0], shape.axis[1], shape.axis[2]};
+        if (!shape.axis.empty()) axis_ = point_at(shape.axis.data(), 0);
     }
     [[nodiscard]] double distance(std::size_t i, std::size_t j) const {
         return norm(across(i) - across(j));
@@ -46,8 +46,7 @@ class PointDistances {
   private:
     /// A point without its part along the axis.
     [[nodiscard]] Vec3 across(std::size_t i) const {
-        const double* p = points_.data() + 3 * i;
-        const Vec3 x{p[0], p[1], p[2]};
+        const Vec3 x = point_at(points_.data(), i);
         return x - dot(x, axis_) * axis_;
     }
 

@@ -147,12 +147,7 @@ inline void require_signature(
 
 /// Checks seal and signature, then the rest as read_bundle(data) does. Throws BundleError.
 inline Bundle read_bundle(View data, const Trust& trust) {
-    View payload;
-    Bundle bundle{{}, unseal(data, payload)};
-    require_signature(bundle.seal, trust);
-    Findings findings(true);
-    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
-    return bundle;
+    return read_bundle(data, [&](const Seal& seal) { require_signature(seal, trust); });
 }
 
 /// Reads a bundle that one of the trusted keys signed for its case and robot, and not long ago.

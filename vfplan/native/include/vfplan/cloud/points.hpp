@@ -87,8 +87,7 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
         reject("the cloud has " + std::to_string(n) + " points. Give at most 2^32 - 2.");
     check_coordinates(xyz, n);
     Cloud<S::dimension> cloud(n);
-    for (std::size_t i = 0; i < n; ++i)
-        cloud.set(i, space.project({{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}}));
+    for (std::size_t i = 0; i < n; ++i) cloud.set(i, space.project(point_at(xyz, i)));
     return cloud;
 }
 

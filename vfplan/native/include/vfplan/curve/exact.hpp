@@ -52,10 +52,8 @@ class Curve {
     Curve(const std::vector<Stroke>& strokes, const Slice& plane, double radius) : R_(radius) {
         for (const Stroke& stroke : strokes) {
             std::vector<Vec2> corners(stroke.bulges.size());
-            for (std::size_t i = 0; i < corners.size(); ++i) {
-                const double* v = stroke.vertices.data() + 3 * i;
-                corners[i] = plane.project({{v[0], v[1], v[2]}});
-            }
+            for (std::size_t i = 0; i < corners.size(); ++i)
+                corners[i] = plane.project(point_at(stroke.vertices.data(), i));
             add(corners, stroke);
         }
         features_.shrink_to_fit();

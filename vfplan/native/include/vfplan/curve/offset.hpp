@@ -27,8 +27,6 @@
 
 namespace vfplan::inline v1::curve {
 
-inline Vec2 left(const Vec2& v) noexcept { return {{-v[1], v[0]}}; }
-
 /// a t^2 + b t + c: what of a function of the place is left after the factor 1 + q^2 t^2 > 0.
 struct Quadratic {
     double a, b, c;

@@ -182,7 +182,6 @@ struct PlanarPiece {
     double kappa = 0;                 ///< curvature [1/m], positive to the left
 
     PlanarPiece(const Vec2& from, const Vec2& to, double bulge) noexcept : a(from), b(to) {
-        const auto left = [](const Vec2& v) noexcept { return Vec2{{-v[1], v[0]}}; };
         const double chord = norm(b - a);
         const double share = 1 / (1 + bulge * bulge);
         const Vec2 e = (1 / chord) * (b - a);
@@ -202,9 +201,7 @@ inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
         pieces.emplace_back(a, b, bulge);
         return;
     }
-    const Vec2 chord = b - a;
-    const Vec2 left{{-chord[1], chord[0]}};
-    const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left;
+    const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left(b - a);
     const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
     cut_into_quarters(a, middle, half, pieces);
     cut_into_quarters(middle, b, half, pieces);

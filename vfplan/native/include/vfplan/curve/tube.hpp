@@ -52,9 +52,8 @@ class Path {
     void add(const Stroke& stroke, const Vec3& axis, double longest) {
         std::vector<Vec3> p(stroke.bulges.size());
         for (std::size_t i = 0; i < p.size(); ++i) {
-            const double* v = stroke.vertices.data() + 3 * i;
-            p[i] = Vec3{{v[0], v[1], v[2]}};
-            p[i] = p[i] - dot(axis, p[i]) * axis;
+            const Vec3 x = point_at(stroke.vertices.data(), i);
+            p[i] = x - dot(axis, x) * axis;
         }
         const std::size_t sides = p.size() - (stroke.closed ? 0 : 1);
         double length = 0;

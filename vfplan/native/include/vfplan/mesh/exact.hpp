@@ -68,10 +68,7 @@ class MeshMotion {
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
-    const TriangleQuery& query() const noexcept { return query_; }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
-    /// The radius at which a way out leaves the triangles.
-    double radius() const noexcept { return R_; }
     InsideMesh inside() const noexcept { return {query_, R_}; }
     void begin_tick() noexcept { query_.budget().begin(max_steps); }
     void release() noexcept { planes_.clear(); }
@@ -233,7 +230,6 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
-    static constexpr int max_iterations = MeshMotion::max_iterations;
     static constexpr int max_steps = MeshMotion::max_steps;
     /// How far away the triangles lie at most that a tick looks at [R].
     static constexpr double list_reach = TriangleQuery::reach;

@@ -41,8 +41,7 @@ inline Face face_of(const Surface& s, std::size_t i) noexcept {
 }
 
 inline Vec3 corner_of(const Surface& s, std::uint32_t row) noexcept {
-    const double* p = s.points + 3 * std::size_t{row};
-    return {{p[0], p[1], p[2]}};
+    return point_at(s.points, row);
 }
 
 /// Largest distance [m] of a place in a triangle of these sides from its nearest corner.
@@ -86,8 +85,7 @@ class Refinement {
 
   private:
     Vec3 at(std::int32_t row) const noexcept {
-        const double* p = made_.points.data() + 3 * static_cast<std::size_t>(row);
-        return {{p[0], p[1], p[2]}};
+        return point_at(made_.points.data(), static_cast<std::size_t>(row));
     }
     double length(std::int32_t a, std::int32_t b) const noexcept { return norm(at(b) - at(a)); }
 
