@@ -99,17 +99,8 @@ def with_table(text: str, name: str, lines: str) -> str:
     return text
 
 
-def cpp_number(value: float | None, absent: str) -> str:
-    """A number in C++; `absent` where there is none."""
-    if value is None:
-        return absent
-    return repr(float(value))
-
-
-def cpp_text(text: str | None) -> str:
-    """A text in C++; an empty one where there is none."""
-    if text is None:
-        text = ""
+def cpp_text(text: str) -> str:
+    """A text in C++."""
     return f'"{text}"'
 
 
@@ -119,27 +110,31 @@ def cpp_version(text: str) -> str:
 
 
 def cpp_row(row: Row) -> str:
-    """One line of the table in C++."""
-    shape = [*map(str, row.shape), "", ""]
+    """One line of the table in C++: what differs from the members' defaults."""
+    cells = {"path": cpp_text(row.path), "kind": f"Kind::{row.kind}"}
+    if row.type:
+        cells["type"] = f"Type::{row.type}"
+    if row.required != "optional":
+        cells["required"] = f"Required::{row.required}"
+    if row.shape:
+        cells["shape"] = "{" + ", ".join(cpp_text(str(side)) for side in row.shape) + "}"
+    for name, text in (("unit", row.unit), ("frame", row.frame)):
+        if text:
+            cells[name] = cpp_text(text)
+    if row.allowed:
+        cells["allowed"] = cpp_text("|".join(row.allowed))
     largest = row.max_abs or {}
-    cells = [
-        cpp_text(row.path),
-        f"Kind::{row.kind}",
-        f"Type::{row.type or 'none'}",
-        f"Required::{row.required}",
-        f"{{{cpp_text(shape[0])}, {cpp_text(shape[1])}}}",
-        cpp_text(row.unit),
-        cpp_text(row.frame),
-        cpp_text("|".join(row.allowed or ())),
-        cpp_number(row.min, "-infinity"),
-        cpp_number(row.max, "infinity"),
-        cpp_number(row.above, "-infinity"),
-        cpp_number(largest.get("m"), "infinity"),
-        cpp_number(largest.get("px"), "infinity"),
-        cpp_version(row.since),
-        f"Mark::{row.mark or 'none'}",
-    ]
-    return "    Row{" + ", ".join(cells) + "},"
+    for name, number in (
+        ("min", row.min), ("max", row.max), ("above", row.above),
+        ("max_abs_m", largest.get("m")), ("max_abs_px", largest.get("px")),
+    ):  # fmt: skip
+        if number is not None:
+            cells[name] = str(float(number))
+    if row.since != document()["version"]:
+        cells["since"] = cpp_version(row.since)
+    if row.mark:
+        cells["mark"] = f"Mark::{row.mark}"
+    return "    {" + ", ".join(f".{name} = {text}" for name, text in cells.items()) + "},"
 
 
 def header() -> str:
@@ -159,11 +154,6 @@ def header() -> str:
 // clang-format off
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <string_view>
-
 #include "vfplan/base/vec.hpp"
 #include "vfplan/bundle/bytes.hpp"
 
@@ -175,19 +165,22 @@ enum class Required {{ always, group, rendering, optional }};
 /// What an engine renders, or what is reviewed beside it: a review's digest covers both.
 enum class Mark {{ none, rendered, reviewed }};
 
+inline constexpr Version newest{cpp_version(data["version"])};
+
 /// One thing a bundle may hold; an empty text means that there is none.
 struct Row {{
     std::string_view path;
     Kind kind;
-    Type type;
-    Required required;
-    std::array<std::string_view, 2> shape;  // a number, or the letter of a size
-    std::string_view unit;                  // "@frame", "@source_frame": px in image, else m
-    std::string_view frame;
-    std::string_view allowed;  // separated by |
-    double min, max, above, max_abs_m, max_abs_px;
-    Version since;  // of the format that has it
-    Mark mark;
+    Type type = Type::none;
+    Required required = Required::optional;
+    std::array<std::string_view, 2> shape{{}};  // a number, or the letter of a size
+    std::string_view unit{{}};                  // "@frame", "@source_frame": px in image, else m
+    std::string_view frame{{}};
+    std::string_view allowed{{}};  // separated by |
+    double min = -infinity, max = infinity, above = -infinity;
+    double max_abs_m = infinity, max_abs_px = infinity;
+    Version since = newest;  // of the format that has it
+    Mark mark = Mark::none;
 }};
 
 /// The schema's name of a type.
@@ -204,7 +197,6 @@ struct Size {{
 
 inline constexpr std::string_view format_name = "{data["format"]}";
 inline constexpr std::string_view format_version = "{data["version"]}";
-inline constexpr Version newest{cpp_version(data["version"])};
 
 namespace limits {{
 {newline.join(limits)}
@@ -214,9 +206,9 @@ inline constexpr std::array<Size, {len(data["sizes"])}> sizes{{
 {newline.join(sizes)}
 }};
 
-inline constexpr std::array<Row, {len(rows)}> rows{{
+inline constexpr std::array<Row, {len(rows)}> rows{{{{
 {newline.join(map(cpp_row, rows))}
-}};
+}}}};
 
 }}  // namespace vfplan::bundle
 """

@@ -19,13 +19,9 @@ class Hand {
     Hand(std::span<const double> xyz, double clearance, const std::optional<Vec3>& ignore_axis,
          double seconds)
         : xyz_(xyz), seconds_(seconds) {
-        Vec3 low = point(0), high = low;
-        for (std::size_t i = 0; i < count(); ++i)
-            for (int k = 0; k < 3; ++k) {
-                low[k] = std::min(low[k], point(i)[k]);
-                high[k] = std::max(high[k], point(i)[k]);
-            }
-        outside_ = point(0) + (clearance + norm(high - low)) * across(ignore_axis);
+        vfplan::Box<3> box;
+        for (std::size_t i = 0; i < count(); ++i) box.include(point(i));
+        outside_ = point(0) + (clearance + norm(box.high - box.low)) * across(ignore_axis);
     }
 
     [[nodiscard]] Vec3 start() const { return outside_; }
@@ -44,19 +40,13 @@ class Hand {
     static constexpr double strongest = 15.0;  // [N]
 
     [[nodiscard]] std::size_t count() const { return xyz_.size() / 3; }
-    [[nodiscard]] Vec3 point(std::size_t i) const {
-        return Vec3{{xyz_[3 * i], xyz_[3 * i + 1], xyz_[3 * i + 2]}};
-    }
+    [[nodiscard]] Vec3 point(std::size_t i) const { return vfplan::point_at(xyz_.data(), i); }
     /// A direction that leads out: along an ignored axis the fixture has no outside.
     static Vec3 across(const std::optional<Vec3>& axis) {
         if (!axis) return Vec3{{0, 0, 1}};
-        int k = 0;
-        for (int i = 1; i < 3; ++i)
-            if (std::abs((*axis)[i]) < std::abs((*axis)[k])) k = i;
-        Vec3 out{};
-        out[k] = 1;
-        out = out - dot(out, *axis) * *axis;
-        return (1 / norm(out)) * out;
+        Vec3 side[2];
+        tangent_frame(*axis, side);
+        return side[0];
     }
     [[nodiscard]] Vec3 goal(double t) const {
         const double share = t / seconds_;

@@ -111,6 +111,8 @@ def test_the_marked_rows_are_what_an_engine_reads():
     include = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
     source = (include / "fixture.hpp").read_text()
     source = source[source.index("strokes_of(const Content") : source.index("What `read` gives")]
+    content = (include / "content.hpp").read_text()
+    source += content[content.index("pieces_of(const Content") :]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}
     beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified", "/registration@tool"}
     read |= {path for path in re.findall(r'"(/@?\w+)"', source) if path in FIELDS}

@@ -89,9 +89,3 @@ def test_noise_asks_for_what_a_ball_sinks_into(share):
     found = band(np.pad(points, ((0, 0), (0, 1))), Z)
     print(f"noise {share:.0%}: band {1e6 * found:.0f} um")
     assert found == pytest.approx(typical + 2 * (deep - typical), rel=0.3)
-
-
-def test_a_cloud_that_lies_within_the_proxy_has_a_band_too():
-    points = np.random.default_rng(0).normal(size=(20_000, 3))
-    assert 1e-5 <= band(points, radius=100.0) <= 50.0
-    assert band(np.zeros((20_000, 3))) == 1e-5

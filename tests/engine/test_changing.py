@@ -250,7 +250,7 @@ def test_what_cannot_be_edited_is_refused_and_changes_nothing():
         ([3, 3], None, "each a point that is there, once"),
         (list(range(49)), None, "at least one point"),
         ([0.5], None, "integers"),
-        ([-1], None, "numbers of points"),
+        ([-1], None, "each a point that is there, once"),
         (None, [[np.nan, 0, 0]], "finite"),
         (None, [[0, 0]], r"\(N, 3\)"),
     ):

@@ -11,7 +11,6 @@ from motion import SHEET
 
 import vfplan
 from vfplan.reference import PaperProxy
-from vfplan.scenes import SCENES, Omega
 
 TOLERANCE = 1e-9  # [m]
 SENSITIVE = 1e-10  # a permutation moves the reference by more: left out
@@ -157,37 +156,6 @@ def test_degenerate_states():
             rings += tally.left_out - before
     assert tally.left_out == rings, "only sums that cancel may depend on the order"
     assert tally.left_out <= 0.2 * tally.ticks, (tally.left_out, tally.ticks)
-
-
-@pytest.mark.parametrize("name", ["point", "segment", "sheet", "omega", "teapot", "experiment-2"])
-def test_the_papers_own_scenes(name):
-    """Every state that the native engine passes through, from the reference's side."""
-    scene = Omega(spacing=1e-3 / 5.3) if name == "experiment-2" else SCENES[name]()
-    speed = {"sheet": 1.0, "experiment-2": 1.0}.get(name, 0.4)
-    tally, axis = Tally(), scene.ignore_axis
-    engine = vfplan.ProxyEngine(scene.points, rule="paper", ignore_axis=axis)
-    reference = PaperProxy(scene.points, ignore_axis=axis)
-    shuffled = PaperProxy(np.random.default_rng(1).permutation(scene.points), ignore_axis=axis)
-    for route in scene.routes:
-        hips = scene.path(route, speed=speed)
-        engine.reset(hips[0])
-        proxy = hips[0]
-        for hip in hips:
-            step = engine.step(hip)
-            reference.reset(proxy)
-            expected = reference.step(hip)
-            tally.ticks += 1
-            tally.states[expected.state] += 1
-            if np.linalg.norm(step.proxy - expected.proxy) > TOLERANCE:
-                shuffled.reset(proxy)
-                moved = np.linalg.norm(shuffled.step(hip).proxy - expected.proxy)
-                assert moved > SENSITIVE, (route, proxy, hip)
-                tally.left_out += 1
-            else:
-                tally.same(step, expected, (route, proxy, hip))
-            proxy = step.proxy
-    assert tally.left_out <= 0.01 * tally.ticks
-    assert tally.states[1] > 20
 
 
 def test_a_start_on_a_point_across_an_oblique_axis():

@@ -80,17 +80,6 @@ def test_rests_at_once_in_a_hollow_kink_however_slight(slope):
             assert abs(np.hypot(*(trace.proxy[0] - hip)[:2]) - best) < 1e-7 * R
 
 
-def test_the_checks_find_what_samples_miss():
-    """The same judge of rule "robust" on the curve's samples: it comes nearer than R."""
-    curve = curves.pieces([(np.array([[0.02, 0], [-0.02, 0]]), np.ones(2), True)])
-    points = in_space(curves.samples(curve, 1e-3))
-    engine = vfplan.ProxyEngine(points, contact_radius=R, ignore_axis="z")
-    turn = np.linspace(0, 1, 400)
-    hips = in_space(0.022 * np.column_stack([np.cos(turn), np.sin(turn)]))
-    x = play(engine, hips, [0.03, 0, 0]).proxy[:, :2]
-    assert (R * (1 - 1e-7) - curves.distance(curves.links(curve), x)).max() > 1e-6
-
-
 @pytest.mark.parametrize("inside", [False, True])
 def test_a_ring_is_followed_as_it_is(inside):
     """Outside and in the hollow the rest is the HIP, carried to the ring's offset."""

@@ -208,15 +208,6 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)
 
 
-def test_engines_of_drawn_meshes_are_exchanged_under_the_hand():
-    drawn = replace(meshed(*meshes.box()), sample_radius=6e-4)
-    engine = vfplan.ProxyEngine.of(drawn, "robust")
-    engine.exchange(drawn)
-    assert engine.rule == "exact"
-    engine.exchange(vfplan.ProxyEngine.of(drawn, "robust"))
-    assert engine.rule == "robust"
-
-
 def test_what_sticks_out_of_a_plane_or_its_edge_stays():
     """A spike of no width, a sheet's rounded edge, a dent of a tenth of a micrometre."""
     points = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.02, 0.02, 0], [3e-3, 3e-3, 1e-7]])

@@ -7,12 +7,8 @@ import curves
 import numpy as np
 import pytest
 from motion import grid, play
-from replays import fixture_of
 
 from vfplan import ProxyEngine
-from vfplan.bundle.content import to_content
-from vfplan.bundle.leak import certificate
-from vfplan.errors import SceneError
 from vfplan.stability.cases import ROUNDING_M, breach, energy_balance, random_path
 from vfplan.stability.contacts import Contact, patch
 
@@ -95,11 +91,6 @@ def test_every_rule_keeps_its_promises_on_extreme_geometry(outline, noise, scale
         assert np.abs(back.force[-1] / stiffness).max() <= band + rounding, case
 
 
-def test_a_wall_beyond_1000_km_is_refused():
-    with pytest.raises(SceneError):
-        engine_at(replace(patch(), points=patch().points + 1.1e6))
-
-
 def row(count, spacing):
     x = (np.arange(count) - count // 2) * spacing
     return Contact(np.column_stack([x, 0 * x, 0 * x]), R * UP[0], UP, "z")
@@ -127,11 +118,8 @@ CLOUDS = {
     "cloud of 1 µm": lambda: blob(scattered(100, 1e-6), 1e-6),
     "cloud of 1 km, 1e6 points": lambda: row(1_000_001, 1e-3),
     "one point": lambda: blob(np.zeros((1, 3))),
-    "two points": lambda: blob([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0]]),
     "all points equal": lambda: blob(np.zeros((1000, 3))),
     "every point three times": lambda: blob(np.repeat(tilted(), 3, axis=0), 5e-3),
-    "collinear": lambda: blob(np.linspace([-0.01, 0, -0.003], [0.01, 0, 0.003], 200)),
-    "coplanar": lambda: blob(tilted(), 5e-3),
     "curve, spacing 0.001 R": lambda: row(20_001, 5e-6),
     "sheet, spacing 0.02 R": lambda: sheet(401, 1e-4),
     "sheet, spacing R": lambda: sheet(41, R),
@@ -161,22 +149,12 @@ def cusp():
     return 0.04 * t * t, 0.02 * t**3
 
 
-def spiral():
-    a = np.linspace(2 * np.pi, 8 * np.pi, 2001)  # 11 mm from turn to turn
-    return 11e-3 * a / (2 * np.pi) * np.array([np.cos(a), np.sin(a)])
-
-
-def hairpin():
-    s = np.linspace(0, 0.04, 401)  # its legs 1 mm apart
-    return np.concatenate([s, s[::-1]]), np.repeat([0.0, 1e-3], 401)
-
-
 def needle():
     s = np.linspace(-0.03, 0.03, 301)  # a channel that the proxy does not fit
     return np.tile(s, 2), np.repeat([-4.95e-3, 4.95e-3], 301)
 
 
-@pytest.mark.parametrize("curve", [cusp, spiral, hairpin, needle])
+@pytest.mark.parametrize("curve", [cusp, needle])
 def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     """Met along the whole curve and across it."""
     x, y = curve()
@@ -188,12 +166,6 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     at = np.linspace(0, len(way) - 1, 40 * len(way))
     hips = np.column_stack([np.interp(at, np.arange(len(way)), c) for c in np.transpose(way)])
     assert breach(place, engine, engine.run(hips)) <= ROUNDING_M
-
-
-@pytest.mark.parametrize(("spacing", "holds"), [(2.1 * R, False), (1.9 * R, True)])
-def test_the_bundles_certificate_tells_a_curve_that_leaks(spacing, holds):
-    fixture = fixture_of(np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]))
-    assert certificate(to_content(fixture))["/leak@certified"] == holds
 
 
 @pytest.mark.parametrize("settings", [

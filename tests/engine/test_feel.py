@@ -16,16 +16,6 @@ def test_the_closed_form_is_what_a_god_object_slides_to():
         assert slid == pytest.approx(EXACT[some], abs=1e-9)
 
 
-def test_the_hand_presses_slides_and_trembles_as_it_says():
-    deep = np.linalg.norm(EXACT - HIPS, axis=1)
-    assert 7e-3 < deep.max() < feel.DEEPEST_M + 4 * feel.TREMOR_M
-    assert (deep > 0).mean() > 0.9
-    speed = np.linalg.norm(np.diff(HIPS, axis=0), axis=1) * feel.RATE_HZ
-    assert 0.05 < speed.max() < 0.3
-    fast = np.abs(np.fft.rfft(np.diff(HIPS[:, 1], 2)))
-    assert 8 <= np.fft.rfftfreq(len(HIPS) - 2, 1e-3)[np.argmax(fast)] <= 12
-
-
 def test_force_steps_are_counted_where_the_exact_proxy_makes_none():
     proxy = EXACT.copy()
     proxy[500:, 0] += 0.7e-3

@@ -112,30 +112,6 @@ def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
     assert told == {}
 
 
-@pytest.mark.parametrize("has_poses", [False, True])
-@pytest.mark.parametrize("case", ["good", "stuck", "back 100 s", "one tick back"])
-def test_a_bad_clock_is_stale(case, has_poses):
-    times = {"good": lambda k: 100 + k * T, "stuck": lambda k: 100.0, "back 100 s": lambda k: k * T,
-        "one tick back": lambda k: 100 + (48 if k == 50 else k) * T}[case]  # fmt: skip
-    e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
-    hip = [0, 0, 3e-3]
-    f.pose(100.0, np.eye(4))
-    e.reset([0, 0, 8e-3])
-    assert f.step(e, 100.0, [0, 0, 8e-3]).status == 0
-    stale = 0
-    for k in range(1, 100):
-        if has_poses and k % 10 == 0:
-            f.pose(100 + k * T, np.eye(4))
-        s = f.step(e, times(k), hip)
-        assert s.force == pytest.approx([0, 0, 2.0], abs=0.1)
-        assert bool(s.status & Status.STALE) == f.stale
-        stale += f.stale
-    assert stale == BAD_TICKS[case]
-    for bad in (np.nan, np.inf):
-        with pytest.raises(SceneError, match="time"):
-            f.step(e, bad, hip)
-
-
 def test_looking_at_the_frame_before_the_step_is_no_bad_clock():
     e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame()
     f.pose(0.0, np.eye(4))

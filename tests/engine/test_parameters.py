@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from motion import grid
 
-from vfplan import ProxyEngine, ProxyParameters, _core
+from vfplan import ProxyEngine, ProxyParameters
 from vfplan.engine.parameters import PAPER_BAND, check_points
 from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError, VfplanError
@@ -33,19 +33,13 @@ def test_frozen_in_every_part():
             array[0] = 1.0
 
 
-SHEET_BAND, ROW_BAND = (5e-3 - np.sqrt(25e-6 - square / 4) for square in (2e-6, 1e-6))
 # Points, settings, the band, and to which share of itself.
 BANDS = {
     "dimple of experiment one": (square(0.5e-3), {}, (5 - np.sqrt(25 - 0.125)) * 1e-3, 1e-6),
     "the paper's rule": (square(0.5e-3), {"rule": "paper"}, PAPER_BAND, 0),
-    "a dimple of 0.5 um": (square(0.1e-3), {}, PAPER_BAND, 0),
-    # A sheet seen along x is a row of points: stacked ones count once.
-    "plane": (square(1e-3), {"ignore_axis": "x"}, ROW_BAND, 1e-8),
     "at most half": (square(8e-3), {"contact_radius": 1e-3, "point_radius": 10e-3}, 0.5e-3, 0),
     # 1e-8 R is more than the paper's 10 µm.
     "points of 1 km": (POINT, {"point_radius": 1e3}, 1e-8 * (5e-3 + 1e3), 0),
-    "scale 1": (square(1e-3), {"contact_radius": 5e-3}, SHEET_BAND, 1e-9),
-    "scale 1000": (square(1.0), {"contact_radius": 5.0}, 1e3 * SHEET_BAND, 1e-9),
 }
 
 
@@ -97,13 +91,6 @@ def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
         make(far, band=2.2e-6)
     make(far, band=2.3e-6)
     make(far)
-
-
-def test_the_native_engine_refuses_it_too():
-    far = np.array([[0.0, -1e6, 1.0]])
-    with pytest.raises(ValueError, match="largest coordinate"):
-        _core.Engine(far, _core.Parameters(band=2.2e-6), 0)
-    _core.Engine(far, _core.Parameters(band=2.3e-6), 0)
 
 
 def test_the_ends_of_the_ranges_are_taken():

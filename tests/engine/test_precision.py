@@ -9,7 +9,6 @@ One ulp here is that of R, 8.7e-19 m at 5 mm: positions are of that size.
 
 from decimal import Decimal, localcontext
 
-import mpmath
 import numpy as np
 import pytest
 from motion import R, play
@@ -107,21 +106,6 @@ def test_a_tick_is_right_to_some_ulps(ulps, most):
     found = [*ulps(np.random.default_rng(5))]
     assert len(found) >= COUNT
     assert max(found) <= most
-
-
-def test_ticks_agree_with_mpmath():
-    """The tick of `paper_tick` in mpmath: another arithmetic than decimal's."""
-    rng, worst = np.random.default_rng(4), 0.0
-    with mpmath.workdps(40):
-        for _ in range(100):
-            points = rng.normal(size=(8, 3))
-            points *= 5e-3 * rng.choice([0.9, 1.0, 1.3], (8, 1)) / _norms(points)
-            hip, engine = rng.normal(size=3) * 3e-3, ProxyEngine(points, rule="paper")
-            found = play(engine, [hip], np.zeros(3)).proxy[0]
-            state = (_exact(x, mpmath.mpf) for x in (points, np.zeros(3), hip))
-            tick = paper_tick(*state, engine.parameters, mpmath.mpf)
-            worst = max(worst, np.abs(_exact(found, mpmath.mpf) - tick).max())
-    assert worst < 200 * np.spacing(5e-3)
 
 
 def _random_states(rng):

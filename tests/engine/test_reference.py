@@ -107,14 +107,6 @@ def test_normal_by_hand_from_two_points():
     assert found == pytest.approx(expected, abs=1e-15)
 
 
-def test_wendland_is_one_inside_zero_outside_and_falls_between():
-    r = np.linspace(0, 12e-3, 2000)
-    phi = reference.wendland(r, PAR.r1, PAR.outer_radius)
-    assert np.all(phi[r <= PAR.r1] == 1)
-    assert np.all(phi[r >= PAR.outer_radius] == 0)
-    assert np.all(np.diff(phi) <= 0)
-
-
 def test_cancelling_normals_and_coincident_points_give_none():
     pair = np.array([[4e-3, 0, 0], [-4e-3, 0, 0]])
     step = tick([0, 0, 0], [0, 1e-3, 0], points=pair)

@@ -44,11 +44,6 @@ def walked(tree, start, hip, radius) -> np.ndarray:
 
 def thick_line(rng) -> np.ndarray:
     """A random smooth line, about 3 pixels thick, every pixel a point; slightly sheared."""
-    return drawn(rng)[0]
-
-
-def drawn(rng) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels of such a line, and the line."""
     bend = np.convolve(np.cumsum(rng.normal(size=400)), np.ones(25) / 25, "same")
     bend /= np.abs(bend).max() * R * rng.uniform(0.7, 3)
     turn = np.cumsum(bend) * 0.15e-3 + rng.uniform(0, 2 * np.pi)
@@ -58,7 +53,7 @@ def drawn(rng) -> tuple[np.ndarray, np.ndarray]:
     line -= line.mean(axis=0)
     near = cKDTree(line).query(pixels)[0] <= 1.5 * PIXEL
     shear = (np.eye(2) + rng.normal(0, 0.05, (2, 2))).T
-    return pixels[near] @ shear, line @ shear
+    return pixels[near] @ shear
 
 
 def profile(rng, h) -> np.ndarray:
@@ -160,22 +155,6 @@ def pixels_of_the_sample():
     return fixture, points, session.hip
 
 
-def test_the_mask_of_the_sample_never_holds_it():
-    """A whole session over the 2204 pixels; at every 20th tick in contact no way on is left."""
-    fixture, points, hips = pixels_of_the_sample()
-    axis = fixture.rendering.ignore_axis
-    engine = vfplan.ProxyEngine(points, ignore_axis=axis, band=fixture.rendering.band)
-    trace, plane = play(engine, hips), np.linalg.svd(axis[None])[2][1:].T
-    tree, radius = cKDTree(points @ plane), engine.parameters.r1
-    at, over = np.flatnonzero(trace.state == 1)[::20], []
-    for proxy, hip in zip(trace.proxy[at] @ plane, hips[at] @ plane, strict=True):
-        end = walked(tree, proxy, hip, radius)
-        over.append(np.linalg.norm(proxy - hip) - np.linalg.norm(end - hip))
-    print("sample's mask: most a tick could go on [um]", 1e6 * max(over), "of", len(over))
-    assert len(over) > 100
-    assert max(over) <= 4.2 * engine.parameters.band
-
-
 def test_the_mask_of_the_sample_is_felt_as_its_line():
     """At it and six copies moved by 0.1 nm, at every tick: the proxy is as near to the HIP as the
     exact one of the drawn line, the pen's half width further off, and near that one."""
@@ -254,17 +233,6 @@ def dent(rng):
     return points, np.array([0, 0, 2 * R]), np.append(rng.uniform(-R, R, 2), -R * rng.uniform(0, 3))
 
 
-def flat(make, kind):
-    """A cloud in the plane, and a goal behind it."""
-
-    def cloud(rng):
-        points = make(rng)
-        start, hip = outside(rng, points, cKDTree(points), kind), goal(rng, points, kind)
-        return tuple(np.pad(x, ((0, 0),) * (x.ndim - 1) + ((0, 1),)) for x in (points, start, hip))
-
-    return cloud
-
-
 def edge(rng):
     """Over the edge of a wedge."""
     scene = vfplan.scenes.Wedge(spacing=0.8e-3, extrude=0.02)
@@ -273,19 +241,9 @@ def edge(rng):
     return scene.points, hips[0], hips[at] + rng.normal(0, 1e-3, 3)
 
 
-def three_walls(rng):
-    """Into a three-way corner, whose samples are 10 µm off."""
-    points = vfplan.scenes.ThreeWalls(side=0.03).points
-    points = points + rng.normal(0, 1e-5, points.shape)
-    far = -rng.uniform(0.2, 1, 3) * rng.choice([1e-3, 1e-2])
-    return points, np.array([12e-3, 11e-3, 10e-3]), far
-
-
 # Clouds, and cases in which a proxy without regard to the noise wandered by 0.1 to 8 bands.
 TREMBLING = {"dust": (dust, [4, 11, 18, 25]), "ball": (ball, [5, 19, 26]),
-    "dent": (dent, [7, 18, 33]), "thick line": (flat(thick_line, "thick line"), [26]),
-    "hollow": (flat(hollow, "hollow"), [11]), "edge": (edge, [5, 6, 7, 8, 24]),
-    "three walls": (three_walls, [])}  # fmt: skip
+    "dent": (dent, [7, 18, 33]), "edge": (edge, [5, 6, 7, 8, 24])}  # fmt: skip
 
 
 def trembled(make, seed, share):
@@ -294,48 +252,29 @@ def trembled(make, seed, share):
     """
     rng = np.random.default_rng(seed)
     points, start, hip = make(rng)
-    flat = not points[:, 2].any()
-    engine = vfplan.ProxyEngine(points, ignore_axis="z" if flat else None)
+    engine = vfplan.ProxyEngine(points)
     band = engine.parameters.band
     play(engine, np.linspace(start, hip, max(2, int(np.linalg.norm(hip - start) / 2e-4))))
-    hips = hip + share * band * rng.uniform(-1, 1, (1200, 3)) * ([1, 1, 0] if flat else 1)
+    hips = hip + share * band * rng.uniform(-1, 1, (1200, 3))
     proxy = engine.run(hips).proxy[1000:]
     if np.linalg.norm(proxy - hips[1000:], axis=1).min() < 1e-4:
         return None
     away = [np.linalg.norm(x - np.median(x, axis=0), axis=1).max() for x in (proxy, hips[1000:])]
-    more = make is TREMBLING["thick line"][0] and away[0] > 2.5 * away[1]
-    allowed = 1.1 * lever(seed, np.median(proxy, axis=0), hip) if more else 2.5
-    return *(np.array(away) / band), allowed
-
-
-def lever(seed, rest, hip) -> float:
-    """Of a drawn line, how far the place goes that is nearest to a HIP, near the rest, on the curve
-    beside the line, for each 20 um that the HIP goes to the worst side."""
-    from scipy.interpolate import make_interp_spline
-
-    _, line = drawn(np.random.default_rng(seed))
-    line = make_interp_spline(np.arange(0, len(line), 10), line[::10])(np.linspace(0, 390, 100_000))
-    way = np.gradient(line, axis=0)
-    left = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1)[:, None]
-    beside = np.vstack([line + side * (R + 1.25 * PIXEL) * left for side in (-1, 1)])
-    here = cKDTree(beside[np.linalg.norm(beside - rest[:2], axis=1) < 4e-3])
-    hips = hip[:2] + 20e-6 * ways(2)
-    nearest = here.data[here.query(hips)[1]] - here.data[here.query(hip[:2])[1]]
-    return np.linalg.norm(nearest, axis=1).max() / 20e-6
+    return np.array(away) / band
 
 
 @pytest.mark.parametrize("kind", TREMBLING)
 def test_a_trembling_hip_does_not_keep_it_moving(kind):
     """Noise of a sensor, up to a band: within a second the proxy moves no further than the HIP,
-    but for the lever of an edge close to the HIP, 2.5 at most here, or that of the drawn line."""
+    but for the lever of an edge close to the HIP, 2.5 at most here."""
     make, seeds = TREMBLING[kind]
     for share in (1e-3, 1e-2, 0.1, 1):
         found = [trembled(make, seed, share) for seed in [*seeds, *range(4)]]
         found = np.array([f for f in found if f is not None])
-        proxy, hip, _ = found.max(axis=0)
+        proxy, hip = found.max(axis=0)
         print(f"{kind}, noise {share:g} b: HIP within {hip:.4f} b, proxy within {proxy:.4f} b")
         assert len(found) >= 3
-        assert np.all(found[:, 0] <= found[:, 2] * found[:, 1])
+        assert np.all(found[:, 0] <= 2.5 * found[:, 1])
 
 
 def test_a_slow_drift_is_followed():

@@ -95,15 +95,3 @@ def test_no_tick_of_a_valid_bundle_takes_longer_than_its_bound(tmp_path):
     assert (~taken).sum() > 10
     assert worst[taken].max() < MOST_US
     assert ratio.min() >= 1
-
-
-@pytest.mark.full
-def test_walls_in_layers_fit_into_a_tick(tmp_path):
-    """Three of them, 0.25 mm from point to point."""
-    at = np.arange(-60, 61) * 2.5e-4
-    walls = [grid(at, at, z) for z in (0, 2e-3, 4e-3)]
-    rendering = Rendering(np.full(3, 1000.0), 5e-3, 1e-5)
-    fixture = replace(bundles.small(), points=np.vstack(walls), rendering=rendering)
-    vfplan.write_fixture(fixture, tmp_path / "1.h5")
-    robust = measured(tmp_path, 20_000)[0]
-    assert robust[3] < robust[2] < MOST_US

@@ -15,6 +15,7 @@
 #include <iostream>
 #include <string>
 
+#include "vfplan/bundle/hdf5.hpp"
 #include "vfplan/bundle/trust.hpp"
 
 namespace {

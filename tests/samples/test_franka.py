@@ -72,22 +72,6 @@ def test_the_governor_keeps_the_arm_from_stopping():
     assert all(run["force_step_n"] > 3 for run in held)
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("scene", ["it moves", "it is exchanged", "it is edited", "all three"])
-def test_nothing_that_moves_or_changes_stops_the_arm(scene):
-    """Neither governed nor raw: the pace alone holds it."""
-    raw, held = runs(scene)
-    assert [run["error"] for run in raw + held] == [None] * 3
-    assert all(run["force_max_n"] > 2 for run in held)
-
-
-@pytest.mark.full
-def test_a_new_engine_and_a_reset_do():
-    raw, held = runs("a new engine and a reset")
-    assert "controller_torque_discontinuity" in raw[0]["error"]
-    assert [run["error"] for run in held] == [None, None]
-
-
 @pytest.fixture
 def simulator():
     """The address of an arm's simulator, as docs/howto/franka.md starts it."""
@@ -275,20 +259,6 @@ def press_until_tick_5(loop, then):
 def fades(torques, ticks):
     """Whether torques pressed in tick 4, and ended with none before that many ticks."""
     return 6 <= len(torques) < ticks and torques[4].any() and not torques[-1].any()
-
-
-@pytest.mark.parametrize("governed", [True, False])
-def test_a_bad_position_ends_the_loop_and_its_torque(governed, loop, call, tmp_path):
-    """The tip presses, and from tick 5 on its position is not a number."""
-
-    def lose():
-        loop.arm.state.O_T_EE[12] = float("nan")
-
-    press_until_tick_5(loop, lose)
-    words = [] if governed else ["--no-governor"]
-    said, torques = call(stored(tmp_path, bundles.small()), *SHORT, *words, code=1)
-    assert "In tick 5 the arm's position was not finite" in said
-    assert fades(torques, 20)
 
 
 def test_a_bad_bundle_is_told_before_a_missing_binding(call, monkeypatch, tmp_path):

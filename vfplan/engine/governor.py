@@ -258,7 +258,7 @@ class Governor:
 def torque_limits(name: str, values: float | ArrayLike | None) -> Vector | None:
     """Limits of torques [N·m], () for all joints or (n,); `None`: no limit.
 
-    Raises `SettingError` for another shape, and for a limit that is not above 0.
+    Raises `SettingError` for another shape.
     """
     if values is None:
         return None
@@ -268,8 +268,6 @@ def torque_limits(name: str, values: float | ArrayLike | None) -> Vector | None:
             f"{name} has shape {limits.shape}. Give one number, or one for each of at most "
             f"{_core.most_joints} joints."
         )
-    for limit in limits.ravel().tolist():
-        number(name, limit, "N·m", above=0.0)
     return limits
 
 

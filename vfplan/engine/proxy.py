@@ -622,11 +622,8 @@ def check_edit(
             f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of the "
             "points as (n,) integers."
         )
-    if removed.size > 0 and (removed.min() < 0 or removed.max() >= 2**32):
-        raise SceneError(
-            f"remove holds {removed.min()} to {removed.max()}. Give numbers of points, which begin "
-            "with 0."
-        )
+    # The core refuses the number that no point has.
+    removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
     is_empty = add is None or np.size(add) == 0
     added = np.empty((0, 3)) if is_empty else check_points(add)
-    return np.ascontiguousarray(removed, dtype=np.uint32), added
+    return removed.astype(np.uint32), added

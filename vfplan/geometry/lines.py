@@ -8,7 +8,6 @@ tolerance: each smooth run by pairs of arcs that meet with one tangent (Bolton, 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,8 +15,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.errors import CurveError
-from vfplan.geometry import ROUNDING
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -226,8 +225,6 @@ PLACES_A_STEP = 8
 ISOLATED = 2.0
 # Smallest turn of a corner over the median turn. Of 10^4 normal deviates the largest is 5.8.
 OUTSTANDING = 6.0
-# Number of positions whose distance is computed together. They lie close to each other.
-POSITIONS_AT_ONCE = 16 * PLACES_A_STEP
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,102 +249,18 @@ class Arcs:
     error: float
 
     def distance(self, x: Array) -> Array:
-        """(T,) distance of the positions x (T, 2) from the pieces.
-
-        It is fast where positions that follow each other in x lie close together.
-        """
-        # A dot is a line of no length.
-        count = len(self.vertices) if self.closed else max(1, len(self.vertices) - 1)
-        start = self.vertices[:count]
-        stop = np.roll(self.vertices, -1, axis=0)[:count]
-        # Each piece lies in a ball around the middle of its chord.
-        middle = (start + stop) / 2
-        radius = np.hypot(*(stop - start).T) / 2
-        nearest = np.full(len(x), np.inf)
-        for first in range(0, len(x), POSITIONS_AT_ONCE):
-            part = x[first : first + POSITIONS_AT_ONCE]
-            reach = np.hypot(*(part - part[0]).T).max()
-            to_middle = np.hypot(*(middle - part[0]).T)
-            may_be_nearest = to_middle - radius - 2 * reach <= (to_middle + radius).min()
-            near = np.flatnonzero(may_be_nearest)
-            distance = _distance(start[near], stop[near], self.bulges[near], part)
-            nearest[first : first + POSITIONS_AT_ONCE] = distance
-        return nearest
+        """(T,) distance of the positions x (T, 2) from the pieces."""
+        arrays = (np.ascontiguousarray(a, float) for a in (self.vertices, self.bulges))
+        return _core.distance_to_arcs(*arrays, self.closed, np.ascontiguousarray(x, float))
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothRun:
-    """A part of a curve without corners: (D, 2) places on it, and the unit tangents there."""
-
-    places: Array
-    tangents: Array
-
-    @classmethod
-    def through(cls, points: Array, periodic: bool) -> SmoothRun:
-        """The run along the cubic spline through (M, 2) points."""
-        spline = spline_through(points, periodic and len(points) > 3)
-        t = np.linspace(0, len(points) - 1, PLACES_A_STEP * (len(points) - 1) + 1)
-        velocity = spline(t, 1)
-        return cls(spline(t), velocity / np.linalg.norm(velocity, axis=1)[:, None])
-
-    def biarc(self, first: int, last: int) -> tuple[Array, float, float]:
-        """Joint and bulges of the two arcs from one of its places to another.
-
-        Of equal tangent lengths d: |q - d s - p - d t| = 2 d, from p with tangent t to q with
-        tangent s.
-        """
-        # Numbers of Python: NumPy takes ten times as long for a single one.
-        (pu, pv), (tu, tv) = self.places[first].tolist(), self.tangents[first].tolist()
-        (qu, qv), (su, sv) = self.places[last].tolist(), self.tangents[last].tolist()
-        cu, cv = qu - pu, qv - pv
-        a = 2 * (1 - tu * su - tv * sv)
-        b = cu * (tu + su) + cv * (tv + sv)
-        c = cu * cu + cv * cv
-        d = c / (b + math.sqrt(max(b * b + a * c, 0.0)) + 1e-300)
-        ju, jv = (pu + qu + d * (tu - su)) / 2, (pv + qv + d * (tv - sv)) / 2
-        bulge = _bulge(tu, tv, ju - pu, jv - pv)
-        return np.array([ju, jv]), bulge, -_bulge(-su, -sv, ju - qu, jv - qv)
-
-    def error(self, first: int, last: int) -> float:
-        """The largest distance of its places from the two arcs; infinite beyond a half circle."""
-        joint, bulge, next_bulge = self.biarc(first, last)
-        if max(abs(bulge), abs(next_bulge)) > 1:
-            return np.inf
-        ends = np.array([self.places[first], joint, self.places[last]])
-        x = self.places[first + 1 : last]
-        return float(_distance(ends[:2], ends[1:], np.array([bulge, next_bulge]), x).max())
-
-    def longest_pair(self, first: int, step: int, tolerance: float) -> tuple[int, float]:
-        """The last place of the longest pair of arcs from `first` within the tolerance; its error.
-
-        `step` places are tried at the beginning, then twice as many each time, then half-way
-        between what fits and what does not.
-        """
-        end = len(self.places) - 1
-        fits, fails, error = first + 1, end + 1, 0.0
-        last = min(first + max(step, 2), end)
-        while fails - fits > 1:
-            tried = self.error(first, last)
-            if tried <= tolerance:
-                fits, error = last, tried
-            else:
-                fails = last
-            last = (fits + fails) // 2 if fails <= end else min(2 * fits - first, end)
-        return fits, error
-
-    def arcs(self, tolerance: float) -> tuple[Array, Array, float]:
-        """Vertices (K + 1, 2) and bulges (K,) along the run, and their error."""
-        vertices = [self.places[0]]
-        bulges = []
-        first, step, error = 0, PLACES_A_STEP, 0.0
-        while first < len(self.places) - 1:
-            last, pair_error = self.longest_pair(first, step, tolerance)
-            joint, bulge, next_bulge = self.biarc(first, last)
-            vertices += [joint, self.places[last]]
-            bulges += [bulge, next_bulge]
-            error = max(error, pair_error)
-            first, step = last, last - first
-        return np.array(vertices), np.clip(bulges, -1, 1), error
+def smooth_arcs(points: Array, periodic: bool, tolerance: float) -> tuple[Array, Array, float]:
+    """Vertices (K + 1, 2), bulges (K,) and error of arcs along a run of points without corners."""
+    spline = spline_through(points, periodic and len(points) > 3)
+    t = np.linspace(0, len(points) - 1, PLACES_A_STEP * (len(points) - 1) + 1)
+    velocity = spline(t, 1)
+    tangents = velocity / np.linalg.norm(velocity, axis=1)[:, None]
+    return _core.arcs_along(spline(t), tangents, tolerance, PLACES_A_STEP)
 
 
 def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
@@ -378,7 +291,7 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
             code="points-coincide",
             numbers={"index": index, "points": len(points)},
         )
-    runs_of_arcs = [run.arcs(tolerance) for run in smooth_runs(points, closed, tolerance)]
+    runs_of_arcs = smooth_runs(points, closed, tolerance)
     vertices = [run_vertices[:-1] for run_vertices, _, _ in runs_of_arcs]
     bulges = [run_bulges for _, run_bulges, _ in runs_of_arcs]
     error = max(run_error for _, _, run_error in runs_of_arcs)
@@ -421,8 +334,8 @@ def plane(axis: Array) -> Array:
     return np.stack([first, np.cross(axis, first)])
 
 
-def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[SmoothRun]:
-    """The runs from corner to corner; a closed curve begins at one, if it has any."""
+def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[tuple[Array, Array, float]]:
+    """The arcs of the runs from corner to corner; a closed curve begins at one, if it has any."""
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:
@@ -431,42 +344,4 @@ def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[SmoothRun
         points = np.vstack([points, points[:1]])
         corners = corners - first
     cuts = np.unique([0, *corners, len(points) - 1])
-    return [SmoothRun.through(points[i : j + 1], periodic) for i, j in pairwise(cuts)]
-
-
-def _bulge(tu: float, tv: float, cu: float, cv: float) -> float:
-    """The bulge of the arc that leaves along the tangent t and ends at the chord's end c."""
-    half = math.atan2(tu * cv - tv * cu, tu * cu + tv * cv)
-    bulge = math.tan(min(max(half, -3.1), 3.1) / 2)
-    if abs(bulge) <= ROUNDING:
-        return 0.0
-    return bulge
-
-
-def _distance(a: Array, b: Array, bulge: Array, x: Array) -> Array:
-    """(T,) distance of x (T, 2) from the nearest of K lines and arcs of a half circle at most.
-
-    They lead from a (K, 2) to b (K, 2). With w = x - a: G = κ |w|²/2 - n·w and |grad G| = 1 + κ d,
-    so d = 2 G / (1 + |grad G|).
-    """
-    cu, cv = (b - a).T[:, :, None]
-    length = np.hypot(cu, cv)
-    along_u, along_v = np.array([cu, cv]) / np.where(length > 0, length, 1)
-    square = bulge[:, None] ** 2
-    cos, sin = (1 - square) / (1 + square), 2 * bulge[:, None] / (1 + square)
-    kappa = 2 * sin / np.where(length > 0, length, 1)
-    nu, nv = sin * along_u - cos * along_v, cos * along_u + sin * along_v
-    wu, wv = x.T[:, None, :] - a.T[:, :, None]
-    to_b_u, to_b_v = wu - cu, wv - cv
-
-    # Beyond the tangents at the ends, the nearer end is nearest.
-    is_behind_start = nv * wu - nu * wv < 0
-    to_u, to_v = cos * along_u - sin * along_v, cos * along_v + sin * along_u
-    is_past_stop = to_u * to_b_u + to_v * to_b_v > 0
-    squares = wu * wu + wv * wv
-    to_ends = np.sqrt(np.minimum(squares, to_b_u * to_b_u + to_b_v * to_b_v))
-    level = kappa * squares / 2 - nu * wu - nv * wv
-    gradient = np.hypot(kappa * wu - nu, kappa * wv - nv)
-    to_circle = 2 * np.abs(level) / (1 + gradient)
-    is_beyond = is_behind_start | is_past_stop | (length == 0)
-    return np.where(is_beyond, to_ends, to_circle).min(axis=0)
+    return [smooth_arcs(points[i : j + 1], periodic, tolerance) for i, j in pairwise(cuts)]

@@ -15,13 +15,13 @@ void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
 void bind_picture(nb::module_& m);
 void bind_controller(nb::module_& m);
+void bind_arcs(nb::module_& m);
 
 namespace {
 
 using vfplan::Parameters;
 
 using Numbers32 = nb::ndarray<const std::uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 
 vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
@@ -99,7 +99,7 @@ nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const
         const vfplan::curve::Curve curve(all, space, 1);
         const double* x = points.data();
         for (std::size_t i = 0; i < n; ++i)
-            out.data()[i] = curve.distance(space.project({{x[3 * i], x[3 * i + 1], x[3 * i + 2]}}));
+            out.data()[i] = curve.distance(space.project(vfplan::point_at(x, i)));
     }
     return nb::cast(out);
 }
@@ -112,8 +112,7 @@ nb::object distance(Engine& engine, const Rows& points) {
     const double* x = points.data();
     {
         nb::gil_scoped_release release;
-        for (std::size_t i = 0; i < n; ++i)
-            d[i] = engine.distance({{x[3 * i], x[3 * i + 1], x[3 * i + 2]}});
+        for (std::size_t i = 0; i < n; ++i) d[i] = engine.distance(vfplan::point_at(x, i));
     }
     return nb::cast(out);
 }
@@ -353,4 +352,5 @@ NB_MODULE(_core, m) {
     bind_bundle(m);
     bind_picture(m);
     bind_controller(m);
+    bind_arcs(m);
 }

@@ -5,9 +5,6 @@
 //
 // A page fills what `array` gives, calls `make`, then `step` for each tick, and reads the answer
 // where `step` points to. Arrays that no engine takes end the module with a message on stderr.
-#include <cstdint>
-#include <memory>
-#include <vector>
 
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"

@@ -1,24 +1,15 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of the bundle's reader. No logic here.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include <cstdint>
-#include <memory>
-#include <optional>
 #include <span>
-#include <stdexcept>
-#include <utility>
 
+#include "numpy.hpp"
 #include "vfplan/bundle/fixture.hpp"
 
-namespace nb = nanobind;
 namespace vb = vfplan::bundle;
-using namespace nb::literals;
 
 namespace {
 
@@ -77,12 +68,6 @@ struct Sealed {
     vb::Seal seal;
 };
 
-using Coordinates = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Axis = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
-using Numbers = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Corners = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-
 template <class Array>
 auto values(const std::optional<Array>& array) {
     using T = typename Array::Scalar;
@@ -91,18 +76,16 @@ auto values(const std::optional<Array>& array) {
 
 /// Throws std::invalid_argument unless all numbers name one of `count` things.
 void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
-    for (const std::int32_t number : numbers) {
-        if (number < 0 || static_cast<std::size_t>(number) >= count) {
+    for (const std::int32_t number : numbers)
+        if (number < 0 || static_cast<std::size_t>(number) >= count)
             throw std::invalid_argument("vfplan: a number of a point or a stroke is not there");
-        }
-    }
 }
 
 /// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
 /// back, and the points around the largest opening.
-nb::tuple certificate(const Coordinates& points, const std::optional<Axis>& axis, double reach,
-                      const std::optional<Numbers>& stroke, const std::optional<Flags>& closed,
-                      const std::optional<Corners>& triangles,
+nb::tuple certificate(const Rows& points, const std::optional<Row>& axis, double reach,
+                      const std::optional<Ids>& stroke, const std::optional<Flags>& closed,
+                      const std::optional<Triples>& triangles,
                       std::optional<double> sample_radius) {
     vb::detail::CertifiedShape shape;
     shape.points = {points.data(), points.size()};
@@ -116,9 +99,8 @@ nb::tuple certificate(const Coordinates& points, const std::optional<Axis>& axis
         nb::gil_scoped_release release;
         check_numbers(shape.triangles, points.shape(0));
         check_numbers(shape.stroke, shape.closed.size());
-        if (!shape.stroke.empty() && shape.stroke.size() != points.shape(0)) {
+        if (!shape.stroke.empty() && shape.stroke.size() != points.shape(0))
             throw std::invalid_argument("vfplan: each point needs the number of its stroke");
-        }
         made = vb::detail::certify(shape, reach);
     }
     return nb::make_tuple(made.kind, made.largest, made.limit, made.holds, made.rows);

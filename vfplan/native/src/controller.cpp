@@ -9,7 +9,6 @@
 
 namespace {
 
-using Jacobian = nb::ndarray<const double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
 namespace vb = vfplan::bundle;
 
 struct Controller : vfplan::Controller {

@@ -9,7 +9,6 @@ namespace {
 
 using Joints = nb::ndarray<const double, nb::shape<vfplan::GovernorLimits::max_joints>,
                            nb::c_contig, nb::device::cpu>;
-using Jacobian = nb::ndarray<const double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
 using Jacobians = nb::ndarray<const double, nb::shape<-1, 3, -1>, nb::c_contig, nb::device::cpu>;
 
 nb::tuple answer(const vfplan::Governed& g) {

@@ -29,8 +29,7 @@ nb::tuple guided(const Rows& hips, F&& tick) {
         nb::gil_scoped_release release;
         const double* h = hips.data();
         for (std::size_t i = 0; i < n; ++i) {
-            const vfplan::GuideStep s =
-                tick(i, vfplan::Vec3{{h[3 * i], h[3 * i + 1], h[3 * i + 2]}});
+            const vfplan::GuideStep s = tick(i, vfplan::point_at(h, i));
             std::memcpy(proxy.data() + 3 * i, s.proxy.c, sizeof s.proxy.c);
             std::memcpy(force.data() + 3 * i, s.force.c, sizeof s.force.c);
             arc.data()[i] = s.arc;

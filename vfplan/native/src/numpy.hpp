@@ -9,9 +9,7 @@
 
 #include <atomic>
 #include <cstring>
-#include <optional>
 #include <stdexcept>
-#include <string>
 
 #include "vfplan/base/vec.hpp"
 
@@ -20,6 +18,12 @@ using namespace nb::literals;
 
 using Rows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Row = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
+using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Jacobian = nb::ndarray<const double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
 
 template <class T>
 nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {

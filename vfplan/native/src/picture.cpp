@@ -1,13 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // What the extraction of a curve asks for each pixel: a mask's skeleton, and nearest points.
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
-#include <cstdint>
-#include <numeric>
-#include <vector>
 
 #include "numpy.hpp"
 #include "vfplan/base/bounds_tree.hpp"
@@ -16,7 +10,6 @@
 namespace {
 
 using Mask = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
 // A pixel's neighbours are counted counter-clockwise from the right; the code of its surroundings
 // has a bit for each that is set.
@@ -100,8 +93,8 @@ nb::tuple nearest(const Places& points, const Places& places) {
             all[i] = {{from[2 * i], from[2 * i + 1]}, static_cast<std::int64_t>(i)};
         vfplan::BoundsTree<vfplan::Box<2>> tree;
         const auto bounds_of = [&](std::size_t first, std::size_t last) {
-            vfplan::Box<2> box{all[first].at, all[first].at};
-            for (std::size_t i = first + 1; i < last; ++i) box.include(all[i].at);
+            vfplan::Box<2> box;
+            for (std::size_t i = first; i < last; ++i) box.include(all[i].at);
             return box;
         };
         const auto halve = [&](std::size_t first, std::size_t last) {

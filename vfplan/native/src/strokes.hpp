@@ -3,14 +3,8 @@
 // Lines and arcs as NumPy holds them.
 #pragma once
 
-#include <vector>
-
 #include "numpy.hpp"
 #include "vfplan/curve/pieces.hpp"
-
-using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 inline std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges,
                                            const Ids& stroke, const Flags& closed) {

@@ -44,7 +44,7 @@ nb::tuple ticks(const Rows& hips, bool timed, F&& tick) {
         for (std::size_t i = 0; i < n; ++i) {
             clock::time_point before;
             if (timed) before = clock::now();
-            const vfplan::Step s = tick(i, vfplan::Vec3{{h[3 * i], h[3 * i + 1], h[3 * i + 2]}});
+            const vfplan::Step s = tick(i, vfplan::point_at(h, i));
             if (timed)
                 seconds.data()[i] = std::chrono::duration<double>(clock::now() - before).count();
             std::memcpy(proxy.data() + 3 * i, s.proxy.c, sizeof s.proxy.c);

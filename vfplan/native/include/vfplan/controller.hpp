@@ -15,20 +15,13 @@
 // It holds forbidden regions, guides, the frame of a fixture that moves, and a governor.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
 #ifdef __cpp_exceptions
 #include "vfplan/bundle/bytes.hpp"
 #endif
 #include "vfplan/governor.hpp"
 #include "vfplan/moving.hpp"
-#include "vfplan/parameters.hpp"
 #include "vfplan/version.hpp"
 
 namespace vfplan::inline v1 {
@@ -74,10 +67,10 @@ struct ControllerSettings {
 
 /// What a tick answers.
 struct Command {
-    Vec3 force;     ///< to command [N]
-    Vec3 rendered;  ///< of the fixtures, before the governor [N]
-    Vec3 proxy;     ///< [m]
-    Vec3 normal;    ///< unit, 0 when there is none
+    Vec3 force{};     ///< to command [N]
+    Vec3 rendered{};  ///< of the fixtures, before the governor [N]
+    Vec3 proxy{};     ///< [m]
+    Vec3 normal{};    ///< unit, 0 when there is none
     State state = State::no_neighbour;
     std::uint8_t status = Status::ok;  ///< bits of Status
     std::uint8_t governor = 0;         ///< bits of GovernorStatus

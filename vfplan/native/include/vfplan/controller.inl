@@ -4,18 +4,10 @@
 // OpenSSL.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <optional>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "vfplan/bundle/engine.hpp"
-#include "vfplan/bundle/fixture.hpp"
-#include "vfplan/engine.hpp"
-#include "vfplan/guide.hpp"
 #ifdef VFPLAN_SIGNED
 #include "vfplan/bundle/trust.hpp"
 #endif
@@ -89,16 +81,9 @@ class Rendered {
     }
     /// Whether the same is felt.
     bool is_same(const bundle::Fixture& other, const Parameters& p) const {
-        const bundle::Guidance none{}, &a = fixture_.guidance ? *fixture_.guidance : none,
-                                       &b = other.guidance ? *other.guidance : none;
-        const auto equal = [](const vfplan::Stroke& s, const vfplan::Stroke& t) {
-            return s.vertices == t.vertices && s.bulges == t.bulges && s.closed == t.closed;
-        };
         return fixture_.points == other.points && fixture_.mesh == other.mesh &&
-               std::equal(fixture_.pieces.begin(), fixture_.pieces.end(), other.pieces.begin(),
-                          other.pieces.end(), equal) &&
-               parameters == p && a.radius == b.radius && a.stiffness == b.stiffness &&
-               a.open == b.open && a.lead_force == b.lead_force && a.stroke == b.stroke;
+               fixture_.pieces == other.pieces && fixture_.guidance == other.guidance &&
+               parameters == p;
     }
 
     void reset(const Vec3& tip) noexcept {
@@ -269,11 +254,7 @@ struct ControllerImpl {
 
 /// Of a controller that was moved from.
 inline Command command_of_nothing() noexcept {
-    Command out;
-    out.status = Status::bad_hip;
-    out.stopping = Status::bad_hip;
-    out.stop = true;
-    return out;
+    return {.status = Status::bad_hip, .stopping = Status::bad_hip, .stop = true};
 }
 
 }  // namespace detail

@@ -5,19 +5,15 @@
 #ifndef VFPLAN_COMPILED
 #define VFPLAN_COMPILED
 #endif
+#define VFPLAN_COMPILING
 #include "vfplan/engine.hpp"
 
 #include "vfplan/tick_time.hpp"
 
 // What they declare:
-#include "vfplan/engine_impl.hpp"
+#include "vfplan/engine.inl"
 
 #ifdef __cpp_exceptions
 #include "vfplan/controller.hpp"
 #include "vfplan/controller.inl"
-
-vfplan::bundle::Content vfplan::bundle::read_payload(View payload, std::uint64_t file_length,
-                                                     Findings& findings) {
-    return detail::read_and_check(payload, file_length, findings);
-}
 #endif

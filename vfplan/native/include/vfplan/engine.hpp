@@ -15,19 +15,11 @@
 // target vfplan::engine (find_package(vfplan COMPONENTS engine)) does both.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <memory>
-#include <optional>
-#include <utility>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
-#include "vfplan/cloud/kernels.hpp"
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/exchange.hpp"
 #include "vfplan/mesh/triangles.hpp"
-#include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -254,7 +246,7 @@ class Engine {
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
         const double stiffness = impl_->stiffness;
-        switch (change->kind) {
+        switch (change->what) {
             case detail::PendingChange::exchange:
                 // While the proxy is on its way out, its side is the one that it had before.
                 if (previous_)
@@ -303,5 +295,5 @@ class Engine {
 }  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED
-#include "vfplan/engine_impl.hpp"
+#include "vfplan/engine.inl"
 #endif

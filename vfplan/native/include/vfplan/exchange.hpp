@@ -6,21 +6,9 @@
 // and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "vfplan/base/queue.hpp"
-#include "vfplan/base/vec.hpp"
-#include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {
@@ -65,7 +53,7 @@ using ImplPtr = std::unique_ptr<EngineImpl>;
 
 /// What the editor hands to the loop.
 struct PendingChange {
-    enum Kind { exchange, remove, add, stiffness } kind = exchange;
+    enum Change { exchange, remove, add, stiffness } what = exchange;
     EngineImpl* engine = nullptr;
     std::size_t id = 0;
     Vec3 point;  ///< or K [N/m]
@@ -210,8 +198,7 @@ class PointNumbers {
             all.push_back({PendingChange::remove, nullptr, id, {}});
         }
         for (std::size_t i = 0; i < m; ++i) {
-            const Vec3 point{{add[3 * i], add[3 * i + 1], add[3 * i + 2]}};
-            all.push_back({PendingChange::add, nullptr, 0, point});
+            all.push_back({PendingChange::add, nullptr, 0, point_at(add, i)});
             local_.push_back(next_++);
         }
         xyz_.insert(xyz_.end(), add, add + 3 * m);

@@ -18,15 +18,8 @@
 // more than the F0^2 / 2 K which the spring had stored if s >= F0 T sqrt(K / m) / 2.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <concepts>
-#include <cstdint>
-#include <limits>
-#include <stdexcept>
-#include <string>
 
-#include "vfplan/base/vec.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {

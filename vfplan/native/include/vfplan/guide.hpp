@@ -13,11 +13,8 @@
 // where strands run close by or cross.
 #pragma once
 
-#include <cstdint>
 #include <cstdio>
-#include <optional>
 
-#include "vfplan/cloud/points.hpp"
 #include "vfplan/curve/tube.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -147,7 +144,7 @@ class Guide {
     void add(const double* xyz, std::size_t n, bool closed) {
         std::vector<Vec3> points(n);
         for (std::size_t i = 0; i < n; ++i) {
-            const Vec3 x{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
+            const Vec3 x = point_at(xyz, i);
             if (!is_within_range(x)) reject("points must be finite, coordinates up to 1e6 m");
             points[i] = across(x);
         }

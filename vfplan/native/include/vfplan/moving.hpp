@@ -12,14 +12,9 @@
 // ignore_axis turn with the fixture.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <cmath>
-#include <cstdint>
-#include <limits>
 
 #include "vfplan/base/queue.hpp"
-#include "vfplan/base/vec.hpp"
 #include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {

@@ -3,13 +3,6 @@
 // What an engine is given (Table I of the paper, in SI units), and what each tick answers.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
-#include <optional>
-
 #include "vfplan/base/vec.hpp"
 #include "vfplan/rules/constants.hpp"
 

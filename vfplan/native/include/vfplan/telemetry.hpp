@@ -12,18 +12,13 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <array>
 #include <atomic>
 #include <bit>
 #include <chrono>
-#include <cstdint>
 #include <cstring>
-#include <string>
 #include <thread>
 
-#include "vfplan/base/vec.hpp"
 #include "vfplan/exchange.hpp"
-#include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {
 

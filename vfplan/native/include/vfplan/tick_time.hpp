@@ -9,11 +9,7 @@
 // of docs/engine.md, which tests/engine/test_worst_tick.py measures.
 #pragma once
 
-#include <cstddef>
-#include <vector>
-
 #include "vfplan/curve/pieces.hpp"
-#include "vfplan/engine.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -34,3 +30,7 @@ inline bool by_triangles(const mesh::Surface& surface, const Parameters& p) {
 }
 
 }  // namespace vfplan::inline v1
+
+#ifndef VFPLAN_COMPILED
+#include "vfplan/engine.inl"
+#endif

@@ -1,6 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// What the headers ask of a compiler, and how they say that it is missing.
+// What the headers ask of a compiler, how they say that it is missing, and what all of them may use
+// of the standard library: each other header includes only what it uses beside.
 #pragma once
 
 #if !defined(__cpp_concepts)
@@ -16,7 +17,20 @@
 #error "vfplan: needs vector extensions: build with g++, clang or MinGW"
 #endif
 
-/// Stands before a function that engine_impl.hpp or controller.inl defines. With
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+/// Stands before a function that engine.inl or controller.inl defines. With
 /// VFPLAN_COMPILED it is compiled in engine.cpp alone, without it in each source file.
 #ifdef VFPLAN_COMPILED
 #define VFPLAN_COMPILED_ONCE

@@ -5,9 +5,6 @@
 
 #include <atomic>
 #include <bit>
-#include <cstddef>
-#include <cstdint>
-#include <vector>
 
 #include "vfplan/base/compiler.hpp"
 

@@ -4,14 +4,10 @@
 // outside its range is refused.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <concepts>
 #include <cstdio>
 #include <cstdlib>
-#include <limits>
 #include <stdexcept>
-#include <string>
 #include <tuple>
 #include <type_traits>
 
@@ -188,6 +184,12 @@ double norm(const Vec<D>& a) noexcept {
 inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
     return {{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}};
 }
+/// Row i of a table of coordinates, x y z of each in turn.
+inline Vec3 point_at(const double* xyz, std::size_t i) noexcept {
+    return {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]};
+}
+/// Counterclockwise by a quarter turn.
+inline Vec2 left(const Vec2& v) noexcept { return {-v[1], v[0]}; }
 /// Whether each coordinate is finite and within 1e6 m.
 inline bool is_within_range(const Vec3& x) noexcept {
     return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
@@ -216,9 +218,20 @@ void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
 }
 
 template <int D>
-struct Box {
-    Vec<D> low, high;
+Vec<D> filled(double c) noexcept {
+    Vec<D> v;
+    std::fill_n(v.c, D, c);
+    return v;
+}
 
+template <int D>
+struct Box {
+    Vec<D> low = filled<D>(infinity), high = filled<D>(-infinity);  ///< nothing at first
+
+    void include(const Box& b) noexcept {
+        include(b.low);
+        include(b.high);
+    }
     void include(const Vec<D>& p) noexcept {
         for (int k = 0; k < D; ++k) {
             low.c[k] = std::min(low.c[k], p.c[k]);
@@ -270,14 +283,10 @@ struct Slice {
     Vec3 e1, e2;
 
     explicit Slice(const Vec3& a) noexcept {
-        int least = 0;
-        for (int k = 1; k < 3; ++k)
-            if (std::abs(a[k]) < std::abs(a[least])) least = k;
-        Vec3 axis;
-        axis[least] = 1;
-        e1 = axis - dot(a, axis) * a;
-        e1 = (1 / norm(e1)) * e1;
-        e2 = cross(a, e1);
+        Vec3 side[2];
+        tangent_frame(a, side);
+        e1 = side[0];
+        e2 = side[1];
     }
     Vec2 project(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
     Vec3 direction(const Vec2& v) const noexcept { return v[0] * e1 + v[1] * e2; }

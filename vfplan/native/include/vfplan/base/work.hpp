@@ -12,7 +12,10 @@ namespace vfplan::inline v1 {
 class WorkBudget {
   public:
     void begin(std::int64_t work) noexcept { left_ = work; }
-    void spend(std::size_t work) noexcept { left_ -= static_cast<std::int64_t>(work); }
+    template <class Integer>
+    void spend(Integer work) noexcept {
+        left_ -= static_cast<std::int64_t>(work);
+    }
     bool is_spent() const noexcept { return left_ <= 0; }
 
   private:

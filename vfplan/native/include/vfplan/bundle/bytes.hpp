@@ -3,24 +3,17 @@
 // Bytes, text and numbers of a file that may be hostile, and what is wrong with one.
 #pragma once
 
-#include <algorithm>
-#include <array>
 #include <bit>
 #include <charconv>
-#include <cmath>
 #include <compare>
 #include <concepts>
-#include <cstddef>
-#include <cstdint>
 #include <initializer_list>
 #include <locale>
 #include <span>
 #include <sstream>
 #include <stdexcept>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
+#include <type_traits>
+#include <variant>
 
 #include "vfplan/base/compiler.hpp"
 
@@ -42,9 +35,8 @@ inline bool is_utf8(std::string_view text) {
             code = code << 6 | (next & 0x3F);
         }
         constexpr std::array<std::uint32_t, 5> lowest{0, 0, 0x80, 0x800, 0x10000};
-        if (code < lowest[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) {
+        if (code < lowest[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF))
             return false;
-        }
     }
     return true;
 }
@@ -75,9 +67,8 @@ inline bool is_plain(std::string_view text) {
         const auto lead = static_cast<unsigned char>(text[i]);
         const auto bytes = std::max<std::size_t>(1, std::size_t(std::countl_one(lead)));
         std::uint32_t code = bytes == 1 ? lead : lead & (0x7Fu >> bytes);
-        for (std::size_t k = 1; k < bytes; ++k) {
+        for (std::size_t k = 1; k < bytes; ++k)
             code = code << 6 | (static_cast<unsigned char>(text[i + k]) & 0x3F);
-        }
         if (std::any_of(hidden.begin(), hidden.end(),
                         [&](Range r) { return r.first <= code && code <= r.last; })) {
             return false;
@@ -93,9 +84,8 @@ inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
 inline bool is_utc_time(std::string_view text) {
     constexpr std::string_view form = "0000-00-00T00:00:00Z";
     if (text.size() != form.size()) return false;
-    for (std::size_t i = 0; i < form.size(); ++i) {
+    for (std::size_t i = 0; i < form.size(); ++i)
         if (form[i] == '0' ? !is_digit(text[i]) : text[i] != form[i]) return false;
-    }
     return true;
 }
 
@@ -183,11 +173,10 @@ inline std::string quoted(std::string_view text) {
     std::string out = "'";
     for (const char c : text.substr(0, 64)) {
         const auto byte = static_cast<unsigned char>(c);
-        if (byte >= 0x20 && byte < 0x7F) {
+        if (byte >= 0x20 && byte < 0x7F)
             out += c;
-        } else {
+        else
             out += {'\\', 'x', digits[byte >> 4], digits[byte & 15]};
-        }
     }
     return out + "'";
 }
@@ -231,44 +220,31 @@ struct Quoted {
 /// a check that holds makes no text.
 class Part {
   public:
-    Part(const char* text) : text_(text) {}
-    Part(std::string_view text) : text_(text) {}
-    Part(const std::string& text) : text_(text) {}
-    Part(Quoted quoted) : kind_(Kind::quoted), text_(quoted.text) {}
-    Part(double number) : kind_(Kind::number), number_(number) {}
+    Part(const char* text) : value_(std::string_view(text)) {}
+    Part(std::string_view text) : value_(text) {}
+    Part(const std::string& text) : value_(std::string_view(text)) {}
+    Part(Quoted quoted) : value_(quoted) {}
+    Part(double number) : value_(number) {}
     template <std::integral T>
     Part(T count)
-        : kind_(Kind::count),
-          is_negative_(count < T{0}),
-          count_(is_negative_ ? 0 - static_cast<std::uint64_t>(count)
-                              : static_cast<std::uint64_t>(count)) {}
+        : value_(std::conditional_t<std::is_signed_v<T>, std::int64_t, std::uint64_t>(count)) {}
 
     [[gnu::noinline]] void append_to(std::string& out) const {
-        switch (kind_) {
-            case Kind::text:
-                out += text_;
-                break;
-            case Kind::quoted:
-                out += quoted(text_);
-                break;
-            case Kind::number:
-                out += shortest_text(number_);
-                break;
-            case Kind::count:
-                if (is_negative_) out += '-';
-                out += std::to_string(count_);
-                break;
-        }
+        const auto append = [&]<class T>(const T& value) {
+            if constexpr (std::is_integral_v<T>)
+                out += std::to_string(value);
+            else if constexpr (std::is_same_v<T, double>)
+                out += shortest_text(value);
+            else if constexpr (std::is_same_v<T, Quoted>)
+                out += quoted(value.text);
+            else
+                out += value;
+        };
+        std::visit(append, value_);
     }
 
   private:
-    enum class Kind { text, quoted, number, count };
-
-    Kind kind_ = Kind::text;
-    bool is_negative_ = false;
-    std::string_view text_;
-    double number_ = 0;
-    std::uint64_t count_ = 0;
+    std::variant<std::string_view, Quoted, double, std::int64_t, std::uint64_t> value_;
 };
 
 /// A sentence in parts, such as {"has ", rank, " dimensions"}.

@@ -4,26 +4,16 @@
 // format. The leak certificate stands in leak.hpp.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <initializer_list>
 #include <set>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
-#include "vfplan/bundle/bytes.hpp"
-#include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/leak.hpp"
-#include "vfplan/bundle/schema.hpp"
+#include "vfplan/bundle/reader.hpp"
 #include "vfplan/bundle/seal.hpp"
 
-namespace vfplan::bundle::detail {
+namespace vfplan::bundle {
+
+namespace detail {
 
 // Values that must agree, because one is certified and another is rendered (docs/format.md,
 // section 3): the points and the lines and arcs are one curve, the verdict on K is about the K of
@@ -36,72 +26,15 @@ inline constexpr double same_place_m = 1e-6;
 /// approved and rendered is one curve.
 inline constexpr double max_error_of_radius = 0.01, max_error_m = 1e-4;
 
-/// Point `i` of a table of coordinates in the plane across the ignored axis, which is seen with the
-/// axis pointing to the viewer [m].
-inline Vec2 flat_point(const Slice& plane, const std::vector<double>& points, std::size_t i) {
-    return plane.project({{points[3 * i], points[3 * i + 1], points[3 * i + 2]}});
-}
-
-/// A line or an arc from vertex to vertex.
-class FlatPiece {
-  public:
-    FlatPiece(Vec2 from, Vec2 to, double bulge) : from_(from), to_(to) {
-        const double chord = norm(to - from);
-        // Below this an arc is as straight as rounding lets one tell.
-        constexpr double straight = 1e-8;
-        length_ = chord;
-        if (std::abs(bulge) < straight || chord == 0) return;
-        turn_ = bulge > 0 ? 1 : -1;
-        radius_ = chord * (1 + bulge * bulge) / (4 * std::abs(bulge));
-        sweep_ = 4 * std::atan(std::abs(bulge));
-        length_ = radius_ * sweep_;
-        const double offset = (1 - bulge * bulge) / (4 * bulge);  // of the centre, in chords
-        const Vec2 left{{from[1] - to[1], to[0] - from[0]}};
-        centre_ = 0.5 * (from + to) + offset * left;
-    }
-
-    [[nodiscard]] double length() const { return length_; }
-    [[nodiscard]] bool is_straight() const { return turn_ == 0; }
-    [[nodiscard]] double radius() const { return is_straight() ? infinity : radius_; }
-    [[nodiscard]] Vec2 end() const { return to_; }
-
-    /// The place that lies so far along the piece from its first vertex.
-    [[nodiscard]] Vec2 place_at(double way) const {
-        if (is_straight()) return from_ + (length_ > 0 ? way / length_ : 0) * (to_ - from_);
-        const double angle = turn_ * way / radius_, c = std::cos(angle), s = std::sin(angle);
-        const Vec2 a = from_ - centre_;
-        return centre_ + Vec2{{c * a[0] - s * a[1], s * a[0] + c * a[1]}};
-    }
-
-    /// Where on the piece a point is nearest, as the way from its first vertex, and how far away.
-    struct Foot {
-        double way, distance;
-    };
-    [[nodiscard]] Foot foot_of(Vec2 p) const {
-        return is_straight() ? foot_on_line(p) : foot_on_arc(p);
-    }
-
-  private:
-    [[nodiscard]] Foot foot_on_line(Vec2 p) const {
-        const Vec2 chord = to_ - from_;
-        const double square = dot(chord, chord);
-        double share = 0;
-        if (square > 0) share = std::clamp(dot(p - from_, chord) / square, 0.0, 1.0);
-        return {share * length_, norm(p - (from_ + share * chord))};
-    }
-    [[nodiscard]] Foot foot_on_arc(Vec2 p) const {
-        const Vec2 a = from_ - centre_, b = p - centre_;
-        double angle = std::atan2(turn_ * (a[0] * b[1] - a[1] * b[0]), dot(a, b));
-        if (angle < 0) angle += 2 * std::acos(-1.0);
-        if (angle <= sweep_) return {radius_ * angle, std::abs(norm(b) - radius_)};
-        const double first = norm(p - from_), last = norm(p - to_);
-        return first <= last ? Foot{0, first} : Foot{length_, last};
-    }
-
-    Vec2 from_, to_, centre_;
-    double length_ = 0, radius_ = 0, sweep_ = 0;
-    int turn_ = 0;  // 1 to the left, -1 to the right, 0 a line
+/// Where on a piece a point is nearest, as the way from the beginning of the piece, and how far
+/// away the point is [m].
+struct PieceFoot {
+    double way, distance;
 };
+inline PieceFoot foot_on(const Piece& piece, const Vec3& x) {
+    const Vec3 at = piece.nearest(x);
+    return {piece.arc(at), norm(x - at)};
+}
 
 /// How far points and pieces may be apart, and the way from a point to the next be long [m].
 struct Apart {
@@ -117,7 +50,7 @@ struct Apart {
 /// begin at the first point and end at the last, in a closed stroke at the first again.
 class Walk {
   public:
-    Walk(const std::vector<FlatPiece>& pieces, const std::vector<Vec2>& points, bool closed,
+    Walk(const std::vector<Piece>& pieces, const std::vector<Vec3>& points, bool closed,
          const Apart& apart)
         : pieces_(pieces), points_(points), closed_(closed), apart_(apart) {}
 
@@ -142,12 +75,12 @@ class Walk {
 
     /// Where a closed stroke may begin, as its first point does not say: several places where it
     /// crosses itself there.
-    [[nodiscard]] std::vector<Place> starts(Vec2 first) const {
+    [[nodiscard]] std::vector<Place> starts(const Vec3& first) const {
         // Two strands that cross meet in four pieces at most; a file with more is no drawn curve.
         constexpr std::size_t max_places = 8;
         std::vector<Place> places;
         for (std::size_t k = 0; k < pieces_.size() && places.size() < max_places; ++k) {
-            const FlatPiece::Foot foot = pieces_[k].foot_of(first);
+            const PieceFoot foot = foot_on(pieces_[k], first);
             if (foot.distance <= apart_.tolerance) places.push_back({k, foot.way});
         }
         return places;
@@ -157,7 +90,7 @@ class Walk {
         at_ = start;
         pieces_left_ = pieces_.size();
         to_go_ = 0;
-        for (const FlatPiece& piece : pieces_) to_go_ += piece.length();
+        for (const Piece& piece : pieces_) to_go_ += piece.length;
         // A closed stroke leads back to its first point.
         const std::size_t steps = points_.size() + (closed_ ? 1 : 0);
         std::size_t followed = 0;
@@ -174,65 +107,62 @@ class Walk {
         const double longest_way = i > 0 ? apart_.longest_way : end_slack();
         const double tolerance = apart_.tolerance;
         next_ = i;
-        const Vec2 to = point(i);
-        const FlatPiece::Foot here = pieces_[at_.piece].foot_of(to);
+        const Vec3& to = point(i);
+        const PieceFoot here = foot_on(pieces_[at_.piece], to);
         const double ahead = here.way - at_.way;
         if (here.distance <= tolerance && ahead >= -2 * tolerance && ahead <= longest_way) {
             // Both ends of the part are within the tolerance of the points; how far its middle may
             // be beside them follows from the arc. This is so for most steps.
-            const bool is_flat = ahead * ahead <= 8 * apart_.slack * pieces_[at_.piece].radius();
+            const bool is_flat = ahead * ahead <= 8 * apart_.slack * pieces_[at_.piece].radius;
             return (is_flat || keeps_to_line(at_.piece, at_.way, here.way)) &&
                    move_to({at_.piece, here.way}, ahead);
         }
-        double walked = pieces_[at_.piece].length() - at_.way;
+        double walked = pieces_[at_.piece].length - at_.way;
         std::size_t k = at_.piece;
         double from_way = at_.way;
         while (walked <= longest_way && pieces_left_ > 0) {
-            if (!keeps_to_line(k, from_way, pieces_[k].length()) || !is_near(pieces_[k].end()) ||
+            if (!keeps_to_line(k, from_way, pieces_[k].length) || !is_near(pieces_[k].to) ||
                 (k + 1 == pieces_.size() && !closed_)) {
                 return false;
             }
             k = (k + 1) % pieces_.size();
             from_way = 0;
             --pieces_left_;
-            const FlatPiece::Foot foot = pieces_[k].foot_of(to);
-            if (foot.distance <= tolerance && walked + foot.way <= longest_way) {
+            const PieceFoot foot = foot_on(pieces_[k], to);
+            if (foot.distance <= tolerance && walked + foot.way <= longest_way)
                 return keeps_to_line(k, 0, foot.way) && move_to({k, foot.way}, walked + foot.way);
-            }
-            walked += pieces_[k].length();
+            walked += pieces_[k].length;
         }
         return false;
     }
 
     /// The point that a step leads to, in a closed stroke at last the first again.
-    [[nodiscard]] Vec2 point(std::size_t i) const { return points_[i < points_.size() ? i : 0]; }
+    [[nodiscard]] const Vec3& point(std::size_t i) const { return points_[i % points_.size()]; }
 
     /// Tangent of the angle by which the points turn at one of them, which is taken as 60 degrees
     /// at most. The ends of an open stroke do not turn.
     [[nodiscard]] double turn_at(std::size_t i) const {
         const std::size_t count = points_.size();
         if (!closed_ && (i == 0 || i + 1 == count)) return 0;
-        const Vec2 here = point(i);
-        const Vec2 in = here - points_[(i + count - 1) % count];
-        const Vec2 out = points_[(i + 1) % count] - here;
-        const double along = dot(in, out), aside = std::abs(in[0] * out[1] - in[1] * out[0]);
+        const Vec3 in = point(i) - point(i + count - 1), out = point(i + 1) - point(i);
+        const double along = dot(in, out), aside = norm(cross(in, out));
         const double most = std::sqrt(3.0);
         return aside < most * along ? aside / along : most;
     }
 
     /// Whether a place is near enough to the line from the last point to the next. The first point
     /// of an open stroke has none before it: there the way is short.
-    [[nodiscard]] bool is_near(Vec2 place) const {
+    [[nodiscard]] bool is_near(const Vec3& place) const {
         if (next_ == 0) return true;
-        const Vec2 from = point(next_ - 1), to = point(next_);
+        const Vec3 &from = point(next_ - 1), &to = point(next_);
         const double turn = std::max(turn_at(next_ - 1), turn_at(next_));
         const double leeway = end_slack() + 0.5 * norm(to - from) * turn;
-        return FlatPiece(from, to, 0).foot_of(place).distance <= leeway;
+        return foot_on(vfplan::detail::straight(from, to), place).distance <= leeway;
     }
 
     /// Whether a part of a piece, whose ends are near that line, is near it in its middle as well.
     [[nodiscard]] bool keeps_to_line(std::size_t piece, double from, double to) const {
-        return pieces_[piece].is_straight() || is_near(pieces_[piece].place_at(0.5 * (from + to)));
+        return pieces_[piece].radius == 0 || is_near(pieces_[piece].ahead(0.5 * (from + to)));
     }
 
     bool move_to(Place place, double walked) {
@@ -241,8 +171,8 @@ class Walk {
         return true;
     }
 
-    const std::vector<FlatPiece>& pieces_;
-    const std::vector<Vec2>& points_;
+    const std::vector<Piece>& pieces_;
+    const std::vector<Vec3>& points_;
     bool closed_;
     Apart apart_;
     Place at_{0, 0};
@@ -251,37 +181,16 @@ class Walk {
     double to_go_ = 0;             // along the pieces to their end [m]
 };
 
-/// The pieces of a stroke of so many vertices, from vertex `first` on.
-inline std::vector<FlatPiece> flat_pieces(const std::vector<double>& vertices,
-                                          const std::vector<double>& bulges, std::size_t first,
-                                          std::size_t count, bool closed, const Slice& plane) {
-    std::vector<FlatPiece> pieces;
-    for (std::size_t i = 0; i + 1 < count; ++i) {
-        pieces.emplace_back(flat_point(plane, vertices, first + i),
-                            flat_point(plane, vertices, first + i + 1), bulges[first + i]);
-    }
-    const std::size_t last = first + count - 1;
-    if (closed) {
-        pieces.emplace_back(flat_point(plane, vertices, last), flat_point(plane, vertices, first),
-                            bulges[last]);
-    } else if (count == 1) {
-        pieces.emplace_back(flat_point(plane, vertices, first), flat_point(plane, vertices, first),
-                            0);
-    }
-    return pieces;
-}
-
 /// The points, which are certified, and the lines and arcs, which are rendered, are one curve.
 inline void check_one_curve(const Content& content, Findings& findings) {
     if (!content.has_group("/pieces")) return;
-    const std::vector<double>& axis = content.at("/rendering/ignore_axis").f8;
-    const Slice plane(Vec3{{axis[0], axis[1], axis[2]}});
+    const Vec3 axis = point_at(content.at("/rendering/ignore_axis").f8.data(), 0);
+    const auto across = [&](const std::vector<double>& table, std::size_t i) {
+        const Vec3 x = point_at(table.data(), i);
+        return x - dot(axis, x) * axis;
+    };
     const std::vector<double>& points = content.at("/points").f8;
-    const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
-    const std::vector<double>& bulges = content.at("/pieces/bulges").f8;
     const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
-    const std::vector<std::int32_t>& stroke_of_vertex = content.at("/pieces/stroke").i4;
-    const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
     const double error = content.number("/pieces@error_m");
     const double radius =
         content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
@@ -294,21 +203,25 @@ inline void check_one_curve(const Content& content, Findings& findings) {
     }
     const double tolerance = error + same_place_m;
     const Apart apart{tolerance, max_error, 2 * (content.number("/leak@largest_m") + tolerance)};
-    std::size_t point = 0, vertex = 0;
-    for (std::size_t s = 0; s < closed.size(); ++s) {
-        const auto number = static_cast<std::int32_t>(s);
-        const bool is_closed = closed[s] != 0;
-        const std::size_t first_vertex = vertex, first_point = point;
-        while (vertex < stroke_of_vertex.size() && stroke_of_vertex[vertex] == number) ++vertex;
-        std::vector<Vec2> places;
-        while (point < stroke_of_point.size() && stroke_of_point[point] == number) {
-            places.push_back(flat_point(plane, points, point++));
+    std::size_t point = 0;
+    std::int32_t number = 0;
+    for (const Stroke& stroke : pieces_of(content)) {
+        const std::size_t first_point = point, count = stroke.bulges.size();
+        std::vector<Vec3> places;
+        for (; point < stroke_of_point.size() && stroke_of_point[point] == number; ++point)
+            places.push_back(across(points, point));
+        std::vector<Piece> pieces;
+        for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < count; ++i) {
+            vfplan::detail::cut(across(stroke.vertices, i),
+                                across(stroke.vertices, (i + 1) % count), stroke.bulges[i], axis,
+                                infinity, pieces);
         }
-        const auto pieces =
-            flat_pieces(vertices, bulges, first_vertex, vertex - first_vertex, is_closed, plane);
-        const std::size_t followed = Walk(pieces, places, is_closed, apart).follow();
+        const Vec3 dot = across(stroke.vertices, 0);
+        if (pieces.empty()) pieces.push_back(vfplan::detail::straight(dot, dot));
+        const std::size_t followed = Walk(pieces, places, stroke.closed, apart).follow();
+        ++number;
         if (followed > places.size()) continue;
-        std::string where = "go on behind the points of stroke " + std::to_string(s);
+        std::string where = "go on behind the points of stroke " + std::to_string(number - 1);
         if (followed < places.size()) {
             where = "do not lead to point " + std::to_string(first_point + followed) +
                     " along the points, within error_m";
@@ -323,9 +236,8 @@ inline void check_one_curve(const Content& content, Findings& findings) {
 inline void check_corners(const Content& content, Findings& findings) {
     if (!content.has("/mesh/triangles")) return;
     std::vector<bool> used(content.at("/points").shape[0], false);
-    for (const std::int32_t row : content.at("/mesh/triangles").i4) {
+    for (const std::int32_t row : content.at("/mesh/triangles").i4)
         used[static_cast<std::size_t>(row)] = true;
-    }
     const auto free = std::find(used.begin(), used.end(), false);
     findings.require(free == used.end(), "unsafe.mesh", "/mesh/triangles",
                      {"leaves out point ", free - used.begin(),
@@ -357,12 +269,7 @@ inline double largest_stiffness(const Content& content) {
 
 /// The verdict of the stability gate is about the K of this file, and says that it is stable.
 inline void check_stability(const Content& content, Findings& findings) {
-    const bool named = content.has("/rendering@robot"),
-               judged = content.has("/rendering/stability");
-    findings.require(named == judged, "corrupt.missing", "/rendering",
-                     {"has one of robot and stability, which need each other"},
-                     "Write both or neither");
-    if (!judged || !content.has("/rendering/stiffness")) return;
+    if (!content.has("/rendering/stability") || !content.has("/rendering/stiffness")) return;
     double wanted = largest_stiffness(content);
     if (const Value* guide = content.find("/guidance@stiffness_n_per_m")) {
         // A guide is a spring as well; beside a forbidden region both may press at once.
@@ -381,69 +288,53 @@ inline void check_stability(const Content& content, Findings& findings) {
                       largest_stable, " is stable"});
 }
 
-/// The transform's value at a row of the source: (u, v) of a slice, or (x, y, z).
-inline std::array<double, 3> carried(const Value& transform, const double* source) {
-    const std::size_t side = transform.shape[0];
-    std::array<double, 3> out{};
-    for (std::size_t i = 0; i < 3; ++i) {
-        const double* row = transform.f8.data() + side * i;
-        out[i] = row[side - 1];
-        for (std::size_t j = 0; j + 1 < side; ++j) out[i] += row[j] * source[j];
-    }
-    return out;
-}
-
 /// The registration is that of its markers; what comes from a slice lies in the plane to which it
 /// takes the slice.
 inline void check_registered(const Content& content, Findings& findings) {
     if (!content.has_group("/registration")) return;
     const Value& transform = content.at("/registration/T_robot_image");
-    const Value& source = content.at("/registration/source");
+    const std::size_t side = transform.shape[0];
+    std::vector<Vec3> columns;
+    for (std::size_t k = 0; k < side; ++k) {
+        const double* top = transform.f8.data() + k;
+        columns.emplace_back(top[0], top[side], top[2 * side]);
+    }
+    const std::vector<double>& source = content.at("/registration/source").f8;
     const std::vector<double>& target = content.at("/registration/target").f8;
     const std::vector<double>& residuals = content.at("/registration/residuals").f8;
     double worst = 0;
     for (std::size_t i = 0; i < residuals.size(); ++i) {
-        const auto place = carried(transform, source.f8.data() + source.shape[1] * i);
-        double square = 0;
-        for (std::size_t k = 0; k < 3; ++k) square += std::pow(place[k] - target[3 * i + k], 2);
-        worst = std::max(worst, std::abs(std::sqrt(square) - residuals[i]));
+        Vec3 place = columns.back();
+        for (std::size_t k = 0; k + 1 < side; ++k) place += source[(side - 1) * i + k] * columns[k];
+        const double residual = norm(place - point_at(target.data(), i));
+        worst = std::max(worst, std::abs(residual - residuals[i]));
     }
     findings.require(worst <= same_place_m, "unsafe.registration", "/registration/residuals",
                      {"differ by up to ", worst, " m from what transform and markers give"});
-    if (transform.shape[0] != 3) return;
-    const std::vector<double>& T = transform.f8;
-    std::array<double, 3> normal{};
-    double square = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t i = (k + 1) % 3, j = (k + 2) % 3;
-        normal[k] = T[3 * i] * T[3 * j + 1] - T[3 * j] * T[3 * i + 1];
-        square += normal[k] * normal[k];
-    }
-    if (square == 0) {
+    if (side != 3) return;
+    const Vec3 normal = cross(columns[0], columns[1]);
+    if (normal == Vec3{}) {
         return findings.error("unsafe.registration", "/registration/T_robot_image",
                               {"takes the slice to a line: its first two columns are parallel"},
                               "Register it with markers that lie on no line");
     }
     const std::vector<double>& points = content.at("/points").f8;
     double farthest = 0;
-    for (std::size_t i = 0; i < points.size(); i += 3) {
-        double height = 0;
-        for (std::size_t k = 0; k < 3; ++k) height += normal[k] * (points[i + k] - T[3 * k + 2]);
-        farthest = std::max(farthest, std::abs(height));
-    }
-    farthest /= std::sqrt(square);
+    for (std::size_t i = 0; 3 * i < points.size(); ++i)
+        farthest =
+            std::max(farthest, std::abs(dot(normal, point_at(points.data(), i) - columns[2])));
+    farthest /= norm(normal);
     findings.require(
         farthest <= same_place_m, "unsafe.registration", "/points",
         {"lie up to ", farthest, " m from the plane to which the registration takes the slice"});
 }
 
-}  // namespace vfplan::bundle::detail
-
-namespace vfplan::bundle {
-
 // Rules that tie several values together, in the order of docs/format.md.
 
-namespace detail {
+/// The group at the root in which a value lies.
+inline std::string_view group_of(std::string_view path) {
+    return path.substr(0, path.find_first_of("/@", 1));
+}
 
 inline void check_understood(const Content& content, Findings& findings) {
     if (!content.has("/@must_understand")) return;
@@ -458,23 +349,102 @@ inline void check_understood(const Content& content, Findings& findings) {
     }
 }
 
-/// Which groups a frame has no place for.
+/// The frames in which a group or a table may be.
+struct FrameRule {
+    std::string_view path, frames;
+};
+inline constexpr std::array<FrameRule, 6> frame_rules{{
+    {"/image", "image|robot_base"},
+    {"/rendering", "robot_base|patient_lps"},
+    {"/guidance", "robot_base|patient_lps"},
+    {"/registration", "robot_base"},
+    {"/mesh", "robot_base|patient_lps"},
+    {"/findings/place_m", "robot_base|patient_lps"},
+}};
+
 inline void check_groups(const Content& content, Findings& findings) {
-    using Frames = std::initializer_list<std::string_view>;
     const std::string& frame = content.at("/@frame").string();
-    const auto allow = [&](std::string_view group, Frames frames) {
-        findings.require(!content.has_group(group) ||
-                             std::find(frames.begin(), frames.end(), frame) != frames.end(),
-                         "corrupt.group", group, {"must not be in the frame ", Quoted{frame}},
-                         "Leave the group out");
-    };
-    allow("/image", {"image", "robot_base"});
-    allow("/rendering", {"robot_base", "patient_lps"});
-    allow("/guidance", {"robot_base", "patient_lps"});
-    allow("/registration", {"robot_base"});
-    allow("/mesh", {"robot_base", "patient_lps"});
+    for (const FrameRule& rule : frame_rules) {
+        const bool is_there = content.has_group(rule.path) || content.has(rule.path);
+        findings.require(!is_there || is_allowed(frame, rule.frames), "corrupt.group", rule.path,
+                         {"must not be in the frame ", Quoted{frame}}, "Leave it out");
+    }
     findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
                      "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
+}
+
+/// Values that need each other.
+inline constexpr std::array<std::array<std::string_view, 2>, 6> pairs{{
+    {"/rendering@robot", "/rendering/stability"},
+    {"/findings/has_place_px", "/findings/place_px"},
+    {"/findings/has_place_m", "/findings/place_m"},
+    {"/findings/answered_by", "/findings/answered_utc"},
+    {"/provenance/input_roles", "/provenance/input_sha256"},
+    {"/provenance/setting_names", "/provenance/setting_values"},
+}};
+
+inline void check_pairs(const Content& content, Findings& findings) {
+    for (const auto& [one, other] : pairs) {
+        findings.require(content.has(one) == content.has(other), "corrupt.missing", group_of(one),
+                         {"has one of ", one, " and ", other, ", which need each other"},
+                         "Write both or neither");
+    }
+}
+
+/// What the texts of a value must be.
+struct TextRule {
+    std::string_view path;
+    bool (*is_good)(std::string_view);
+};
+inline constexpr std::array<TextRule, 11> text_rules{{
+    {"/@case", is_plain},
+    {"/findings/code", is_name},
+    {"/findings/stage", is_name},
+    {"/review@by", is_plain},
+    {"/review@utc", is_utc_time},
+    {"/review@digest", is_sha256},
+    {"/provenance/input_roles", is_name},
+    {"/provenance/input_sha256", is_sha256},
+    {"/provenance/setting_names", is_name},
+    {"/provenance/setting_values", is_setting},
+    {"/provenance@created_utc", is_utc_time},
+}};
+
+/// What is wanted of a text, and what to do about another one.
+inline std::pair<std::string_view, std::string_view> wanted_by(bool (*is_good)(std::string_view)) {
+    if (is_good == is_plain)
+        return {"text that can be read off a page", "Write it without hidden characters"};
+    if (is_good == is_name) return {"letters, digits, '_', '.' and '-'", "Write a name of these"};
+    if (is_good == is_utc_time) return {"YYYY-MM-DDThh:mm:ssZ", ""};
+    if (is_good == is_sha256) return {"64 hexadecimal digits", ""};
+    return {"true, false, a number or text between double quotes", ""};
+}
+
+inline void check_text(std::string_view text, const TextRule& rule, Findings& findings) {
+    const auto [wanted, todo] = wanted_by(rule.is_good);
+    findings.require(rule.is_good(text), "corrupt.value", rule.path,
+                     {"is ", Quoted{text}, "; ", wanted, " wanted"}, todo);
+}
+
+inline void check_values(const Content& content, Findings& findings) {
+    for (const TextRule& rule : text_rules) {
+        const Value* value = content.find(rule.path);
+        if (value == nullptr) continue;
+        for (const std::string& text : value->text) check_text(text, rule, findings);
+    }
+}
+
+/// Names of which each is there once.
+inline void check_unique(const Content& content, Findings& findings) {
+    for (const std::string_view path :
+         {"/registration/labels", "/provenance/input_roles", "/provenance/setting_names"}) {
+        const Value* names = content.find(path);
+        if (names == nullptr) continue;
+        const std::set<std::string_view> different(names->text.begin(), names->text.end());
+        findings.require(different.size() == names->text.size() && !different.contains(""),
+                         "corrupt.value", path, {"has a text that is empty, or there twice"},
+                         "Give each a name of its own");
+    }
 }
 
 inline void check_frames(const Content& content, Findings& findings) {
@@ -595,14 +565,6 @@ inline void check_guidance(const Content& content, Findings& findings) {
                      "Name a stroke that is there beside others, or leave it out");
 }
 
-inline void check_unique(const std::vector<std::string>& names, std::string_view path,
-                         Findings& findings) {
-    const std::set<std::string_view> different(names.begin(), names.end());
-    findings.require(different.size() == names.size() && !different.contains(""), "corrupt.value",
-                     path, {"has a text that is empty, or there twice"},
-                     "Give each a name of its own");
-}
-
 inline void check_registration(const Content& content, Findings& findings) {
     const bool from_image = content.at("/registration@source_frame").string() == "image";
     const Value& transform = content.at("/registration/T_robot_image");
@@ -623,75 +585,39 @@ inline void check_registration(const Content& content, Findings& findings) {
                          {"has ", side, " rows; ", parameters,
                           " wanted, as many as the transform has parameters"});
         bool negative = false;
-        for (std::size_t i = 0; i < side; ++i) {
+        for (std::size_t i = 0; i < side; ++i)
             negative = negative || covariance->f8[i * side + i] < 0;
-        }
         findings.require(!negative, "corrupt.value", "/registration/covariance",
                          {"has a negative variance"}, "Compute it anew: a variance is 0 or more");
     }
-    check_unique(content.at("/registration/labels").text, "/registration/labels", findings);
 }
 
-/// Places and answers come in pairs; a finding without one has zeros, or empty texts.
+/// A finding without a place or an answer has zeros, or empty texts.
 inline void check_findings(const Content& content, Findings& findings) {
-    if (!content.has_group("/findings")) return;
-    for (const std::string_view path : {"/findings/code", "/findings/stage"}) {
-        const std::vector<std::string>& names = content.at(path).text;
-        findings.require(
-            std::all_of(names.begin(), names.end(), is_name), "corrupt.value", path,
-            {"holds a name with other characters than letters, digits, '_', '.' and '-'"},
-            "Write names of these");
-    }
-    for (const auto& [flag, place] : {std::pair{"/findings/has_place_px", "/findings/place_px"},
-                                      std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
-        findings.require(content.has(flag) == content.has(place), "corrupt.missing", "/findings",
-                         {"has one of ", flag, " and ", place, ", which need each other"},
-                         "Write both or neither");
+    for (const auto& [flag, place] : {pairs[1], pairs[2]}) {
         if (!content.has(flag) || !content.has(place)) continue;
         const std::vector<std::uint8_t>& there = content.at(flag).u1;
         const std::vector<double>& places = content.at(place).f8;
         const std::size_t columns = places.size() / there.size();
         bool zeros = true;
-        for (std::size_t i = 0; i < places.size(); ++i) {
+        for (std::size_t i = 0; i < places.size(); ++i)
             zeros = zeros && (there[i / columns] != 0 || places[i] == 0);
-        }
         findings.require(zeros, "corrupt.value", place, {"holds a place of a finding without one"},
                          "Write zeros there");
     }
-    findings.require(!content.has("/findings/place_m") || content.at("/@frame").string() != "image",
-                     "corrupt.group", "/findings/place_m", {"must not be in the frame 'image'"},
-                     "Leave it out");
     const Value *by = content.find("/findings/answered_by"),
                 *when = content.find("/findings/answered_utc");
-    findings.require((by == nullptr) == (when == nullptr), "corrupt.missing", "/findings",
-                     {"has one of answered_by and answered_utc, which need each other"},
-                     "Write both or neither");
     if (by == nullptr || when == nullptr) return;
     for (std::size_t i = 0; i < by->text.size(); ++i) {
         const std::string& time = when->text[i];
-        const bool answered = !by->text[i].empty();
-        findings.require(
-            answered ? is_utc_time(time) : time.empty(), "corrupt.value", "/findings/answered_utc",
-            {"is ", Quoted{time}, "; ", answered ? "YYYY-MM-DDThh:mm:ssZ" : "nothing", " wanted"});
-        findings.require(!answered || is_plain(by->text[i]), "corrupt.value",
-                         "/findings/answered_by",
-                         {"is ", Quoted{by->text[i]}, "; text wanted that can be read off a page"},
-                         "Write who answered it, without hidden characters");
+        if (!by->text[i].empty()) {
+            check_text(by->text[i], {"/findings/answered_by", is_plain}, findings);
+            check_text(time, {"/findings/answered_utc", is_utc_time}, findings);
+        } else {
+            findings.require(time.empty(), "corrupt.value", "/findings/answered_utc",
+                             {"is ", Quoted{time}, "; nothing wanted where nobody answered"});
+        }
     }
-}
-
-inline void check_review(const Content& content, Findings& findings) {
-    if (!content.has_group("/review")) return;
-    const std::string &by = content.at("/review@by").string(),
-                      &time = content.at("/review@utc").string(),
-                      &digest = content.at("/review@digest").string();
-    findings.require(is_plain(by), "corrupt.value", "/review@by",
-                     {"is ", Quoted{by}, "; text wanted that can be read off a page"},
-                     "Write who reviewed it, without hidden characters");
-    findings.require(is_utc_time(time), "corrupt.value", "/review@utc",
-                     {"is ", Quoted{time}, "; YYYY-MM-DDThh:mm:ssZ wanted"});
-    findings.require(is_sha256(digest), "corrupt.value", "/review@digest",
-                     {"is ", Quoted{digest}, "; 64 hexadecimal digits wanted"});
 }
 
 /// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
@@ -717,11 +643,10 @@ inline std::string review_digest(const Content& content, const Digest& geometry)
         for (const std::size_t side : value.shape) put_size(side);
         if (std::find(in_geometry.begin(), in_geometry.end(), path) != in_geometry.end()) continue;
         value.visit([&]<class T>(const std::vector<T>& all) {
-            if constexpr (std::is_arithmetic_v<T>) {
+            if constexpr (std::is_arithmetic_v<T>)
                 put(all.data(), all.size());
-            } else {
+            else
                 for (const std::string& text : all) put_text(text);
-            }
         });
     }
     return to_hex(view(sum.digest()));
@@ -737,68 +662,10 @@ inline void check_reviewed(const Content& content, const Digest& geometry, Findi
                       Quoted{wanted}, ". Somebody changed the plan after the review"});
 }
 
-inline void check_case(const Content& content, Findings& findings) {
-    if (!content.has("/@case")) return;
-    const std::string& text = content.at("/@case").string();
-    findings.require(is_plain(text), "corrupt.value", "/@case",
-                     {"is ", Quoted{text}, "; text wanted that can be read off a page"},
-                     "Write it without hidden characters, and without a blank at its ends");
-}
-
-inline void check_pairs(const Content& content, Findings& findings) {
-    for (const auto& [one, other] :
-         {std::pair{"/provenance/input_roles", "/provenance/input_sha256"},
-          std::pair{"/provenance/setting_names", "/provenance/setting_values"}}) {
-        const Value* names = content.find(one);
-        findings.require((names != nullptr) == content.has(other), "corrupt.missing", "/provenance",
-                         {"has one of ", one, " and ", other, ", which need each other"},
-                         "Write both or neither");
-        if (names == nullptr) continue;
-        check_unique(names->text, one, findings);
-        findings.require(
-            std::all_of(names->text.begin(), names->text.end(), is_name), "corrupt.value", one,
-            {"holds a name with other characters than letters, digits, '_', '.' and '-'"},
-            "Write names of these");
-    }
-}
-
-inline void check_provenance(const Content& content, Findings& findings) {
-    check_pairs(content, findings);
-    const auto each = [&](std::string_view path, bool (*good)(std::string_view)) {
-        const Value* list = content.find(path);
-        if (list == nullptr) return;
-        for (const std::string& text : list->text) {
-            findings.require(good(text), "corrupt.value", path, {"holds ", Quoted{text}});
-        }
-    };
-    each("/provenance/input_sha256", is_sha256);
-    each("/provenance/setting_values", is_setting);
-    const std::string& time = content.at("/provenance@created_utc").string();
-    findings.require(is_utc_time(time), "corrupt.value", "/provenance@created_utc",
-                     {"is ", Quoted{time}, "; YYYY-MM-DDThh:mm:ssZ wanted"});
-}
-
-}  // namespace detail
-
-/// How many doubts of a checked content nobody has answered.
-inline std::size_t count_unanswered(const Content& content) {
-    if (!content.has("/findings/severity")) return 0;
-    const std::vector<std::string>& severity = content.at("/findings/severity").text;
-    const Value* by = content.find("/findings/answered_by");
-    std::size_t count = 0;
-    for (std::size_t i = 0; i < severity.size(); ++i) {
-        const bool answered = by != nullptr && !by->text[i].empty();
-        if (severity[i] == "doubt" && !answered) ++count;
-    }
-    return count;
-}
-
-namespace detail {
-
 /// A rule needs a value that is not there. It has nothing to say where that was reported already,
 /// or of a group that is not there; else the bundle is refused.
 inline void check_absent(const Content& content, std::string_view path, Findings& findings) {
-    const std::string_view group = path.substr(0, path.find_first_of("/@", 1));
+    const std::string_view group = group_of(path);
     const bool is_of_no_group = is_known(group) && group != path && !content.has_group(group);
     if (is_known(path) && (is_of_no_group || !findings.sound())) return;
     findings.error("corrupt.missing", path, {"is asked for by a rule, and is not there"},
@@ -829,9 +696,9 @@ inline void check(const Content& content, Findings& findings) {
         detail::check_identity(content, geometry, findings);
     });
     for (const CheckOf rule :
-         {detail::check_case, detail::check_curve, detail::check_pieces, detail::check_mesh,
-          detail::check_rendering, detail::check_guidance, detail::check_registration,
-          detail::check_findings, detail::check_review, detail::check_provenance}) {
+         {detail::check_values, detail::check_pairs, detail::check_unique, detail::check_curve,
+          detail::check_pieces, detail::check_mesh, detail::check_rendering, detail::check_guidance,
+          detail::check_registration, detail::check_findings}) {
         apply(rule);
     }
     if (findings.sound()) apply(detail::check_leak);

@@ -6,12 +6,6 @@
 //     vfplan::Guide guide = vfplan::bundle::make_guide(vfplan::bundle::read_fixture("guided.h5"));
 #pragma once
 
-#include <cstddef>
-#include <optional>
-#include <stdexcept>
-#include <string>
-#include <vector>
-
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"
@@ -49,9 +43,8 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
     p.band = rule == Rule::paper ? p.band : r.band;
     p.point_radius = r.point_radius;
     p.outer_radius = 2 * r.contact_radius;
-    for (int k = 0; k < 3; ++k) p.stiffness[k] = r.stiffness[static_cast<std::size_t>(k)];
-    if (r.ignore_axis)
-        p.ignore_axis = Vec3{{(*r.ignore_axis)[0], (*r.ignore_axis)[1], (*r.ignore_axis)[2]}};
+    p.stiffness = r.stiffness;
+    if (r.ignore_axis) p.ignore_axis = Vec3(*r.ignore_axis);
     if (r.max_iterations) p.max_iterations = *r.max_iterations;
     p.rule = rule;
     return p;
@@ -108,10 +101,8 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     p.lead_force = g.lead_force;
     p.lead_speed = g.lead_speed;
     p.period = period;
-    if (fixture.rendering && fixture.rendering->ignore_axis) {
-        const auto& a = *fixture.rendering->ignore_axis;
-        p.ignore_axis = Vec3{{a[0], a[1], a[2]}};
-    }
+    if (fixture.rendering && fixture.rendering->ignore_axis)
+        p.ignore_axis = Vec3(*fixture.rendering->ignore_axis);
     if (p.ignore_axis && !fixture.pieces.empty()) return {fixture.pieces_of(true), p};
     std::size_t first = 0;
     std::vector<std::size_t> counts;

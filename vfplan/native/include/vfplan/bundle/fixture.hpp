@@ -6,21 +6,14 @@
 // nothing of this belongs into a control loop. Calls from several threads do not meet.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cstdint>
 #include <filesystem>
-#include <optional>
-#include <string>
-#include <utility>
-#include <vector>
 
-#include "vfplan/bundle/bytes.hpp"
-#include "vfplan/bundle/checks.hpp"
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/seal.hpp"
-#include "vfplan/curve/pieces.hpp"
 #include "vfplan/mesh/triangles.hpp"
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
+#include "vfplan/bundle/checks.hpp"
+#endif
 
 namespace vfplan::bundle {
 
@@ -46,6 +39,8 @@ struct Guidance {
     double lead_force = 0;      // pull along the curve [N]
     double lead_speed = 0.02;   // at which it has fallen to 0 [m/s]
     std::optional<int> stroke;  // the only one that guides, the others are forbidden; else all do
+
+    bool operator==(const Guidance&) const = default;
 };
 
 /// What a controller needs of a bundle, as plain arrays.
@@ -108,12 +103,18 @@ struct Bundle {
     Seal seal;
 };
 
-namespace detail {
-
-/// What `read_payload` does.
-inline Content read_and_check(View payload, std::uint64_t file_length, Findings& findings) {
+/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
+///
+/// Findings that are strict throw BundleError at the first error. Others collect what there is, and
+/// the content is what could be read. This is most of the reader: with VFPLAN_COMPILED only
+/// vfplan/engine.cpp compiles it.
+VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
+                                          Findings& findings);
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
+VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
+                                          Findings& findings) {
     try {
-        Reader reader(payload, file_length, findings);
+        detail::Reader reader(payload, file_length, findings);
         Content content = reader.read();
         check(content, findings);
         return content;
@@ -121,20 +122,6 @@ inline Content read_and_check(View payload, std::uint64_t file_length, Findings&
         findings.add(error);
         return {};
     }
-}
-
-}  // namespace detail
-
-/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
-///
-/// Findings that are strict throw BundleError at the first error. Others collect what there is, and
-/// the content is what could be read. This is most of the reader: with VFPLAN_COMPILED only
-/// vfplan/engine.cpp compiles it.
-#ifdef VFPLAN_COMPILED
-Content read_payload(View payload, std::uint64_t file_length, Findings& findings);
-#else
-inline Content read_payload(View payload, std::uint64_t file_length, Findings& findings) {
-    return detail::read_and_check(payload, file_length, findings);
 }
 #endif
 
@@ -175,13 +162,19 @@ inline Content read_sealed(const Seal& seal, View payload, std::uint64_t file_le
     return content;
 }
 
-/// Checks seal, structure and every rule. Throws BundleError.
-inline Bundle read_bundle(View data) {
+/// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
+/// Throws BundleError.
+template <class CheckSeal>
+Bundle read_bundle(View data, const CheckSeal& check_seal) {
     View payload;
     Bundle bundle{{}, unseal(data, payload)};
+    check_seal(bundle.seal);
     Findings findings(true);
     bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
     return bundle;
+}
+inline Bundle read_bundle(View data) {
+    return read_bundle(data, [](const Seal&) {});
 }
 
 /// Every finding of a bundle's bytes; it is sound when none is an error.
@@ -233,25 +226,9 @@ inline Rendering rendering_of(const Content& content) {
                         .point_radius = content.number("/rendering@point_radius_m"),
                         .ignore_axis = {},
                         .max_iterations = content.integer("/rendering@max_iterations")};
-    if (const Value* axis = content.find("/rendering/ignore_axis")) {
+    if (const Value* axis = content.find("/rendering/ignore_axis"))
         rendering.ignore_axis = three(*axis);
-    }
     return rendering;
-}
-
-inline std::vector<Stroke> pieces_of(const Content& content) {
-    const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
-    const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
-    const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
-    std::vector<Stroke> pieces(closed.size());
-    for (std::size_t s = 0; s < closed.size(); ++s) pieces[s].closed = closed[s] != 0;
-    for (std::size_t i = 0; i < stroke.size(); ++i) {
-        Stroke& own = pieces[static_cast<std::size_t>(stroke[i])];
-        const auto from = vertices.begin() + static_cast<std::ptrdiff_t>(3 * i);
-        own.vertices.insert(own.vertices.end(), from, from + 3);
-        own.bulges.push_back(content.at("/pieces/bulges").f8[i]);
-    }
-    return pieces;
 }
 
 }  // namespace detail
@@ -273,9 +250,8 @@ inline Fixture to_fixture(Bundle bundle) {
     }
     if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
-    if (const Value* radius = content.find("/mesh@sample_radius_m")) {
+    if (const Value* radius = content.find("/mesh@sample_radius_m"))
         fixture.sample_radius = radius->number();
-    }
     if (content.has("/mesh/triangles")) fixture.mesh = content.take("/mesh/triangles").i4;
     if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
     fixture.findings_unanswered = count_unanswered(content);

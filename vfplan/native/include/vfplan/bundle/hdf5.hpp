@@ -3,18 +3,8 @@
 // Just as much of HDF5 as a bundle needs: checksums, links, objects and their attributes.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <optional>
 #include <set>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
 
-#include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/schema.hpp"
 
 namespace vfplan::bundle::detail {
@@ -36,9 +26,8 @@ inline std::uint32_t lookup3(View data) {
     std::uint32_t a = 0xdeadbeefu + static_cast<std::uint32_t>(data.size()), b = a, c = a;
     const auto add = [&](View part) {
         std::array<std::uint32_t, 3> word{};
-        for (std::size_t i = 0; i < part.size(); ++i) {
+        for (std::size_t i = 0; i < part.size(); ++i)
             word[i / 4] += static_cast<std::uint32_t>(part[i]) << (8 * (i % 4));
-        }
         a += word[0], b += word[1], c += word[2];
     };
     for (; data.size() > 12; data = data.from(12)) {

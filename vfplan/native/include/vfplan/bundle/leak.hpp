@@ -7,24 +7,12 @@
 // how they connect is not in the file. With an ignored axis everything is measured across it.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <span>
-#include <string>
-#include <string_view>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
-#include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::bundle::detail {
-
-using Point = std::array<double, 3>;
 
 /// What a certificate is about; the arrays stay their owner's.
 struct CertifiedShape {
@@ -49,25 +37,21 @@ struct Certificate {
 class PointDistances {
   public:
     explicit PointDistances(const CertifiedShape& shape) : points_(shape.points) {
-        if (!shape.axis.empty()) std::copy_n(shape.axis.begin(), 3, axis_.begin());
+        if (!shape.axis.empty()) axis_ = point_at(shape.axis.data(), 0);
     }
     [[nodiscard]] double distance(std::size_t i, std::size_t j) const {
-        const Point a = across(i), b = across(j);
-        double sum = 0;
-        for (std::size_t k = 0; k < 3; ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
-        return std::sqrt(sum);
+        return norm(across(i) - across(j));
     }
 
   private:
     /// A point without its part along the axis.
-    [[nodiscard]] Point across(std::size_t i) const {
-        const double* p = points_.data() + 3 * i;
-        const double along = p[0] * axis_[0] + p[1] * axis_[1] + p[2] * axis_[2];
-        return {p[0] - along * axis_[0], p[1] - along * axis_[1], p[2] - along * axis_[2]};
+    [[nodiscard]] Vec3 across(std::size_t i) const {
+        const Vec3 x = point_at(points_.data(), i);
+        return x - dot(x, axis_) * axis_;
     }
 
     std::span<const double> points_;
-    Point axis_{0, 0, 0};
+    Vec3 axis_;
 };
 
 /// The widest gap between neighbours along the strokes. Of equal gaps it is the first in the order
@@ -82,9 +66,8 @@ inline void find_largest_gap(const CertifiedShape& shape, Certificate& certifica
         certificate.rows = {i, j};
     };
     const std::span<const std::int32_t> stroke = shape.stroke;
-    for (std::size_t i = 1; i < stroke.size(); ++i) {
+    for (std::size_t i = 1; i < stroke.size(); ++i)
         if (stroke[i] == stroke[i - 1]) measure(i - 1, i);
-    }
     std::size_t first = 0;
     for (std::size_t i = 1; i <= stroke.size(); ++i) {
         if (i < stroke.size() && stroke[i] == stroke[i - 1]) continue;
@@ -108,9 +91,8 @@ inline void find_largest_cover(const CertifiedShape& shape, Certificate& certifi
         certificate.largest = cover;
         worst = i;
     }
-    for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t k = 0; k < 3; ++k)
         certificate.rows.push_back(static_cast<std::size_t>(t[worst + k]));
-    }
     certificate.largest = std::min(certificate.largest, shape.sample_radius);
 }
 

@@ -4,11 +4,6 @@
 // clang-format off
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <string_view>
-
 #include "vfplan/base/vec.hpp"
 #include "vfplan/bundle/bytes.hpp"
 
@@ -20,19 +15,22 @@ enum class Required { always, group, rendering, optional };
 /// What an engine renders, or what is reviewed beside it: a review's digest covers both.
 enum class Mark { none, rendered, reviewed };
 
+inline constexpr Version newest{2, 0};
+
 /// One thing a bundle may hold; an empty text means that there is none.
 struct Row {
     std::string_view path;
     Kind kind;
-    Type type;
-    Required required;
-    std::array<std::string_view, 2> shape;  // a number, or the letter of a size
-    std::string_view unit;                  // "@frame", "@source_frame": px in image, else m
-    std::string_view frame;
-    std::string_view allowed;  // separated by |
-    double min, max, above, max_abs_m, max_abs_px;
-    Version since;  // of the format that has it
-    Mark mark;
+    Type type = Type::none;
+    Required required = Required::optional;
+    std::array<std::string_view, 2> shape{};  // a number, or the letter of a size
+    std::string_view unit{};                  // "@frame", "@source_frame": px in image, else m
+    std::string_view frame{};
+    std::string_view allowed{};  // separated by |
+    double min = -infinity, max = infinity, above = -infinity;
+    double max_abs_m = infinity, max_abs_px = infinity;
+    Version since = newest;  // of the format that has it
+    Mark mark = Mark::none;
 };
 
 /// The schema's name of a type.
@@ -49,7 +47,6 @@ struct Size {
 
 inline constexpr std::string_view format_name = "vfplan-fixture";
 inline constexpr std::string_view format_version = "2.0";
-inline constexpr Version newest{2, 0};
 
 namespace limits {
 inline constexpr std::uint64_t payload_bytes = 268435456;
@@ -74,97 +71,95 @@ inline constexpr std::array<Size, 13> sizes{
     Size{'F', 1000},
 };
 
-inline constexpr std::array<Row, 90> rows{
-    Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/@frame", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "image|robot_base|patient_lps", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/@id", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/@case", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/@must_understand", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/points", Kind::dataset, Type::f8, Required::always, {"N", "3"}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {2, 0}, Mark::rendered},
-    Row{"/sigma", Kind::dataset, Type::f8, Required::optional, {"N", ""}, "@frame", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/curve", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/curve/stroke", Kind::dataset, Type::i4, Required::group, {"N", ""}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/curve/closed", Kind::dataset, Type::u1, Required::group, {"S", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/curve/bridged", Kind::dataset, Type::u1, Required::optional, {"N", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/curve/edited", Kind::dataset, Type::u1, Required::optional, {"N", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/pieces", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/pieces/vertices", Kind::dataset, Type::f8, Required::group, {"V", "3"}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {2, 0}, Mark::rendered},
-    Row{"/pieces/bulges", Kind::dataset, Type::f8, Required::group, {"V", ""}, "1", "", "", -1.0, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/pieces/stroke", Kind::dataset, Type::i4, Required::group, {"V", ""}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/pieces@error_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 0.0001, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/mesh", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/mesh/triangles", Kind::dataset, Type::i4, Required::group, {"K", "3"}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/mesh@sample_radius_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/image", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/image@width_px", Kind::attribute, Type::i4, Required::group, {"", ""}, "px", "", "", 1.0, 1000000.0, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/image@height_px", Kind::attribute, Type::i4, Required::group, {"", ""}, "px", "", "", 1.0, 1000000.0, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/image/pixel_spacing", Kind::dataset, Type::f8, Required::optional, {"2", ""}, "mm/px", "image", "", -infinity, 1000.0, 0.0, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/rendering", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/rendering/stiffness", Kind::dataset, Type::f8, Required::group, {"3", ""}, "N/m", "@frame", "", 0.0, 1000000.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering/ignore_axis", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "1", "@frame", "", -1.0, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering@contact_radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering@band_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering@point_radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering@max_iterations", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, 10000.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/rendering@robot", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/rendering/stability", Kind::dataset, Type::f8, Required::optional, {"7", ""}, "kg, N s/m, Hz, 1, N/m, N/m, 1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/guidance", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/guidance@radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/guidance@stiffness_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", -infinity, 1000000.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/guidance@ends", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "stop|open", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/guidance@lead_force_n", Kind::attribute, Type::f8, Required::optional, {"", ""}, "N", "", "", -1000.0, 1000.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/guidance@lead_speed_m_s", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m/s", "", "", -infinity, 10.0, 0.0, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/guidance@stroke", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 0.0, 99999.0, -infinity, infinity, infinity, {2, 0}, Mark::rendered},
-    Row{"/registration", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/registration@model", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "affine|similarity|rigid", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration@source_frame", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "image|patient_lps", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration@fre_rms_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration@loo_rms_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration@tre_rms_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/T_robot_image", Kind::dataset, Type::f8, Required::group, {"Q", "Q"}, "m/@source_frame", "robot_base", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/labels", Kind::dataset, Type::text, Required::group, {"M", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/source", Kind::dataset, Type::f8, Required::group, {"M", "D"}, "@source_frame", "@source_frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {2, 0}, Mark::reviewed},
-    Row{"/registration/target", Kind::dataset, Type::f8, Required::group, {"M", "3"}, "m", "robot_base", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration@tool", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/tip", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "m", "tool", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/residuals", Kind::dataset, Type::f8, Required::group, {"M", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/covariance", Kind::dataset, Type::f8, Required::optional, {"U", "U"}, "T_robot_image^2", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/registration/tre", Kind::dataset, Type::f8, Required::optional, {"N", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/leak", Kind::group, Type::none, Required::rendering, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak@kind", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "curve|mesh|cloud", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak@certified", Kind::attribute, Type::u1, Required::group, {"", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak@largest_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak@limit_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", -infinity, infinity, 0.0, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak/place", Kind::dataset, Type::f8, Required::group, {"3", ""}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::none},
-    Row{"/leak/open_ends", Kind::dataset, Type::f8, Required::optional, {"E", "3"}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::none},
-    Row{"/leak@between_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/leak/between_place", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::none},
-    Row{"/leak@open_edges", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/findings", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/findings/code", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/severity", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "note|doubt", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/text", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/stage", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/has_place_px", Kind::dataset, Type::u1, Required::optional, {"F", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/place_px", Kind::dataset, Type::f8, Required::optional, {"F", "2"}, "px", "image", "", -infinity, infinity, -infinity, infinity, 1000000.0, {2, 0}, Mark::reviewed},
-    Row{"/findings/has_place_m", Kind::dataset, Type::u1, Required::optional, {"F", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/place_m", Kind::dataset, Type::f8, Required::optional, {"F", "3"}, "m", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/answered_by", Kind::dataset, Type::text, Required::optional, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/findings/answered_utc", Kind::dataset, Type::text, Required::optional, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::reviewed},
-    Row{"/review", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/review@by", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/review@utc", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/review@digest", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance@created_utc", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance@software", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance/input_roles", Kind::dataset, Type::text, Required::optional, {"I", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance/input_sha256", Kind::dataset, Type::text, Required::optional, {"I", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance/setting_names", Kind::dataset, Type::text, Required::optional, {"C", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance/setting_values", Kind::dataset, Type::text, Required::optional, {"C", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-    Row{"/provenance/history", Kind::dataset, Type::text, Required::optional, {"H", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}, Mark::none},
-};
+inline constexpr std::array<Row, 88> rows{{
+    {.path = "/", .kind = Kind::group, .required = Required::always},
+    {.path = "/@format", .kind = Kind::attribute, .type = Type::text, .required = Required::always, .allowed = "vfplan-fixture"},
+    {.path = "/@version", .kind = Kind::attribute, .type = Type::text, .required = Required::always},
+    {.path = "/@frame", .kind = Kind::attribute, .type = Type::text, .required = Required::always, .allowed = "image|robot_base|patient_lps", .mark = Mark::rendered},
+    {.path = "/@id", .kind = Kind::attribute, .type = Type::text, .required = Required::always},
+    {.path = "/@case", .kind = Kind::attribute, .type = Type::text, .mark = Mark::reviewed},
+    {.path = "/@must_understand", .kind = Kind::attribute, .type = Type::text},
+    {.path = "/points", .kind = Kind::dataset, .type = Type::f8, .required = Required::always, .shape = {"N", "3"}, .unit = "@frame", .frame = "@frame", .max_abs_m = 100.0, .max_abs_px = 1000000.0, .mark = Mark::rendered},
+    {.path = "/sigma", .kind = Kind::dataset, .type = Type::f8, .shape = {"N"}, .unit = "@frame", .min = 0.0},
+    {.path = "/curve", .kind = Kind::group},
+    {.path = "/curve/stroke", .kind = Kind::dataset, .type = Type::i4, .required = Required::group, .shape = {"N"}, .unit = "1", .min = 0.0, .mark = Mark::rendered},
+    {.path = "/curve/closed", .kind = Kind::dataset, .type = Type::u1, .required = Required::group, .shape = {"S"}, .unit = "1", .max = 1.0, .mark = Mark::rendered},
+    {.path = "/curve/bridged", .kind = Kind::dataset, .type = Type::u1, .shape = {"N"}, .unit = "1", .max = 1.0},
+    {.path = "/curve/edited", .kind = Kind::dataset, .type = Type::u1, .shape = {"N"}, .unit = "1", .max = 1.0},
+    {.path = "/pieces", .kind = Kind::group},
+    {.path = "/pieces/vertices", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"V", "3"}, .unit = "@frame", .frame = "@frame", .max_abs_m = 100.0, .max_abs_px = 1000000.0, .mark = Mark::rendered},
+    {.path = "/pieces/bulges", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"V"}, .unit = "1", .min = -1.0, .max = 1.0, .mark = Mark::rendered},
+    {.path = "/pieces/stroke", .kind = Kind::dataset, .type = Type::i4, .required = Required::group, .shape = {"V"}, .unit = "1", .min = 0.0, .mark = Mark::rendered},
+    {.path = "/pieces@error_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .min = 0.0, .max = 0.0001, .mark = Mark::reviewed},
+    {.path = "/mesh", .kind = Kind::group},
+    {.path = "/mesh/triangles", .kind = Kind::dataset, .type = Type::i4, .required = Required::group, .shape = {"K", "3"}, .unit = "1", .min = 0.0, .mark = Mark::rendered},
+    {.path = "/mesh@sample_radius_m", .kind = Kind::attribute, .type = Type::f8, .unit = "m", .max = 1.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/image", .kind = Kind::group},
+    {.path = "/image@width_px", .kind = Kind::attribute, .type = Type::i4, .required = Required::group, .unit = "px", .min = 1.0, .max = 1000000.0},
+    {.path = "/image@height_px", .kind = Kind::attribute, .type = Type::i4, .required = Required::group, .unit = "px", .min = 1.0, .max = 1000000.0},
+    {.path = "/image/pixel_spacing", .kind = Kind::dataset, .type = Type::f8, .shape = {"2"}, .unit = "mm/px", .frame = "image", .max = 1000.0, .above = 0.0},
+    {.path = "/rendering", .kind = Kind::group},
+    {.path = "/rendering/stiffness", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"3"}, .unit = "N/m", .frame = "@frame", .min = 0.0, .max = 1000000.0, .mark = Mark::rendered},
+    {.path = "/rendering/ignore_axis", .kind = Kind::dataset, .type = Type::f8, .shape = {"3"}, .unit = "1", .frame = "@frame", .min = -1.0, .max = 1.0, .mark = Mark::rendered},
+    {.path = "/rendering@contact_radius_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .max = 1.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/rendering@band_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .max = 1.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/rendering@point_radius_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .min = 0.0, .max = 1.0, .mark = Mark::rendered},
+    {.path = "/rendering@max_iterations", .kind = Kind::attribute, .type = Type::i4, .unit = "1", .min = 1.0, .max = 10000.0, .mark = Mark::rendered},
+    {.path = "/rendering@robot", .kind = Kind::attribute, .type = Type::text, .mark = Mark::reviewed},
+    {.path = "/rendering/stability", .kind = Kind::dataset, .type = Type::f8, .shape = {"7"}, .unit = "kg, N s/m, Hz, 1, N/m, N/m, 1", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/guidance", .kind = Kind::group},
+    {.path = "/guidance@radius_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .max = 1.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/guidance@stiffness_n_per_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "N/m", .max = 1000000.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/guidance@ends", .kind = Kind::attribute, .type = Type::text, .required = Required::group, .allowed = "stop|open", .mark = Mark::rendered},
+    {.path = "/guidance@lead_force_n", .kind = Kind::attribute, .type = Type::f8, .unit = "N", .min = -1000.0, .max = 1000.0, .mark = Mark::rendered},
+    {.path = "/guidance@lead_speed_m_s", .kind = Kind::attribute, .type = Type::f8, .unit = "m/s", .max = 10.0, .above = 0.0, .mark = Mark::rendered},
+    {.path = "/guidance@stroke", .kind = Kind::attribute, .type = Type::i4, .unit = "1", .min = 0.0, .max = 99999.0, .mark = Mark::rendered},
+    {.path = "/registration", .kind = Kind::group},
+    {.path = "/registration@model", .kind = Kind::attribute, .type = Type::text, .required = Required::group, .allowed = "affine|similarity|rigid", .mark = Mark::reviewed},
+    {.path = "/registration@source_frame", .kind = Kind::attribute, .type = Type::text, .required = Required::group, .allowed = "image|patient_lps", .mark = Mark::reviewed},
+    {.path = "/registration@fre_rms_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/registration@loo_rms_m", .kind = Kind::attribute, .type = Type::f8, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/registration@tre_rms_m", .kind = Kind::attribute, .type = Type::f8, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/registration/T_robot_image", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"Q", "Q"}, .unit = "m/@source_frame", .frame = "robot_base", .mark = Mark::reviewed},
+    {.path = "/registration/labels", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"M"}, .mark = Mark::reviewed},
+    {.path = "/registration/source", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M", "D"}, .unit = "@source_frame", .frame = "@source_frame", .max_abs_m = 100.0, .max_abs_px = 1000000.0, .mark = Mark::reviewed},
+    {.path = "/registration/target", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M", "3"}, .unit = "m", .frame = "robot_base", .max_abs_m = 100.0, .mark = Mark::reviewed},
+    {.path = "/registration/residuals", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M"}, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/registration/covariance", .kind = Kind::dataset, .type = Type::f8, .shape = {"U", "U"}, .unit = "T_robot_image^2", .mark = Mark::reviewed},
+    {.path = "/registration/tre", .kind = Kind::dataset, .type = Type::f8, .shape = {"N"}, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
+    {.path = "/leak", .kind = Kind::group, .required = Required::rendering},
+    {.path = "/leak@kind", .kind = Kind::attribute, .type = Type::text, .required = Required::group, .allowed = "curve|mesh|cloud"},
+    {.path = "/leak@certified", .kind = Kind::attribute, .type = Type::u1, .required = Required::group, .unit = "1", .max = 1.0},
+    {.path = "/leak@largest_m", .kind = Kind::attribute, .type = Type::f8, .required = Required::group, .unit = "m", .min = 0.0},
+    {.path = "/leak@limit_m", .kind = Kind::attribute, .type = Type::f8, .unit = "m", .above = 0.0},
+    {.path = "/leak/place", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"3"}, .unit = "@frame", .frame = "@frame", .max_abs_m = 100.0},
+    {.path = "/leak/open_ends", .kind = Kind::dataset, .type = Type::f8, .shape = {"E", "3"}, .unit = "@frame", .frame = "@frame", .max_abs_m = 100.0},
+    {.path = "/leak@between_m", .kind = Kind::attribute, .type = Type::f8, .unit = "m", .min = 0.0},
+    {.path = "/leak/between_place", .kind = Kind::dataset, .type = Type::f8, .shape = {"3"}, .unit = "@frame", .frame = "@frame", .max_abs_m = 100.0},
+    {.path = "/leak@open_edges", .kind = Kind::attribute, .type = Type::i4, .unit = "1", .min = 1.0},
+    {.path = "/findings", .kind = Kind::group},
+    {.path = "/findings/code", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"F"}, .mark = Mark::reviewed},
+    {.path = "/findings/severity", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"F"}, .allowed = "note|doubt", .mark = Mark::reviewed},
+    {.path = "/findings/text", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"F"}, .mark = Mark::reviewed},
+    {.path = "/findings/stage", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"F"}, .mark = Mark::reviewed},
+    {.path = "/findings/has_place_px", .kind = Kind::dataset, .type = Type::u1, .shape = {"F"}, .unit = "1", .max = 1.0, .mark = Mark::reviewed},
+    {.path = "/findings/place_px", .kind = Kind::dataset, .type = Type::f8, .shape = {"F", "2"}, .unit = "px", .frame = "image", .max_abs_px = 1000000.0, .mark = Mark::reviewed},
+    {.path = "/findings/has_place_m", .kind = Kind::dataset, .type = Type::u1, .shape = {"F"}, .unit = "1", .max = 1.0, .mark = Mark::reviewed},
+    {.path = "/findings/place_m", .kind = Kind::dataset, .type = Type::f8, .shape = {"F", "3"}, .unit = "m", .frame = "@frame", .max_abs_m = 100.0, .mark = Mark::reviewed},
+    {.path = "/findings/answered_by", .kind = Kind::dataset, .type = Type::text, .shape = {"F"}, .mark = Mark::reviewed},
+    {.path = "/findings/answered_utc", .kind = Kind::dataset, .type = Type::text, .shape = {"F"}, .mark = Mark::reviewed},
+    {.path = "/review", .kind = Kind::group},
+    {.path = "/review@by", .kind = Kind::attribute, .type = Type::text, .required = Required::group},
+    {.path = "/review@utc", .kind = Kind::attribute, .type = Type::text, .required = Required::group},
+    {.path = "/review@digest", .kind = Kind::attribute, .type = Type::text, .required = Required::group},
+    {.path = "/provenance", .kind = Kind::group, .required = Required::always},
+    {.path = "/provenance@created_utc", .kind = Kind::attribute, .type = Type::text, .required = Required::always},
+    {.path = "/provenance@software", .kind = Kind::attribute, .type = Type::text, .required = Required::always},
+    {.path = "/provenance/input_roles", .kind = Kind::dataset, .type = Type::text, .shape = {"I"}},
+    {.path = "/provenance/input_sha256", .kind = Kind::dataset, .type = Type::text, .shape = {"I"}},
+    {.path = "/provenance/setting_names", .kind = Kind::dataset, .type = Type::text, .shape = {"C"}},
+    {.path = "/provenance/setting_values", .kind = Kind::dataset, .type = Type::text, .shape = {"C"}},
+    {.path = "/provenance/history", .kind = Kind::dataset, .type = Type::text, .shape = {"H"}},
+}};
 
 }  // namespace vfplan::bundle

@@ -3,18 +3,9 @@
 // The seal behind a bundle, and the SHA-256 that it holds.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <string>
-#include <string_view>
-#include <vector>
 
-#include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/schema.hpp"
 
 namespace vfplan::bundle {
@@ -41,9 +32,8 @@ inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t b
     const auto turn = [](std::uint32_t x, int n) { return x >> n | x << (32 - n); };
     for (; blocks > 0; --blocks, data += 64) {
         std::array<std::uint32_t, 64> w{};
-        for (std::size_t i = 0; i < 16; ++i) {
+        for (std::size_t i = 0; i < 16; ++i)
             for (std::size_t k = 0; k < 4; ++k) w[i] = w[i] << 8 | data[4 * i + k];
-        }
         for (std::size_t i = 16; i < 64; ++i) {
             const std::uint32_t a = w[i - 15], b = w[i - 2];
             w[i] = w[i - 16] + (turn(a, 7) ^ turn(a, 18) ^ a >> 3) + w[i - 7] +
@@ -86,14 +76,12 @@ class Sha256 {
         const std::uint64_t bits = 8 * length_;
         Bytes padding(1 + (119 - held_) % 64 + 8, 0);
         padding[0] = 0x80;
-        for (std::size_t i = 0; i < 8; ++i) {
+        for (std::size_t i = 0; i < 8; ++i)
             padding[padding.size() - 1 - i] = static_cast<unsigned char>(bits >> (8 * i));
-        }
         update(padding);
         Digest out{};
-        for (std::size_t i = 0; i < out.size(); ++i) {
+        for (std::size_t i = 0; i < out.size(); ++i)
             out[i] = static_cast<unsigned char>(state_[i / 4] >> (24 - 8 * (i % 4)));
-        }
         return out;
     }
 

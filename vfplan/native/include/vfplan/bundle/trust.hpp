@@ -7,23 +7,12 @@
 #include <openssl/evp.h>
 #include <openssl/pem.h>
 
-#include <algorithm>
-#include <array>
 #include <chrono>
-#include <cstdint>
 #include <filesystem>
 #include <istream>
-#include <memory>
-#include <optional>
 #include <sstream>
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
 
-#include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/fixture.hpp"
-#include "vfplan/bundle/seal.hpp"
 
 namespace vfplan::bundle {
 
@@ -130,9 +119,8 @@ inline void require_signature(
         detail::refuse("signature.key", "",
                        {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
     }
-    if (!signature_holds(seal, *key)) {
+    if (!signature_holds(seal, *key))
         detail::refuse("signature.wrong", "", {"has a signature that does not hold"});
-    }
     if (trust.case_token && *trust.case_token != seal.case_token) {
         if (seal.case_token.empty())
             detail::refuse("signature.case", "", {"is signed for no particular case"},
@@ -146,14 +134,11 @@ inline void require_signature(
         detail::refuse("signature.robot", "", {"is signed for another robot"});
     }
     if (!trust.max_age) return;
-    if (seal.signed_at == 0) {
+    if (seal.signed_at == 0)
         detail::refuse("signature.age", "", {"does not state when it was signed"});
-    }
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
                      std::chrono::seconds(static_cast<std::int64_t>(seal.signed_at));
-    if (age > *trust.max_age) {
-        detail::refuse("signature.age", "", {"was signed too long ago"});
-    }
+    if (age > *trust.max_age) detail::refuse("signature.age", "", {"was signed too long ago"});
     if (age < std::chrono::seconds(-60)) {
         detail::refuse("signature.age", "", {"was signed at a time that lies in the future"},
                        "Set the clock of this machine, or sign the bundle again");
@@ -162,12 +147,7 @@ inline void require_signature(
 
 /// Checks seal and signature, then the rest as read_bundle(data) does. Throws BundleError.
 inline Bundle read_bundle(View data, const Trust& trust) {
-    View payload;
-    Bundle bundle{{}, unseal(data, payload)};
-    require_signature(bundle.seal, trust);
-    Findings findings(true);
-    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
-    return bundle;
+    return read_bundle(data, [&](const Seal& seal) { require_signature(seal, trust); });
 }
 
 /// Reads a bundle that one of the trusted keys signed for its case and robot, and not long ago.

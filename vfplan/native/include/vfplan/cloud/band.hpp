@@ -5,12 +5,6 @@
 // touches.
 #pragma once
 
-#include <utility>
-#include <vector>
-
-#include "vfplan/base/vec.hpp"
-#include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
 #include "vfplan/rules/contacts.hpp"
 
 namespace vfplan::inline v1 {

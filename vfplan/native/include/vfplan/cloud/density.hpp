@@ -3,15 +3,10 @@
 // How crowded a cloud is, and which of its points can never be felt.
 #pragma once
 
-#include <algorithm>
 #include <bit>
-#include <cmath>
-#include <cstdint>
-#include <vector>
 
 #include "vfplan/cloud/points.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
 namespace vfplan::inline v1 {
@@ -26,11 +21,8 @@ namespace vfplan::inline v1 {
 /// at most `max_cells` cells: their side grows until there are so few.
 template <int D, class BoxOf>
 double most_within(std::size_t n, const BoxOf& box, double reach, double max_cells) {
-    Box<D> all = box(0);
-    for (std::size_t i = 1; i < n; ++i) {
-        all.include(box(i).low);
-        all.include(box(i).high);
-    }
+    Box<D> all;
+    for (std::size_t i = 0; i < n; ++i) all.include(box(i));
     double side = reach / 4;
     const auto count = [&](int k) { return std::floor((all.high.c[k] - all.low.c[k]) / side) + 1; };
     const auto cells = [&] {
@@ -197,9 +189,12 @@ class Thinning {
     }
     /// Whether no kept point is nearer to point i than the square root of `apart2`.
     bool is_alone(std::uint32_t i, double apart2) const noexcept {
-        bool found = false;
-        visit(cloud_[i], [&](const NearPoint& q) { return !(found = q.d2 < apart2); });
-        return !found;
+        bool is_alone = true;
+        visit(cloud_[i], [&](const NearPoint& q) {
+            is_alone = !(q.d2 < apart2);
+            return is_alone;
+        });
+        return is_alone;
     }
 
     /// Whether kept points cover point i, so that it is not needed.

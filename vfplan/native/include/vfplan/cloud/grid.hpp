@@ -5,9 +5,7 @@
 // all cells of the box where they are few, only the occupied ones where the box is mostly empty.
 #pragma once
 
-#include <cmath>
 #include <numeric>
-#include <optional>
 
 #include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
@@ -273,9 +271,7 @@ class PointIndex {
         return place;
     }
     void add(const Vec<D>& p) noexcept {
-        Box<D>& b = boxes_[added_count_ / block];
-        if (added_count_ % block == 0) b = {p, p};
-        b.include(p);
+        boxes_[added_count_ / block].include(p);
         box_.include(p);
         added_.set(added_count_++, p);
     }

@@ -6,12 +6,7 @@
 // correctly rounded operations, so they give the same bits.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <cstring>
-#include <limits>
 
 #include "vfplan/base/vec.hpp"
 

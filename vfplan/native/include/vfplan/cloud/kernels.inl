@@ -113,40 +113,28 @@ VFPLAN_INLINE void store(Float8 a, double* p) {
 
 // 1/sqrt(a) to 1e-7 by correctly rounded float32 operations: nothing here depends on a processor's
 // own approximation. One step of Newton's makes 2e-14 of it.
+using Floats = float __attribute__((vector_size(4 * VFPLAN_LANES)));
 VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
+    VFPLAN_EACH {
+        Floats f = __builtin_convertvector(a.v[i], Floats);
 #if VFPLAN_LANES == 8
-    const __m256 f = _mm512_maskz_cvtpd_ps(0xff, (__m512d)a.v[0]);
-    _mm256_store_ps(p, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
+        f = (Floats)_mm256_sqrt_ps((__m256)f);
 #elif VFPLAN_LANES == 4
-    const __m256 f =
-        _mm256_set_m128(_mm256_cvtpd_ps((__m256d)a.v[1]), _mm256_cvtpd_ps((__m256d)a.v[0]));
-    _mm256_store_ps(p, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
-#elif VFPLAN_X86
-    for (int i = 0; i < parts; i += 2) {
-        const __m128 f =
-            _mm_movelh_ps(_mm_cvtpd_ps((__m128d)a.v[i]), _mm_cvtpd_ps((__m128d)a.v[i + 1]));
-        _mm_store_ps(p + 2 * i, _mm_div_ps(_mm_set1_ps(1), _mm_sqrt_ps(f)));
-    }
+        f = (Floats)_mm_sqrt_ps((__m128)f);
 #else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) p[VFPLAN_LANES * i + j] =
-        1.0f / std::sqrt(static_cast<float>(a.v[i][j]));
+        for (int j = 0; j < VFPLAN_LANES; ++j) f[j] = std::sqrt(f[j]);
 #endif
+        f = 1.0f / f;
+        std::memcpy(p + VFPLAN_LANES * i, &f, sizeof f);
+    }
 }
 VFPLAN_INLINE Float8 load_seeds(const float* p) {
     Float8 a;
-#if VFPLAN_LANES == 8
-    a.v[0] = (Native)_mm512_maskz_cvtps_pd(0xff, _mm256_load_ps(p));
-#elif VFPLAN_LANES == 4
-    VFPLAN_EACH a.v[i] = (Native)_mm256_cvtps_pd(_mm_load_ps(p + 4 * i));
-#elif VFPLAN_X86
-    for (int i = 0; i < parts; i += 2) {
-        const __m128 f = _mm_load_ps(p + 2 * i);
-        a.v[i] = (Native)_mm_cvtps_pd(f);
-        a.v[i + 1] = (Native)_mm_cvtps_pd(_mm_movehl_ps(f, f));
+    VFPLAN_EACH {
+        Floats f;
+        std::memcpy(&f, p + VFPLAN_LANES * i, sizeof f);
+        a.v[i] = __builtin_convertvector(f, Native);
     }
-#else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) a.v[i][j] = p[VFPLAN_LANES * i + j];
-#endif
     return a;
 }
 

@@ -3,15 +3,8 @@
 // The cloud: one array a coordinate, in an order of the owner's choice, and the box around it.
 #pragma once
 
-#include <algorithm>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
 #include <new>
-#include <string>
-#include <vector>
 
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/kernels.hpp"
 
 namespace vfplan::inline v1 {
@@ -94,8 +87,7 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
         reject("the cloud has " + std::to_string(n) + " points. Give at most 2^32 - 2.");
     check_coordinates(xyz, n);
     Cloud<S::dimension> cloud(n);
-    for (std::size_t i = 0; i < n; ++i)
-        cloud.set(i, space.project({{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}}));
+    for (std::size_t i = 0; i < n; ++i) cloud.set(i, space.project(point_at(xyz, i)));
     return cloud;
 }
 

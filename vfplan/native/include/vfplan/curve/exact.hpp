@@ -31,22 +31,10 @@
 // would end inside.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <utility>
-#include <vector>
-
 #include "vfplan/base/bounds_tree.hpp"
-#include "vfplan/base/vec.hpp"
-#include "vfplan/base/work.hpp"
 #include "vfplan/curve/offset.hpp"
 #include "vfplan/curve/pieces.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/rule.hpp"
-#include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1::curve {
 
@@ -64,19 +52,14 @@ class Curve {
     Curve(const std::vector<Stroke>& strokes, const Slice& plane, double radius) : R_(radius) {
         for (const Stroke& stroke : strokes) {
             std::vector<Vec2> corners(stroke.bulges.size());
-            for (std::size_t i = 0; i < corners.size(); ++i) {
-                const double* v = stroke.vertices.data() + 3 * i;
-                corners[i] = plane.project({{v[0], v[1], v[2]}});
-            }
+            for (std::size_t i = 0; i < corners.size(); ++i)
+                corners[i] = plane.project(point_at(stroke.vertices.data(), i));
             add(corners, stroke);
         }
         features_.shrink_to_fit();
         const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<2> box = features_[first].box;
-            for (std::size_t i = first + 1; i < last; ++i) {
-                box.include(features_[i].box.low);
-                box.include(features_[i].box.high);
-            }
+            Box<2> box;
+            for (std::size_t i = first; i < last; ++i) box.include(features_[i].box);
             return box;
         };
         tree_.build(0, features_.size(), box_of, [](std::size_t, std::size_t) {});
@@ -96,13 +79,12 @@ class Curve {
     /// Calls f(i) for every feature in a box for which `is_near(box)` holds, and for some more.
     template <class IsNear, class F>
     void visit(IsNear&& is_near, F&& f) const noexcept {
-        spend(tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
+        budget_.spend(
+            tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
     }
-    /// Counts inner steps, the units in which the work of a tick is measured: each takes the time
-    /// CurveRule::a_step. What a look at the tree costs is returned by BoundsTree::visit, and every
-    /// other cost stands where it is spent.
-    void spend(int steps) const noexcept { budget_.spend(static_cast<std::size_t>(steps)); }
-    /// What this tick may still do.
+    /// What this tick may still do, in inner steps: each takes the time CurveRule::a_step. What a
+    /// look at the tree costs is returned by BoundsTree::visit, and every other cost stands where
+    /// it is spent.
     WorkBudget& budget() const noexcept { return budget_; }
     /// Calls f(i) for every feature within `reach` of y, and for some more. `reach` is taken by
     /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
@@ -189,10 +171,7 @@ class Curve {
         const double chord = norm(p.b - p.a);
         const double cosine = dot(p.start_tangent, (1 / chord) * (p.b - p.a));
         const Vec2 tip = p.a + (chord / (2 * cosine)) * p.start_tangent;
-        for (int k = 0; k < 2; ++k) {
-            f.box.low.c[k] = std::min({p.a.c[k], p.b.c[k], tip.c[k]});
-            f.box.high.c[k] = std::max({p.a.c[k], p.b.c[k], tip.c[k]});
-        }
+        for (const Vec2& corner : {p.a, p.b, tip}) f.box.include(corner);
         return f;
     }
 
@@ -280,7 +259,7 @@ class FeatureQuery {
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
             bool is_touching;
-            curve_.spend(steps_a_try);
+            curve_.budget().spend(steps_a_try);
             // Where the path goes into what the feature forbids. (E5)
             const double t =
                 first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
@@ -334,7 +313,7 @@ class FeatureQuery {
     }
 
     /// One inner step for each feature in the list.
-    void spend_on_list() const noexcept { curve_.spend(static_cast<int>(list_.size())); }
+    void spend_on_list() const noexcept { curve_.budget().spend(list_.size()); }
 
     Curve curve_;
     RoundingLimits limits_;
@@ -621,7 +600,7 @@ class CurveMotion {
         Vec2 last_tangent;  // of the feature whose end the proxy stands at; 0 where at none
         for (int tried = 0; tried < max_features_tried; ++tried) {
             if (tried > 0 && curve().budget().is_spent()) return Outcome::limit;
-            curve().spend(steps_a_slide);
+            curve().budget().spend(steps_a_slide);
             // Along which of them does a path lead towards the HIP and into none of the others?
             const int i = holding.open_towards(to_hip);
             if (i == none) return holding.count > 1 ? Outcome::corner : Outcome::rests;

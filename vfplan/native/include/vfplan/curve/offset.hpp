@@ -22,16 +22,10 @@
 // everywhere.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 #include "vfplan/base/vec.hpp"
 #include "vfplan/rules/constants.hpp"
 
 namespace vfplan::inline v1::curve {
-
-inline Vec2 left(const Vec2& v) noexcept { return {{-v[1], v[0]}}; }
 
 /// a t^2 + b t + c: what of a function of the place is left after the factor 1 + q^2 t^2 > 0.
 struct Quadratic {
@@ -45,11 +39,10 @@ struct Quadratic {
         if (!(square >= 0)) return infinity;
         const double root = std::sqrt(square);
         double t = infinity;
-        if (b > 0) {
+        if (b > 0)
             t = -(b + root) / (2 * a);
-        } else if (root > b) {
+        else if (root > b)
             t = 2 * c / (root - b);
-        }
         return t >= 0 ? t : infinity;
     }
 };

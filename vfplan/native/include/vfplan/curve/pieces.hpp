@@ -3,12 +3,6 @@
 // Lines and arcs: as a drawing has them, and as pieces in space.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <vector>
-
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::inline v1 {
@@ -23,7 +17,12 @@ struct Stroke {
     std::vector<double> vertices;  ///< x y z of each in turn [m]
     std::vector<double> bulges;    ///< of the piece from each vertex to the next; one each
     bool closed = false;           ///< whether the last piece leads back to the first vertex
+
+    bool operator==(const Stroke&) const = default;
 };
+
+/// Points nearer than this are one [m]. A direction from one to the other would be rounding.
+inline constexpr double shortest_piece = 1e-9;
 
 /// tan(pi / 8), the bulge of a quarter circle.
 inline constexpr double quarter_bulge = 0.41421356237309515;
@@ -153,6 +152,25 @@ inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noex
     return s;
 }
 
+/// Adds a line or an arc of a half circle at most, across an axis, in parts that are a quarter
+/// circle and `longest` [m] at most. One of no length is left out.
+inline void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
+                std::vector<Piece>& pieces) {
+    const double chord = norm(b - a);
+    if (!(chord > shortest_piece)) return;
+    const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
+    if (std::abs(bulge) > quarter_bulge || chord > longest) {
+        const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
+        const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
+        cut(a, middle, half, axis, longest, pieces);
+        cut(middle, b, half, axis, longest, pieces);
+        return;
+    }
+    const double share = 1 / (1 + bulge * bulge);
+    const Vec3 begins = ((1 - bulge * bulge) * share) * e - (2 * bulge * share) * left;
+    pieces.push_back(bend(a, b, begins, false));
+}
+
 }  // namespace detail
 
 namespace curve {
@@ -164,7 +182,6 @@ struct PlanarPiece {
     double kappa = 0;                 ///< curvature [1/m], positive to the left
 
     PlanarPiece(const Vec2& from, const Vec2& to, double bulge) noexcept : a(from), b(to) {
-        const auto left = [](const Vec2& v) noexcept { return Vec2{{-v[1], v[0]}}; };
         const double chord = norm(b - a);
         const double share = 1 / (1 + bulge * bulge);
         const Vec2 e = (1 / chord) * (b - a);
@@ -184,9 +201,7 @@ inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
         pieces.emplace_back(a, b, bulge);
         return;
     }
-    const Vec2 chord = b - a;
-    const Vec2 left{{-chord[1], chord[0]}};
-    const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left;
+    const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left(b - a);
     const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
     cut_into_quarters(a, middle, half, pieces);
     cut_into_quarters(middle, b, half, pieces);

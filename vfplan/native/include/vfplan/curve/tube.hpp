@@ -3,13 +3,7 @@
 // The strands that a guide follows, and where a tube around them runs into itself.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <limits>
 #include <numbers>
-#include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "vfplan/curve/pieces.hpp"
 
@@ -33,17 +27,15 @@ class Path {
     /// How far arcs may lie beside the lines between the points [m]: a hundredth of a tube that is
     /// felt as narrow.
     static constexpr double smoothed = 1e-5;
-    /// Points nearer than this to the one before are left out [m]. A direction from one to the
-    /// other would be rounding.
-    static constexpr double shortest = 1e-9;
     static constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
 
     /// Adds a curve through n points. Throws std::invalid_argument where these make none.
     void add(const std::vector<Vec3>& points, bool closed) {
         std::vector<Vec3> p;
         for (const Vec3& x : points)
-            if (p.empty() || norm(x - p.back()) > shortest) p.push_back(x);
-        while (closed && p.size() > 1 && !(norm(p.front() - p.back()) > shortest)) p.pop_back();
+            if (p.empty() || norm(x - p.back()) > shortest_piece) p.push_back(x);
+        while (closed && p.size() > 1 && !(norm(p.front() - p.back()) > shortest_piece))
+            p.pop_back();
         if (p.size() < (closed ? 3 : 2))
             reject("a curve needs 2 points that differ, a closed one 3");
         Strand s{pieces_.size(), 0, closed, 0};
@@ -60,17 +52,18 @@ class Path {
     void add(const Stroke& stroke, const Vec3& axis, double longest) {
         std::vector<Vec3> p(stroke.bulges.size());
         for (std::size_t i = 0; i < p.size(); ++i) {
-            const double* v = stroke.vertices.data() + 3 * i;
-            p[i] = Vec3{{v[0], v[1], v[2]}};
-            p[i] = p[i] - dot(axis, p[i]) * axis;
+            const Vec3 x = point_at(stroke.vertices.data(), i);
+            p[i] = x - dot(axis, x) * axis;
         }
         const std::size_t sides = p.size() - (stroke.closed ? 0 : 1);
         double length = 0;
         for (std::size_t i = 0; i < sides; ++i) length += norm(p[(i + 1) % p.size()] - p[i]);
-        Strand s{pieces_.size(), 0, stroke.closed, 0};
+        std::vector<Piece> parts;
         for (std::size_t i = 0; i < sides; ++i)
-            cut(p[i], p[(i + 1) % p.size()], stroke.bulges[i], axis,
-                std::max(longest, length / max_parts), s.length);
+            detail::cut(p[i], p[(i + 1) % p.size()], stroke.bulges[i], axis,
+                        std::max(longest, length / max_parts), parts);
+        Strand s{pieces_.size(), 0, stroke.closed, 0};
+        for (const Piece& part : parts) push(part, s.length);
         end(s);
     }
 
@@ -100,13 +93,12 @@ class Path {
 
     /// Diagonal of the box about all curves [m]. No two of their places are further apart.
     double extent() const noexcept {
-        Vec3 low = pieces_.front().from, high = low;
-        for (const Piece& p : pieces_)
-            for (int k = 0; k < 3; ++k) {
-                low[k] = std::min({low[k], p.from[k], p.to[k]});
-                high[k] = std::max({high[k], p.from[k], p.to[k]});
-            }
-        return norm(high - low);
+        Box<3> box;
+        for (const Piece& p : pieces_) {
+            box.include(p.from);
+            box.include(p.to);
+        }
+        return norm(box.high - box.low);
     }
 
     /// Strand, piece and point nearest to x.
@@ -156,24 +148,6 @@ class Path {
         for (std::size_t i = s.first; i < pieces_.size(); i += block)
             add_ball(i, s.first + s.count);
     }
-    /// Adds a line or an arc of a half circle at most, in parts. One of no length is left out.
-    void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
-             double& length) {
-        const double chord = norm(b - a);
-        if (!(chord > shortest)) return;
-        const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
-        if (std::abs(bulge) > quarter_bulge || chord > longest) {
-            const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
-            const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
-            cut(a, middle, half, axis, longest, length);
-            cut(middle, b, half, axis, longest, length);
-            return;
-        }
-        const double share = 1 / (1 + bulge * bulge);
-        const Vec3 begins = ((1 - bulge * bulge) * share) * e - (2 * bulge * share) * left;
-        push(detail::bend(a, b, begins, false), length);
-    }
-
     /// The unit tangent at each point, of the circle through it and its neighbours. It is 0 where
     /// the curve turns back on itself.
     static std::vector<Vec3> tangents(const std::vector<Vec3>& p, bool closed) {

@@ -8,14 +8,7 @@
 // has come to.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
-
-#include "vfplan/mesh/query.hpp"
 #include "vfplan/mesh/smooth.hpp"
-#include "vfplan/parameters.hpp"
 #include "vfplan/rules/rule.hpp"
 
 namespace vfplan::inline v1::mesh {
@@ -33,7 +26,7 @@ class InsideMesh {
     }
     /// Out of what lies around the nearest triangle; nowhere yet, where the tick has no steps left.
     double exit_distance(const Vec3& y, const Vec3& direction) const noexcept {
-        if (query_.is_budget_spent()) return 0;
+        if (query_.budget().is_spent()) return 0;
         double distance = R_ * (1 - 1e-9);
         const std::uint32_t i = query_.nearest(y, distance);
         if (i == Mesh::none) return -infinity;
@@ -41,7 +34,7 @@ class InsideMesh {
         // From beyond the end of the triangle back to the place that is R from it.
         double s = t.extent_along(direction) - dot(direction, y) + R_;
         for (int k = 0; k < 32; ++k) {
-            query_.spend(3);
+            query_.budget().spend(3);
             const Vec3 w = y + s * direction - t.nearest(y + s * direction);
             const double r = norm(w);
             const double over = r - R_;
@@ -75,12 +68,9 @@ class MeshMotion {
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
-    const TriangleQuery& query() const noexcept { return query_; }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
-    /// The radius at which a way out leaves the triangles.
-    double radius() const noexcept { return R_; }
     InsideMesh inside() const noexcept { return {query_, R_}; }
-    void begin_tick() noexcept { query_.set_step_budget(max_steps); }
+    void begin_tick() noexcept { query_.budget().begin(max_steps); }
     void release() noexcept { planes_.clear(); }
     void reset() noexcept {
         release();
@@ -104,7 +94,7 @@ class MeshMotion {
             is_settled_ = true;
             return MotionEnd::settled;
         }
-        query_.set_step_budget(max_steps);
+        query_.budget().begin(max_steps);
         const Vec3& goal = stall.goal(hip, norm(hip - proxy), 1);
         const MotionEnd end = step_to_hip(proxy, goal, nullptr);
         if (proxy == hip) stall.release();
@@ -112,12 +102,12 @@ class MeshMotion {
     }
     /// As `move`, while the rule takes over from a way out.
     MotionEnd move_within(const ForceBall<3>& ball, Vec3& proxy, const Vec3& hip) noexcept {
-        query_.set_step_budget(max_steps);
+        query_.budget().begin(max_steps);
         return step_to_hip(proxy, hip, &ball);
     }
     /// From the triangles onto the smooth body that they stand for, once the proxy rests.
     void settle(const Vec3& start, Vec3& proxy, const Vec3& hip, bool rests) noexcept {
-        query_.set_step_budget(max_steps);
+        query_.budget().begin(max_steps);
         body_.hold(mesh(), proxy, planes_);
         is_settled_ = rests && body_.settle(query_, proxy, hip, start);
         if (is_settled_) {
@@ -146,7 +136,7 @@ class MeshMotion {
 
   private:
     MotionEnd step_to_hip(Vec3& proxy, const Vec3& hip, const ForceBall<3>* ball) noexcept {
-        for (int i = 0; i < max_iterations && !query_.is_budget_spent(); ++i) {
+        for (int i = 0; i < max_iterations && !query_.budget().is_spent(); ++i) {
             const Vec3 to_hip = hip - proxy;
             const Vec3 step = round_an_edge(proxy, to_hip, free_step(proxy, to_hip));
             const double length = norm(step);
@@ -159,7 +149,7 @@ class MeshMotion {
             }
             proxy = step == to_hip ? hip : proxy + step;
             if (step == to_hip) return MotionEnd::rests;
-            if (length < band_ / 8 && !query_.is_budget_spent()) return MotionEnd::rests;
+            if (length < band_ / 8 && !query_.budget().is_spent()) return MotionEnd::rests;
         }
         return MotionEnd::limit;
     }
@@ -170,7 +160,7 @@ class MeshMotion {
         const ContactPlanes before = planes_;
         planes_.clear();
         // What touched the proxy before most likely holds it again.
-        for (int j = 0; j < before.count() && !query_.is_budget_spent(); ++j) {
+        for (int j = 0; j < before.count() && !query_.budget().is_spent(); ++j) {
             TriangleHit hit;
             hit.t = band_ / (norm(step) + band_);
             if (query_.meets(before.triangle(j), x, step, hit)) turn(x, to_hip, hit, step);
@@ -184,7 +174,7 @@ class MeshMotion {
     }
     /// Adds a plane, while there are steps left.
     bool turn(const Vec3& x, const Vec3& to_hip, const TriangleHit& hit, Vec3& step) noexcept {
-        if (query_.is_budget_spent()) return false;
+        if (query_.budget().is_spent()) return false;
         query_.spend_on_planes(planes_.count() + 1);
         return planes_.turn(x, to_hip, hit, step);
     }
@@ -192,7 +182,7 @@ class MeshMotion {
     /// A step that meets one plane, further where it rounds an edge or a corner and falls away
     /// behind: at most to where it comes no nearer to the HIP.
     Vec3 round_an_edge(const Vec3& x, const Vec3& to_hip, const Vec3& step) noexcept {
-        if (planes_.count() != 1 || query_.is_budget_spent()) return step;
+        if (planes_.count() != 1 || query_.budget().is_spent()) return step;
         const Vec3 fall = planes_.first_met() * to_hip;
         const Vec3 n = planes_.normal(0);
         const Triangle& t = mesh()[planes_.triangle(0)];
@@ -240,7 +230,6 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
-    static constexpr int max_iterations = MeshMotion::max_iterations;
     static constexpr int max_steps = MeshMotion::max_steps;
     /// How far away the triangles lie at most that a tick looks at [R].
     static constexpr double list_reach = TriangleQuery::reach;

@@ -6,9 +6,6 @@
 // the two. A triangle behind a plane needs none of its own, so that coplanar neighbours are one.
 #pragma once
 
-#include <algorithm>
-#include <utility>
-
 #include "vfplan/base/work.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/half_spaces.hpp"
@@ -101,13 +98,11 @@ class TriangleQuery {
     const Mesh& mesh() const noexcept { return mesh_; }
     std::size_t bytes() const noexcept { return mesh_.bytes(); }
 
-    /// The inner steps that a part of a tick may take from now on. One that has begun to look
-    /// through the mesh looks on to the end: what it finds holds.
-    void set_step_budget(int steps) const noexcept { budget_.begin(steps); }
-    void spend(int steps) const noexcept { budget_.spend(static_cast<std::size_t>(steps)); }
+    /// The inner steps that a part of a tick may still take. One that has begun to look through the
+    /// mesh looks on to the end: what it finds holds.
+    WorkBudget& budget() const noexcept { return budget_; }
     /// One nearest step to so many planes: eight inner steps for each choice of at most three.
-    void spend_on_planes(int n) const noexcept { spend(8 * plane_choices<3>(n)); }
-    bool is_budget_spent() const noexcept { return budget_.is_spent(); }
+    void spend_on_planes(int n) const noexcept { budget_.spend(8 * plane_choices<3>(n)); }
 
     /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance
     /// from it is convex along the path: Newton's method goes up to the meeting, never beyond.
@@ -119,7 +114,7 @@ class TriangleQuery {
             const Vec3 y = x + t * v;
             const Vec3 foot = triangle.nearest(y);
             const Vec3 w = y - foot;
-            spend(3);
+            budget_.spend(3);
             const double r = norm(w);
             const double slope = dot(w, v);
             const double over = r - lowest_;
@@ -156,7 +151,7 @@ class TriangleQuery {
                 [&](std::uint32_t i) noexcept {
                     if (!planes.hide(mesh_[i])) meets(i, x, v, hit);
                 });
-            spend(steps);
+            budget_.spend(steps);
             if (hit.i != Mesh::none || all == 1) return hit;
         }
     }
@@ -165,7 +160,7 @@ class TriangleQuery {
     std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
         int steps = 0;
         const std::uint32_t triangle = mesh_.nearest(y, distance, steps);
-        spend(steps);
+        budget_.spend(steps);
         return triangle;
     }
     /// Distance from the mesh where that is less than about R, and a larger number elsewhere [m].
@@ -176,7 +171,7 @@ class TriangleQuery {
         for (int j = 0; j < planes.count(); ++j)
             distance = std::min(distance, mesh_[planes.triangle(j)].distance(x));
         const bool touches = distance <= R_ + band_;
-        spend(mesh_.around(x, distance, [&](std::uint32_t i) noexcept {
+        budget_.spend(mesh_.around(x, distance, [&](std::uint32_t i) noexcept {
             if (!(touches && planes.part(x, mesh_[i])))
                 distance = std::min(distance, mesh_[i].distance(x));
         }));

@@ -4,11 +4,7 @@
 // other, so that a proxy that follows them feels no facet; a sharp edge stays one.
 #pragma once
 
-#include <algorithm>
-#include <utility>
-
 #include "vfplan/mesh/query.hpp"
-#include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::inline v1::mesh {
 
@@ -289,7 +285,7 @@ class SmoothContact {
     bool settle(const TriangleQuery& query, Vec3& x, const Vec3& h, const Vec3& start) noexcept {
         if (!(body_.rise() > 0)) return false;
         const double max_left = max_distance(h, start);
-        for (Vec3 y = x; !query.is_budget_spent() && solve(query, x, h, y);) {
+        for (Vec3 y = x; !query.budget().is_spent() && solve(query, x, h, y);) {
             std::uint32_t missing = Mesh::none;
             if (!(norm(h - y) <= max_left && is_free(query, x, y, missing))) return false;
             if (missing == Mesh::none) {
@@ -333,7 +329,7 @@ class SmoothContact {
     }
     bool find_foot(const TriangleQuery& query, const Vec3& y, BodySheet& s) const noexcept {
         const bool found = body_.foot(query.mesh(), y, s.i, s);
-        query.spend(6 * s.steps);
+        query.budget().spend(6 * s.steps);
         if (!found) return false;
         if (!s.edge) s.n = s.side * s.n;
         return true;
@@ -365,7 +361,7 @@ class SmoothContact {
         constexpr int turns = 12;
         y = x;
         ContactPlane<3> planes[max_sheets];
-        for (int k = 0; k < turns && !query.is_budget_spent(); ++k) {
+        for (int k = 0; k < turns && !query.budget().is_spent(); ++k) {
             for (int j = 0; j < count_; ++j) {
                 BodySheet& s = sheets_[j];
                 if (!find_foot(query, y, s)) return false;
@@ -390,17 +386,15 @@ class SmoothContact {
         TriangleHit hit;
         double worst = 0;
         bool blocked = false;
-        query.spend(query.mesh().around(x + 0.5 * v, R_ + body_.rise() + length / 2,
-                                        [&](std::uint32_t i) noexcept {
-                                            const Triangle& t = query.mesh()[i];
-                                            if (blocked || is_behind_a_sheet(t, x)) return;
-                                            const double d = t.distance(y);
-                                            if (d < low_ + length)
-                                                blocked = query.meets(i, x, v, hit);
-                                            const double lacks = R_ + body_.rise(i) - band_ / 2 - d;
-                                            if (lacks > worst && !is_known(i))
-                                                worst = lacks, missing = i;
-                                        }));
+        query.budget().spend(query.mesh().around(
+            x + 0.5 * v, R_ + body_.rise() + length / 2, [&](std::uint32_t i) noexcept {
+                const Triangle& t = query.mesh()[i];
+                if (blocked || is_behind_a_sheet(t, x)) return;
+                const double d = t.distance(y);
+                if (d < low_ + length) blocked = query.meets(i, x, v, hit);
+                const double lacks = R_ + body_.rise(i) - band_ / 2 - d;
+                if (lacks > worst && !is_known(i)) worst = lacks, missing = i;
+            }));
         return !blocked;
     }
     /// Whether a known sheet parts a triangle from x, so that it is in nobody's way.

@@ -4,15 +4,7 @@
 // tree of boxes above them.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <string>
 #include <unordered_map>
-#include <utility>
-#include <vector>
 
 #include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/cloud/points.hpp"
@@ -43,15 +35,13 @@ using Face = std::array<std::uint32_t, 3>;
 
 inline Face face_of(const Surface& s, std::size_t i) noexcept {
     Face face;
-    for (std::size_t j = 0; j < 3; ++j) {
+    for (std::size_t j = 0; j < 3; ++j)
         face[j] = static_cast<std::uint32_t>(s.triangles[3 * i + j]);
-    }
     return face;
 }
 
 inline Vec3 corner_of(const Surface& s, std::uint32_t row) noexcept {
-    const double* p = s.points + 3 * std::size_t{row};
-    return {{p[0], p[1], p[2]}};
+    return point_at(s.points, row);
 }
 
 /// Largest distance [m] of a place in a triangle of these sides from its nearest corner.
@@ -70,10 +60,6 @@ inline double covering_radius(std::array<double, 3> sides) noexcept {
 struct OwnedSurface {
     std::vector<double> points;
     std::vector<std::int32_t> triangles;
-
-    Surface view() const noexcept {
-        return {points.data(), points.size() / 3, triangles.data(), triangles.size() / 3};
-    }
 };
 
 /// Most samples, and triangles between them, that are taken of a mesh: as many as a bundle may
@@ -99,8 +85,7 @@ class Refinement {
 
   private:
     Vec3 at(std::int32_t row) const noexcept {
-        const double* p = made_.points.data() + 3 * static_cast<std::size_t>(row);
-        return {{p[0], p[1], p[2]}};
+        return point_at(made_.points.data(), static_cast<std::size_t>(row));
     }
     double length(std::int32_t a, std::int32_t b) const noexcept { return norm(at(b) - at(a)); }
 
@@ -118,9 +103,8 @@ class Refinement {
                                               length(t[2], t[0])};
             constexpr double roundings = 1 + 1e-9;
             if (covering_radius(sides) <= cover_ * roundings) continue;
-            for (std::size_t k = 0; k < 3; ++k) {
+            for (std::size_t k = 0; k < 3; ++k)
                 if (sides[k] > longest_side_) mark(t[k], t[(k + 1) % 3]);
-            }
         }
         return !middles_.empty();
     }
@@ -269,8 +253,8 @@ class Mesh {
         tree_.build(
             0, items.size(),
             [&](std::size_t first, std::size_t last) {
-                const Extent e = extent(items, first, last);
-                return disc(items, first, last, 0.5 * (e.low + e.high), along(e.up, 1));
+                const auto [box, up] = extent(items, first, last);
+                return disc(items, first, last, 0.5 * (box.low + box.high), along(up, 1));
             },
             [&](std::size_t first, std::size_t last) {
                 sort_along_longest_side(items, first, last);
@@ -348,7 +332,7 @@ class Mesh {
         return {middle + (low + top) / 2 * n, n, more * std::sqrt(wide2), more * (top - low) / 2};
     }
     struct Extent {
-        Vec3 low{{infinity, infinity, infinity}}, high{{-infinity, -infinity, -infinity}};
+        Box<3> box;
         Vec3 up;  // sum of the areas' normals
     };
     static Extent extent(const std::vector<Item>& items, std::size_t first, std::size_t last) {
@@ -356,20 +340,15 @@ class Mesh {
         for (std::size_t i = first; i < last; ++i) {
             const auto& [a, b, c] = items[i].corner;
             e.up = e.up + cross(b - a, c - a);
-            for (const Vec3& p : items[i].corner) {
-                for (int k = 0; k < 3; ++k) {
-                    e.low.c[k] = std::min(e.low.c[k], p.c[k]);
-                    e.high.c[k] = std::max(e.high.c[k], p.c[k]);
-                }
-            }
+            for (const Vec3& p : items[i].corner) e.box.include(p);
         }
         return e;
     }
     /// Sorts the items along the longest side of their box, in an order that no library chooses.
     static void sort_along_longest_side(std::vector<Item>& items, std::size_t first,
                                         std::size_t last) {
-        const Extent e = extent(items, first, last);
-        const Vec3 size = e.high - e.low;
+        const Box<3> box = extent(items, first, last).box;
+        const Vec3 size = box.high - box.low;
         int k = size[1] > size[0] ? 1 : 0;
         if (size[2] > size[k]) k = 2;
         const auto begin = items.begin();

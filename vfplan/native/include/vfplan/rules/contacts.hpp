@@ -10,12 +10,7 @@
 // away from a wall or a border. A fit does not, whether or not the sampling is even.
 #pragma once
 
-#include <algorithm>
-
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/grid.hpp"
-#include "vfplan/cloud/kernels.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 
 namespace vfplan::inline v1 {
@@ -297,7 +292,7 @@ class ContactSurfaces {
         });
         groups_.group();
         count_ = groups_.count();
-        budget.spend(work::fit * static_cast<std::size_t>(count_));
+        budget.spend(work::fit * count_);
         for (int j = 0; j < count_; ++j) plane_[j] = plane_of(neighbours, proxy, groups_[j]);
     }
 

@@ -4,8 +4,6 @@
 // keeps the paper's failures; the robust rule cures them.
 #pragma once
 
-#include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {

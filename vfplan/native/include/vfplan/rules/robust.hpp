@@ -31,18 +31,8 @@
 // iteration has to bring the proxy nearer to it (R7).
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <limits>
-
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/density.hpp"
-#include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/contacts.hpp"
-#include "vfplan/rules/half_spaces.hpp"
 #include "vfplan/rules/rule.hpp"
 
 namespace vfplan::inline v1 {
@@ -337,13 +327,12 @@ class RobustMotion {
         const bool is_stopped = free < length;
         const bool is_stopped_at_once = free < min_step();
         Vec<D> next;
-        if (is_stopped) {
+        if (is_stopped)
             next = proxy + (free / length) * step;
-        } else if (step == to_goal) {
+        else if (step == to_goal)
             next = goal;  // No plane has changed the step, so the proxy arrives to the bit.
-        } else {
+        else
             next = proxy + step;
-        }
         if (is_stopped_at_once && surfaces > 1 && lift_then_move(proxy, goal, step, path))
             return Iteration::moved;
 

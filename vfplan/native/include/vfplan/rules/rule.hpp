@@ -5,13 +5,8 @@
 // numbers in brackets are the equations of docs/robust.md, and docs/rules.md lists the guarantees.
 #pragma once
 
-#include <algorithm>
 #include <concepts>
-#include <utility>
 
-#include "vfplan/base/vec.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {

@@ -5,15 +5,7 @@
 // over as slowly. The numbers in brackets are the equations of docs/robust.md.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
-
-#include "vfplan/base/vec.hpp"
 #include "vfplan/cloud/grid.hpp"
-#include "vfplan/parameters.hpp"
-#include "vfplan/rules/constants.hpp"
 
 namespace vfplan::inline v1 {
 

@@ -5,22 +5,11 @@
 // defined here.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <utility>
-#include <vector>
-
-#include "vfplan/cloud/density.hpp"
-#include "vfplan/cloud/grid.hpp"
 #include "vfplan/curve/exact.hpp"
 #include "vfplan/exchange.hpp"
 #include "vfplan/mesh/exact.hpp"
-#include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/paper.hpp"
 #include "vfplan/rules/robust.hpp"
-#include "vfplan/rules/rule.hpp"
 #include "vfplan/tick_time.hpp"
 
 namespace vfplan::inline v1 {
@@ -270,10 +259,8 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const 
     boxes.reserve(surface.k);
     for (std::size_t i = 0; i < surface.k; ++i) {
         const mesh::Face face = mesh::face_of(surface, i);
-        const Vec3 first = mesh::corner_of(surface, face[0]);
-        boxes.push_back({first, first});
-        boxes.back().include(mesh::corner_of(surface, face[1]));
-        boxes.back().include(mesh::corner_of(surface, face[2]));
+        boxes.emplace_back();
+        for (const std::uint32_t row : face) boxes.back().include(mesh::corner_of(surface, row));
     }
     const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
     return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);

@@ -1,0 +1,443 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The reader of a bundle: every value, compared with its row of the format before it is read.
+#pragma once
+
+#include <cstring>
+#include <functional>
+#include <map>
+#include <set>
+#include <type_traits>
+
+#include "vfplan/bundle/content.hpp"
+#include "vfplan/bundle/hdf5.hpp"
+
+namespace vfplan::bundle::detail {
+
+// Datatypes, dataspaces and values of single fields, each compared with its row of the format's
+// table before a value is read.
+
+inline void require(bool good, std::string_view code, const Row& row, Sentence wrong,
+                    std::string_view todo = {}) {
+    require(good, code, row.path, wrong, todo);
+}
+
+/// The datatype messages of float64, int32 and uint8, little-endian. The first byte, which holds
+/// the message's version and the datatype's class, is left out. No other encoding of a number is
+/// allowed.
+inline std::string_view encoding_of(Type type) {
+    using namespace std::string_view_literals;
+    return type == Type::f8   ? "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv
+           : type == Type::i4 ? "\x08\0\0\x04\0\0\0\0\0\x20\0"sv
+                              : "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
+}
+
+/// The size in bytes of one element. Its datatype must be that of the row, byte for byte.
+inline std::size_t element_size(View message, const Row& row) {
+    constexpr std::uint64_t integer = 0, floating = 1, string = 3;
+    require(message.size() >= 8, "corrupt.hdf5", row, {"has a datatype that is cut short"});
+    const std::uint64_t kind = message[0] & 15u, version = message[0] >> 4u;
+    require(kind == integer || kind == floating || kind == string, "unsafe.type", row,
+            {"has a datatype of class ", kind, "; numbers and fixed-length strings are allowed"},
+            "Write numbers, or text of a fixed length");
+    require(version == 1, "corrupt.hdf5", row,
+            {"has a datatype of version ", version, "; 1 wanted"});
+    const auto size = number_at(message, 4, 4);
+    if (row.type != Type::text) {
+        const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
+        require(same_class && message.from(1).text() == encoding_of(row.type), "corrupt.type", row,
+                {"has another type than ", name_of(row.type)});
+        return static_cast<std::size_t>(size);
+    }
+    require(kind == string, "unsafe.type", row, {"is not a fixed-length string"},
+            "Write text of a fixed length");
+    const std::uint64_t padding = message[1] & 15u, encoding = message[1] >> 4u;
+    require(message.size() == 8 && encoding <= 1 && message[2] == 0 && message[3] == 0 && size > 0,
+            "corrupt.type", row, {"is text of another encoding"});
+    require(padding <= 1, "corrupt.type", row, {"is text padded with blanks"}, "Pad it with NUL");
+    require(size <= limits::text_bytes, "unsafe.cap", row,
+            {"is text of ", size, " bytes; at most ", limits::text_bytes, " allowed"});
+    return static_cast<std::size_t>(size);
+}
+
+/// The sides of an array; a scalar has none.
+inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
+    constexpr std::uint64_t scalar = 0, simple = 1;
+    ByteReader body(message, std::string(row.path));
+    body.expect(1, 2, "version of a dataspace");
+    const auto rank = body.number(1), flags = body.number(1), kind = body.number(1);
+    const bool array = kind == simple && rank > 0;
+    require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
+            "corrupt.shape", row, {"has a dataspace of kind ", kind, ", rank ", rank});
+    std::vector<std::uint64_t> sides, max_sides;
+    for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
+    for (std::uint64_t i = 0; i < rank * flags; ++i) max_sides.push_back(body.number(8));
+    body.expect_end();
+    require(flags == 0 || sides == max_sides, "unsafe.layout", row, {"can grow"},
+            "Write an array of fixed size");
+    return sides;
+}
+
+/// The text of a field without the NUL bytes that fill it up.
+inline std::string text_of(View raw, const Row& row) {
+    std::size_t size = raw.size();
+    while (size > 0 && raw[size - 1] == 0) --size;
+    const std::string_view text = raw.first(size).text();
+    require(is_utf8(text), "corrupt.text", row, {"is not UTF-8"});
+    require(!has_control(text), "corrupt.text", row, {"holds control characters"});
+    return std::string(text);
+}
+
+/// A value of `count` elements whose numbers are still to be filled in.
+inline Value empty_value(const Row& row, std::size_t count) {
+    Value value;
+    value.type = row.type;
+    value.visit([&](auto& all) { all.resize(count); });
+    return value;
+}
+
+/// Fills a value from bytes, `size` of them for each element.
+inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
+    value.visit([&]<class T>(std::vector<T>& all) {
+        if constexpr (std::is_arithmetic_v<T>)
+            std::memcpy(all.data(), raw.data(), raw.size());
+        else
+            for (std::size_t i = 0; i < all.size(); ++i)
+                all[i] = text_of(raw.part(i * size, size), row);
+    });
+}
+
+/// Refuses an object whose fill value is not zero.
+inline void check_fill(const Object& object, std::size_t element) {
+    if (!object.fill) return;
+    ByteReader body(*object.fill, object.path);
+    body.expect(1, 3, "version of a fill value");
+    const auto flags = body.number(1);
+    const auto size = (flags & 0x20) != 0 ? body.number(4) : 0;
+    const View value = body.take(size);
+    body.require((flags & 0xC0) == 0 && (flags & 0x30) != 0x30 && (size == 0 || size == element) &&
+                     value.all_zero(),
+                 {"has another fill value than zero"});
+    body.expect_end();
+}
+
+/// The bytes of a table, which must stand in one piece and be as many as its shape and type need.
+inline View data_of(File& file, const Object& object, std::uint64_t bytes, const Row& row) {
+    constexpr std::uint64_t contiguous = 1;
+    ByteReader layout(*object.layout, object.path);
+    layout.require(layout.number(1) == 3 && layout.number(1) == contiguous,
+                   {"is not stored in one piece"}, "unsafe.layout");
+    const auto address = layout.number(8), size = layout.number(8);
+    layout.expect_end();
+    require(address != nowhere, "corrupt.storage", row, {"has no data"});
+    require(size == bytes, "corrupt.storage", row,
+            {"has ", size, " bytes of data; its shape and type need ", bytes});
+    return file.claim(address, size, object.path);
+}
+
+/// Every element of a table of this shape, whose datatype is known to be the row's.
+inline Value table_of(File& file, const Object& object, const std::vector<std::uint64_t>& sides,
+                      std::size_t element, const Row& row) {
+    check_fill(object, element);
+    std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
+    for (const auto side : sides) count *= side;
+    const View data = data_of(file, object, count * element, row);
+    Value value = empty_value(row, static_cast<std::size_t>(count));
+    fill(value, data, element, row);
+    for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
+    return value;
+}
+
+/// A scalar attribute of a row's type.
+inline Value scalar_of(const Attribute& attribute, const Row& row) {
+    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, {"is not a scalar"},
+            "Write a single value");
+    const std::size_t size = element_size(attribute.type, row);
+    require(attribute.data.size() == size, "corrupt.hdf5", row,
+            {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
+    Value value = empty_value(row, 1);
+    fill(value, attribute.data, size, row);
+    return value;
+}
+
+/// Whether a text is one of those that `allowed` lists, with | between them.
+inline bool is_allowed(std::string_view text, std::string_view allowed) {
+    for (std::size_t start = 0; start <= allowed.size();) {
+        const std::size_t end = std::min(allowed.find('|', start), allowed.size());
+        if (allowed.substr(start, end - start) == text) return true;
+        start = end + 1;
+    }
+    return false;
+}
+
+/// The lowest and the highest of a value's numbers. Both are NaN if one of the numbers is.
+template <class T>
+std::pair<double, double> extent(const std::vector<T>& numbers) {
+    T low = numbers.front(), high = low;
+    bool ordered = true;
+    for (const T x : numbers) {
+        low = x < low ? x : low;
+        high = x > high ? x : high;
+        ordered = ordered && x == x;
+    }
+    if (!ordered) return {std::nan(""), std::nan("")};
+    return {static_cast<double>(low), static_cast<double>(high)};
+}
+
+/// Refuses a value outside of its row's range, which may depend on its unit.
+inline void check_range(const Value& value, const Row& row, std::string_view unit) {
+    if (row.type == Type::text) {
+        if (row.allowed.empty()) return;
+        for (const std::string& text : value.text) {
+            if (is_allowed(text, row.allowed)) continue;
+            std::string choice(row.allowed);
+            for (std::size_t at; (at = choice.find('|')) != std::string::npos;)
+                choice.replace(at, 1, " or ");
+            require(false, "corrupt.value", row, {"is ", Quoted{text}, "; ", choice, " allowed"});
+        }
+        return;
+    }
+    const auto [low, high] = row.type == Type::f8   ? extent(value.f8)
+                             : row.type == Type::i4 ? extent(value.i4)
+                                                    : extent(value.u1);
+    require(std::isfinite(low) && std::isfinite(high), "corrupt.value", row,
+            {"holds a number that is not finite"}, "Write finite numbers");
+    const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
+    const double lowest = std::max(-cap, row.min), highest = std::min(cap, row.max);
+    require(low >= lowest && high <= highest, "corrupt.range", row,
+            {"runs from ", low, " to ", high, "; ", lowest, " to ", highest, " allowed"});
+    require(low > row.above, "corrupt.range", row,
+            {"is ", low, "; more than ", row.above, " wanted"});
+}
+
+// Reads an HDF5 file from memory and trusts nothing in it. Only what the format's table names is
+// read, and no memory is taken because the file alone says so.
+
+/// The group in which a row's value or group lies, and its name there.
+inline std::pair<std::string_view, std::string_view> parent_and_name(const Row& row) {
+    const auto cut = row.path.find_last_of(row.kind == Kind::attribute ? '@' : '/');
+    const std::string_view parent = row.path.substr(0, cut), name = row.path.substr(cut + 1);
+    return {parent.empty() ? std::string_view("/") : parent, name};
+}
+
+/// The unit or the frame of a row, with the file's own frames in place of "@frame" and
+/// "@source_frame".
+inline std::string with_frame_names(std::string_view text, const Content& content, bool as_unit) {
+    std::string out(text);
+    for (const auto& [name, path] : {std::pair{"@frame", "/@frame"},
+                                     std::pair{"@source_frame", "/registration@source_frame"}}) {
+        const auto at = out.find(name);
+        if (at == std::string::npos) continue;
+        const Value* frame = content.find(path);
+        const std::string known = frame != nullptr ? frame->string() : "?";
+        const bool metres = known == "robot_base" || known == "patient_lps";
+        out.replace(at, std::string_view(name).size(), as_unit ? (metres ? "m" : "px") : known);
+    }
+    return out;
+}
+
+inline const Row& row_at(std::string_view path) {
+    return *std::find_if(rows.begin(), rows.end(),
+                         [&](const Row& row) { return row.path == path; });
+}
+
+/// The version of the format that a file says it follows.
+inline Version version_of(const Object& root) {
+    const auto text = [&](std::string_view path) {
+        const Row& row = row_at(path);
+        const Attribute* attribute = root.attributes.find(parent_and_name(row).second);
+        require(attribute != nullptr, "corrupt.missing", row, {"is missing"});
+        return scalar_of(*attribute, row).string();
+    };
+    const std::string format = text("/@format"), version = text("/@version");
+    require(format == format_name, "corrupt.format", "/@format",
+            {"format is ", Quoted{format}, "; ", Quoted{format_name}, " wanted"});
+    Version found;
+    require(is_version(version, found), "corrupt.version", "/@version",
+            {"version is ", Quoted{version}, "; MAJOR.MINOR wanted"});
+    return found;
+}
+
+/// Reads one file, row after row of the format's table.
+class Reader {
+  public:
+    /// `file_length` is that of the whole bundle, with its seal.
+    Reader(View payload, std::uint64_t file_length, Findings& findings)
+        : data_(payload), file_(payload), file_length_(file_length), findings_(findings) {}
+
+    /// All values that the table knows in the version of the file.
+    Content read() {
+        const std::uint64_t address = root_address(file_, data_, file_length_);
+        addresses_.insert(address);
+        Object root = read_object(file_, address, "/");
+        require_group(root, row_at("/"));
+        groups_.emplace("/", std::move(root));
+        version_ = version_of(groups_.at("/"));
+        check_version();
+        for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
+            // Attributes before tables: units and frames of tables depend on them.
+            for (const Row& row : rows)
+                if (row.kind == kind && knows(row)) collecting([&] { read_row(row); });
+        }
+        if (findings_.sound()) collecting([&] { file_.check_unclaimed(unknown_); });
+        return std::move(content_);
+    }
+    [[nodiscard]] const Version& version() const { return version_; }
+
+  private:
+    [[nodiscard]] bool knows(const Row& row) const { return !(version_ < row.since); }
+    [[nodiscard]] bool newer() const { return newest < version_; }
+
+    void check_version() const {
+        if (version_.major == newest.major) return;
+        const bool is_old = version_.major < newest.major;
+        refuse("version.major", "/@version",
+               {"has version ", version_.major, ".", version_.minor,
+                "; this program reads versions ", newest.major, ".x and writes ", format_version},
+               is_old ? "Plan it anew, or get the program that wrote it"
+                      : "Get a program that reads it: pip install --upgrade vfplan");
+    }
+
+    void collecting(const std::function<void()>& work) {
+        try {
+            work();
+        } catch (const BundleError& error) {
+            findings_.add(error);
+        }
+    }
+
+    /// Reads what one row of the format's table names.
+    void read_row(const Row& row) {
+        if (row.path == "/") return check_names(groups_.at("/"), row);
+        const auto [parent, name] = parent_and_name(row);
+        const auto group = groups_.find(parent);
+        if (group == groups_.end()) return;  // its own row has reported that it is missing
+        if (row.kind == Kind::attribute) {
+            const Attribute* attribute = group->second.attributes.find(name);
+            if (attribute == nullptr) return check_absence(row);
+            return keep(row, scalar_of(*attribute, row));
+        }
+        const Link* link = group->second.links.find(name);
+        if (link == nullptr) return check_absence(row);
+        if (row.kind == Kind::group) return open_group(row, link->address);
+        keep(row, table(row, link->address));
+    }
+
+    /// Makes a value that lies within its row's range part of the content.
+    void keep(const Row& row, Value value) {
+        check_range(value, row, with_frame_names(row.unit, content_, true));
+        content_.put(row.path, std::move(value));
+    }
+
+    void check_absence(const Row& row) const {
+        require(!must_be_there(row), "corrupt.missing", row, {"is missing"});
+    }
+
+    [[nodiscard]] bool must_be_there(const Row& row) const {
+        return row.required == Required::always || row.required == Required::group ||
+               (row.required == Required::rendering && groups_.count("/rendering") > 0);
+    }
+
+    static void require_group(const Object& object, const Row& row) {
+        require(object.is_group(), "corrupt.kind", row, {"is not a group"});
+    }
+
+    void open_group(const Row& row, std::uint64_t address) {
+        Object object = read_object(file_, address, std::string(row.path));
+        require_group(object, row);
+        const Object& group = groups_.emplace(row.path, std::move(object)).first->second;
+        check_names(group, row);
+    }
+
+    /// Refuses a name that the table does not know, unless the file is of a newer version, and a
+    /// second link to one object.
+    void check_names(const Object& group, const Row& row) {
+        const auto has = [&](std::string_view name, bool attribute) {
+            return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
+                return knows(other) && (other.kind == Kind::attribute) == attribute &&
+                       parent_and_name(other) == std::pair(row.path, name);
+            });
+        };
+        for (const Link& link : group.links) {
+            const bool known = has(link.name, false);
+            check_known(known, link.name, row);
+            unknown_ = unknown_ || !known;
+            require(addresses_.insert(link.address).second, "unsafe.link", row,
+                    {"holds a second link, ", Quoted{link.name}, ", to one object"});
+        }
+        for (const Attribute& attribute : group.attributes)
+            check_known(has(attribute.name, true), attribute.name, row);
+    }
+
+    void check_known(bool known, std::string_view name, const Row& row) const {
+        require(known || newer(), "unsafe.unknown", row,
+                {"holds ", Quoted{name}, ", which this format lacks"});
+    }
+
+    Value table(const Row& row, std::uint64_t address) {
+        const Object object = read_object(file_, address, std::string(row.path));
+        require(object.is_dataset(), "corrupt.kind", row, {"is not a dataset"});
+        const auto sides = sides_of(*object.space, row);
+        check_shape(sides, row);
+        Value value = table_of(file_, object, sides, element_size(*object.type, row), row);
+        check_unit_and_frame(object, row);
+        return value;
+    }
+
+    /// Refuses a table whose unit or frame is another than the format's, and any other attribute.
+    void check_unit_and_frame(const Object& object, const Row& row) {
+        Row plain = row;
+        plain.type = Type::text;
+        for (const Attribute& attribute : object.attributes) {
+            const bool known = (attribute.name == "unit" && !row.unit.empty()) ||
+                               (attribute.name == "frame" && !row.frame.empty());
+            check_known(known, attribute.name, row);
+        }
+        for (const auto& [name, text] :
+             {std::pair{"unit", with_frame_names(row.unit, content_, true)},
+              std::pair{"frame", with_frame_names(row.frame, content_, false)}}) {
+            if (text.empty()) continue;
+            const Attribute* attribute = object.attributes.find(name);
+            require(attribute != nullptr, "corrupt.missing", row,
+                    {"has no attribute ", Quoted{name}});
+            const std::string found = scalar_of(*attribute, plain).string();
+            require(found == text, "corrupt." + std::string(name), row,
+                    {name, " is ", Quoted{found}, "; ", Quoted{text}, " wanted"});
+        }
+    }
+
+    void check_shape(const std::vector<std::uint64_t>& sides, const Row& row) {
+        const std::size_t rank = row.shape[1].empty() ? 1 : 2;
+        require(sides.size() == rank, "corrupt.shape", row,
+                {"has ", sides.size(), " dimensions; ", rank, " wanted"});
+        for (std::size_t i = 0; i < rank; ++i) check_side(sides[i], row.shape[i], row);
+    }
+
+    void check_side(std::uint64_t side, std::string_view wanted, const Row& row) {
+        if (is_digit(wanted[0])) {
+            return require(side == static_cast<std::uint64_t>(wanted[0] - '0'), "corrupt.shape",
+                           row, {"has a side of ", side, "; ", wanted, " wanted"});
+        }
+        const auto cap = std::find_if(sizes.begin(), sizes.end(), [&](const Size& s) {
+                             return s.letter == wanted[0];
+                         })->max;
+        require(side >= 1 && side <= cap, "unsafe.cap", row,
+                {wanted, " is ", side, "; 1 to ", cap, " allowed"});
+        const auto known = sizes_.emplace(wanted[0], side).first->second;
+        require(known == side, "corrupt.shape", row,
+                {wanted, " is ", side, " here and ", known, " elsewhere"});
+    }
+
+    View data_;
+    File file_;
+    std::uint64_t file_length_;
+    Findings& findings_;
+    Version version_;
+    Content content_;
+    std::map<std::string_view, Object> groups_;
+    std::set<std::uint64_t> addresses_;
+    std::map<char, std::uint64_t> sizes_;
+    bool unknown_ = false;
+};
+
+}  // namespace vfplan::bundle::detail

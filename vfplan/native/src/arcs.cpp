@@ -1,0 +1,167 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Arcs along a smooth run of a measured curve, by pairs that meet with one tangent (Bolton, "Biarc
+// curves", 1975), each as long as a tolerance allows; and distances from lines and arcs.
+
+#include "numpy.hpp"
+
+namespace {
+
+using vfplan::Vec2;
+
+Vec2 place(const Places& rows, std::size_t i) { return {rows(i, 0), rows(i, 1)}; }
+
+double cross(const Vec2& a, const Vec2& b) { return a[0] * b[1] - a[1] * b[0]; }
+
+// A line or an arc of a half circle at most. With w = x - a it has G = kappa |w|^2 / 2 - n . w and
+// |grad G| = 1 + kappa d, so that d = 2 G / (1 + |grad G|).
+class FittedArc {
+  public:
+    FittedArc(const Vec2& from, const Vec2& to, double bulge) : a_(from), chord_(to - from) {
+        length_ = std::hypot(chord_[0], chord_[1]);
+        const double divisor = length_ > 0 ? length_ : 1, square = bulge * bulge;
+        const Vec2 along{chord_[0] / divisor, chord_[1] / divisor};
+        const double cosine = (1 - square) / (1 + square), sine = 2 * bulge / (1 + square);
+        kappa_ = 2 * sine / divisor;
+        n_ = {sine * along[0] - cosine * along[1], cosine * along[0] + sine * along[1]};
+        end_tangent_ = {cosine * along[0] - sine * along[1], cosine * along[1] + sine * along[0]};
+    }
+
+    double distance(const Vec2& x) const {
+        const Vec2 w = x - a_, to_b = w - chord_;
+        const double square = dot(w, w);
+        // Beyond the tangents at the ends, the nearer end is nearest.
+        if (cross(n_, w) > 0 || dot(end_tangent_, to_b) > 0 || length_ == 0)
+            return std::sqrt(std::min(square, dot(to_b, to_b)));
+        const double level = kappa_ * square / 2 - n_[0] * w[0] - n_[1] * w[1];
+        const double slope = std::hypot(kappa_ * w[0] - n_[0], kappa_ * w[1] - n_[1]);
+        return 2 * std::abs(level) / (1 + slope);
+    }
+    // No more than the distance: the piece lies in a ball around the middle of its chord.
+    double least_distance(const Vec2& x) const {
+        return (norm(x - a_ - 0.5 * chord_) - length_ / 2) * (1 - 1e-9);
+    }
+
+  private:
+    Vec2 a_, chord_, n_, end_tangent_;
+    double length_ = 0, kappa_ = 0;
+};
+
+// The bulge of the arc that leaves along a tangent and ends at the end of a chord.
+double bulge_of(const Vec2& tangent, const Vec2& chord) {
+    constexpr double rounding = 1e-12, widest = 3.1;  // [rad]
+    const double half = std::atan2(cross(tangent, chord), dot(tangent, chord));
+    const double bulge = std::tan(std::clamp(half, -widest, widest) / 2);
+    return std::abs(bulge) <= rounding ? 0 : bulge;
+}
+
+// Two arcs that meet with one tangent.
+struct Biarc {
+    Vec2 joint;
+    double bulge, next_bulge;
+};
+
+struct SmoothRun {
+    const Places &places, &tangents;
+    double tolerance;
+
+    // The two arcs from one place to another. Of equal tangent lengths d:
+    // |q - d s - p - d t| = 2 d, from p with tangent t to q with tangent s.
+    Biarc biarc(std::size_t first, std::size_t last) const {
+        const Vec2 p = place(places, first), t = place(tangents, first);
+        const Vec2 q = place(places, last), s = place(tangents, last);
+        const Vec2 chord = q - p;
+        const double a = 2 * (1 - t[0] * s[0] - t[1] * s[1]);
+        const double b = dot(chord, t + s), c = dot(chord, chord);
+        const double d = c / (b + std::sqrt(std::max(b * b + a * c, 0.0)) + 1e-300);
+        const Vec2 sum = p + q + d * (t - s), joint{sum[0] / 2, sum[1] / 2};
+        return {joint, bulge_of(t, joint - p), -bulge_of(-s, joint - q)};
+    }
+    // The largest distance of the places between from the two arcs; infinite beyond a half circle.
+    double error(std::size_t first, std::size_t last) const {
+        const Biarc two = biarc(first, last);
+        if (std::max(std::abs(two.bulge), std::abs(two.next_bulge)) > 1) return vfplan::infinity;
+        const FittedArc one(place(places, first), two.joint, two.bulge);
+        const FittedArc next(two.joint, place(places, last), two.next_bulge);
+        double largest = 0;
+        for (std::size_t i = first + 1; i < last; ++i) {
+            const Vec2 x = place(places, i);
+            largest = std::max(largest, std::min(one.distance(x), next.distance(x)));
+        }
+        return largest;
+    }
+    // The last place of the longest pair of arcs from `first` within the tolerance, and its error.
+    // `step` places are tried at the beginning, then twice as many each time, then half-way between
+    // what fits and what does not.
+    std::pair<std::size_t, double> longest_pair(std::size_t first, std::size_t step) const {
+        const std::size_t end = places.shape(0) - 1;
+        std::size_t fits = first + 1, fails = end + 1, last = std::min(first + step, end);
+        double largest = 0;
+        while (fails - fits > 1) {
+            const double tried = error(first, last);
+            if (tried <= tolerance) {
+                fits = last;
+                largest = tried;
+            } else {
+                fails = last;
+            }
+            last = fails <= end ? (fits + fails) / 2 : std::min(2 * fits - first, end);
+        }
+        return {fits, largest};
+    }
+};
+
+// Vertices (K + 1, 2) and bulges (K,) along places (D, 2) with unit tangents (D, 2), and their
+// error. `step`: how many places the first pair is tried with.
+nb::tuple arcs_along(const Places& places, const Places& tangents, double tolerance,
+                     std::size_t step) {
+    const SmoothRun run{places, tangents, tolerance};
+    std::vector<Vec2> vertices{place(places, 0)};
+    std::vector<double> bulges;
+    double largest = 0;
+    for (std::size_t first = 0; first + 1 < places.shape(0);) {
+        const auto [last, error] = run.longest_pair(first, std::max<std::size_t>(step, 2));
+        const Biarc two = run.biarc(first, last);
+        vertices.insert(vertices.end(), {two.joint, place(places, last)});
+        for (const double bulge : {two.bulge, two.next_bulge})
+            bulges.push_back(std::clamp(bulge, -1.0, 1.0));
+        largest = std::max(largest, error);
+        step = last - first;
+        first = last;
+    }
+    auto rows = array<double>(vertices.size(), 2);
+    for (std::size_t i = 0; i < vertices.size(); ++i)
+        std::copy_n(vertices[i].c, 2, rows.data() + 2 * i);
+    auto column = array<double>(bulges.size(), 1);
+    std::copy(bulges.begin(), bulges.end(), column.data());
+    return nb::make_tuple(rows, column, largest);
+}
+
+// Distances (T,) of positions (T, 2) from lines and arcs between vertices (K, 2). A dot is a line
+// of no length.
+nb::ndarray<nb::numpy, double> distance_to_arcs(const Places& vertices, const Numbers& bulges,
+                                                bool closed, const Places& positions) {
+    const std::size_t n = vertices.shape(0);
+    std::vector<FittedArc> arcs;
+    for (std::size_t i = 0; i < (closed ? n : std::max<std::size_t>(1, n - 1)); ++i)
+        arcs.emplace_back(place(vertices, i), place(vertices, (i + 1) % n), bulges(i));
+    auto distances = array<double>(positions.shape(0), 1);
+    for (std::size_t i = 0; i < positions.shape(0); ++i) {
+        double nearest = vfplan::infinity;
+        for (const FittedArc& arc : arcs) {
+            const Vec2 x = place(positions, i);
+            if (arc.least_distance(x) < nearest) nearest = std::min(nearest, arc.distance(x));
+        }
+        distances.data()[i] = nearest;
+    }
+    return distances;
+}
+
+}  // namespace
+
+void bind_arcs(nb::module_& m) {
+    m.def("arcs_along", &arcs_along, "places"_a, "tangents"_a, "tolerance"_a, "step"_a,
+          "vertices, bulges and error of the arcs along a smooth run");
+    m.def("distance_to_arcs", &distance_to_arcs, "vertices"_a, "bulges"_a, "closed"_a,
+          "positions"_a, "distances in the plane from lines and arcs");
+}
