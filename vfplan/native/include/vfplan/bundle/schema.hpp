@@ -71,7 +71,7 @@ inline constexpr std::array<Size, 13> sizes{
     Size{'F', 1000},
 };
 
-inline constexpr std::array<Row, 88> rows{{
+inline constexpr std::array<Row, 90> rows{{
     {.path = "/", .kind = Kind::group, .required = Required::always},
     {.path = "/@format", .kind = Kind::attribute, .type = Type::text, .required = Required::always, .allowed = "vfplan-fixture"},
     {.path = "/@version", .kind = Kind::attribute, .type = Type::text, .required = Required::always},
@@ -124,6 +124,8 @@ inline constexpr std::array<Row, 88> rows{{
     {.path = "/registration/labels", .kind = Kind::dataset, .type = Type::text, .required = Required::group, .shape = {"M"}, .mark = Mark::reviewed},
     {.path = "/registration/source", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M", "D"}, .unit = "@source_frame", .frame = "@source_frame", .max_abs_m = 100.0, .max_abs_px = 1000000.0, .mark = Mark::reviewed},
     {.path = "/registration/target", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M", "3"}, .unit = "m", .frame = "robot_base", .max_abs_m = 100.0, .mark = Mark::reviewed},
+    {.path = "/registration@tool", .kind = Kind::attribute, .type = Type::text, .mark = Mark::reviewed},
+    {.path = "/registration/tip", .kind = Kind::dataset, .type = Type::f8, .shape = {"3"}, .unit = "m", .frame = "tool", .max_abs_m = 100.0, .mark = Mark::reviewed},
     {.path = "/registration/residuals", .kind = Kind::dataset, .type = Type::f8, .required = Required::group, .shape = {"M"}, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
     {.path = "/registration/covariance", .kind = Kind::dataset, .type = Type::f8, .shape = {"U", "U"}, .unit = "T_robot_image^2", .mark = Mark::reviewed},
     {.path = "/registration/tre", .kind = Kind::dataset, .type = Type::f8, .shape = {"N"}, .unit = "m", .min = 0.0, .mark = Mark::reviewed},
