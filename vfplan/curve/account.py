@@ -27,8 +27,61 @@ NAMED = 3
 # lift the pen along the whole of a line, so that a larger share would ask at most lifts.
 NEAR_END_SHARE = 0.25
 
+# Points of the curve that are held against all later ones at once.
+FOLD_ROWS = 256
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """A connected piece of ink beyond the edge of every curve.
+
+    Parameters
+    ----------
+    places
+        (N, 2) its pixels (u, v).
+    middle
+        (2,) (u, v) [px].
+    nearest
+        (2,) its pixel that is closest to a curve.
+    size
+        Its longest side [px].
+    edge_distance
+        From the closest curve's edge to its closest pixel [px].
+    end_distance
+        From the closest end of an open curve to its closest pixel [px].
+    mirrored
+        Whether there is as much ink on the other side of the curve, within three widths of it: a
+        dot on the line, a control point or the head of an arrow.
+    """
+
+    places: NDArray[np.int64]
+    middle: Array
+    nearest: NDArray[np.int64]
+    size: float
+    edge_distance: float
+    end_distance: float
+    mirrored: bool
+
+    @property
+    def mask(self) -> Flags:
+        """(height, width) bool, its pixels in the box around it."""
+        u, v = (self.places - self.places.min(0)).T
+        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
+        mask[v, u] = True
+        return mask
+
+    @property
+    def outline(self) -> list[list[list[float]]]:
+        """Its outlines, half a pixel outside of it: a list of (K, 2) places."""
+        import cv2
+
+        padded = np.pad(self.mask.view(np.uint8), 1)
+        contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        corner = self.places.min(0) - 1.0
+        return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
+
+
+@dataclass(frozen=True, eq=False)
 class AccountEntry:
     """A piece of ink that was not taken for the curve, or a stretch of curve that does not show.
 
@@ -45,7 +98,10 @@ class AccountEntry:
     size_px
         Its longest side; of a stretch, its length.
     what
-        "ink", or of a stretch "bridge" (a gap) or "hidden" (under another colour).
+        "ink", or of a stretch "bridge" (a gap), "hidden" (under another colour), or "gap" where
+        nobody knows which of them.
+    piece
+        The ink; `None` of a stretch.
     """
 
     number: int
@@ -54,42 +110,21 @@ class AccountEntry:
     pixels: int
     share: float
     size_px: float
-    what: Literal["ink", "bridge", "hidden"]
+    what: Literal["ink", "bridge", "hidden", "gap"]
+    piece: Leftover | None = None
 
+    @property
+    def middle(self) -> tuple[float, float]:
+        """(u, v) [px]."""
+        return self.u, self.v
 
-@dataclass(frozen=True, eq=False)
-class Leftover:
-    """A connected piece of ink beyond the edge of every curve.
-
-    Parameters
-    ----------
-    places
-        (N, 2) its pixels (u, v).
-    middle
-        (2,) (u, v) [px].
-    nearest
-        (2,) its pixel that is closest to a curve.
-    pixels
-        How many.
-    size
-        Its longest side [px].
-    edge_distance
-        From the closest curve's edge to its closest pixel [px].
-    end_distance
-        From the closest end of an open curve to its closest pixel [px].
-    mirrored
-        Whether there is as much ink on the other side of the curve, within three widths of it: a
-        dot on the line, a control point or the head of an arrow.
-    """
-
-    places: NDArray[np.int64]
-    middle: Array
-    nearest: NDArray[np.int64]
-    pixels: int
-    size: float
-    edge_distance: float
-    end_distance: float
-    mirrored: bool
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(u, v, width, height) [px] of the ink; of a stretch, its middle pixel."""
+        if self.piece is None:
+            return round(self.u), round(self.v), 1, 1
+        low = self.piece.places.min(0)
+        return (*low.tolist(), *(self.piece.places.max(0) - low + 1).tolist())
 
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
@@ -131,14 +166,13 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 places=pixels[members],
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
-                pixels=len(members),
                 size=float((high - low).max() + 1),
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=float(end_distance[members].min()),
                 mirrored=bool(mirrored[members].mean() > tuned.MIRRORED),
             )
             pieces.append(piece)
-    return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
+    return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
 
 
 def _is_mirrored(ink: Ink, curve: Stroke, pixels: NDArray, nearest: NDArray) -> Flags:
@@ -154,23 +188,29 @@ def _is_mirrored(ink: Ink, curve: Stroke, pixels: NDArray, nearest: NDArray) -> 
 
 
 def list_account(
-    leftover: list[Leftover], curves: list[MeasuredStroke], ink: Ink
+    leftover: Sequence[Leftover], curves: Sequence[Stroke], ink: Ink
 ) -> tuple[AccountEntry, ...]:
     """All other ink, and every stretch of curve that does not show, the largest first."""
-    rows: list[tuple] = [(piece.pixels, piece.middle, piece.size, "ink") for piece in leftover]
+    rows: list[tuple] = [
+        (len(piece.places), piece.middle, piece.size, "ink", piece) for piece in leftover
+    ]
     for curve in curves:
         for what, run in _stretches(curve):
-            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what))
+            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what, None))
     rows.sort(key=lambda row: (-row[0], *row[1]))
     total = max(int(np.count_nonzero(ink.mask)), 1)
     return tuple(
-        AccountEntry(number, float(u), float(v), pixels, pixels / total, size, what)
-        for number, (pixels, (u, v), size, what) in enumerate(rows, 1)
+        AccountEntry(number, float(u), float(v), pixels, pixels / total, *more)
+        for number, (pixels, (u, v), *more) in enumerate(rows, 1)
     )
 
 
-def _stretches(curve: MeasuredStroke) -> Iterator[tuple[str, NDArray]]:
+def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
     """Each stretch of a curve that does not show, with the reason."""
+    if not isinstance(curve, MeasuredStroke):
+        for run in runs(curve.bridged, curve.closed):
+            yield "gap", run
+        return
     for run in runs(curve.bridged | curve.hidden, curve.closed):
         yield "hidden" if curve.hidden[run].any() else "bridge", run
 
@@ -305,21 +345,24 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def join_findings(
-    leftover: list[Leftover],
+    leftover: Sequence[Leftover],
     strokes: Sequence[Stroke],
+    lines: Sequence[Candidate],
     ink: Ink,
     max_gap_px: float,
     told: Sequence[Finding],
 ) -> list[Finding]:
-    """A doubt for each piece of ink that joins a stroke, or in which a stroke may go on.
+    """A doubt for each piece of ink that joins a stroke, or in which a line may go on.
 
-    There is none for a piece in whose middle a finding lies that was `told`.
+    There is none for a piece on which, or in whose middle, a finding lies that was `told`.
     """
     reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
-    lines = [line_of(stroke, ink) for stroke in strokes]
+    dot = 2 * tuned.DOT_WIDTHS * max((stroke.width for stroke in strokes), default=0.0)
     for piece in leftover:
-        # Findings have places with one decimal.
-        if any(np.abs(piece.middle - finding.place_px).max() < 0.06 for finding in told):
+        places = np.vstack([piece.middle, piece.places])
+        if any(np.abs(places - found.place_px).max(1).min() < 0.6 for found in told):
+            continue
+        if piece.mirrored and piece.size <= dot:
             continue
         if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             text = f"ink of {piece.size:.0f} px joins the curve and was left out."
@@ -330,11 +373,7 @@ def join_findings(
             )
         else:
             continue
-        is_dot = piece.mirrored and piece.size <= tuned.DOT_WIDTHS * 2 * max(
-            stroke.width for stroke in strokes
-        )
-        if not is_dot:
-            findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
+        findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
     return findings
 
 
@@ -355,9 +394,9 @@ def line_of(stroke: Stroke, ink: Ink) -> Candidate:
     )
 
 
-def _goes_on(lines: list[Candidate], piece: Leftover, ink: Ink) -> bool:
+def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
     """Whether a line of ink lies in the direction of the end of one of these lines."""
-    if piece.size <= tuned.TANGENT_PX:
+    if piece.size <= tuned.TANGENT_PX or not lines:
         return False
     others = [Candidate.of(found) for found in find_pieces(ink, [piece.places])]
     return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
@@ -365,25 +404,26 @@ def _goes_on(lines: list[Candidate], piece: Leftover, ink: Ink) -> bool:
 
 def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     """A doubt for each stretch of the curve that lies on another stretch of it, or close beside."""
-    from scipy.spatial import cKDTree
-
+    if not strokes:
+        return []
     counts = [len(stroke.points) for stroke in strokes]
     points = np.concatenate([stroke.points for stroke in strokes])
     ahead = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
     ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
     number = np.repeat(np.arange(len(strokes)), counts)
+    ring_px = np.where([stroke.closed for stroke in strokes], counts, np.inf)
     width = max(stroke.width or 0.0 for stroke in strokes)
     reach = 2 * max(width, tuned.FLANK_PX)
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    one, other = pairs.T
-    # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
-    apart = other - one
-    is_ring = np.array([stroke.closed for stroke in strokes])[number[one]]
-    apart = np.where(is_ring, np.minimum(apart, np.array(counts)[number[one]] - apart), apart)
-    is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2.0))
-    is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
     folded = np.zeros(len(points), bool)
-    folded[one[is_apart & is_along]] = True
+    for first in range(0, len(points), FOLD_ROWS):
+        u, v = points[first:].T
+        near = (u[:FOLD_ROWS, None] - u) ** 2 + (v[:FOLD_ROWS, None] - v) ** 2 <= reach**2
+        one, other = np.nonzero(near) + np.array([[first], [first]])
+        # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
+        apart = np.minimum(other - one, ring_px[number[one]] - (other - one))
+        is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2))
+        is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
+        folded[one[(other > one) & is_apart & is_along]] = True
     findings = []
     for run in runs(filters.windows(folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(1), False):
         length = np.count_nonzero(folded[run])

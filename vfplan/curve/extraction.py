@@ -273,6 +273,9 @@ def extract_curve(
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(curve)
+    findings += account.join_findings(leftover, curves, (), ink, max_gap_px, findings)
+    if method != "mask":
+        findings += account.fold_findings(curves)
     strokes = []
     for curve, line in zip(curves, chosen, strict=True):
         cut = cut_to(curve, start, end)
