@@ -126,6 +126,16 @@ def test_a_pressed_pen_is_no_second_run():
     assert extract_curve(canvas.image()).findings == ()
 
 
+@pytest.mark.parametrize("rise_px", [40, 60])
+def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about(rise_px):
+    canvas, arc = Canvas(flat(SHAPE), "exact"), 260 * T
+    width = 3 + 3 * (np.clip((arc - 60) / rise_px, 0, 1) - np.clip((arc - 150) / rise_px, 0, 1))
+    canvas.pressed(line(40, 150, 300, 150, 30), width, RED)
+    (finding,) = extract_curve(canvas.image()).findings
+    assert (finding.code, finding.severity) == ("width-changes", "doubt")
+    assert 100 < finding.place_px[0] < 250
+
+
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])
 def test_a_valley_between_two_lines_is_a_double_line(apart):
     curve = line(40, 150, 300, 150, 30)

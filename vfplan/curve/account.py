@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
@@ -14,8 +14,9 @@ from vfplan import _core
 from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
+from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
@@ -217,12 +218,6 @@ def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
 
 def _middle(run: NDArray) -> int:
     return int(run[len(run) // 2])
-
-
-def finding_at(place: NDArray, code: str, text: str, severity: Callable = doubt) -> Finding:
-    """A finding on what the picture shows at a place (u, v) [px]."""
-    u, v = (round(float(x), 1) for x in place)
-    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
 def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:

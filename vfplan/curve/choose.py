@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations, product
 from typing import Any, Literal
 
@@ -21,6 +22,7 @@ from vfplan.curve.candidates import (
 from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, runs
 
@@ -30,6 +32,14 @@ DESCRIBED = 8
 MOST_PIECES = 40
 
 Choice = int | Literal["all", "longest"] | None
+
+
+def finding_at(
+    place: NDArray, code: str, text: str, severity: Callable[..., Finding] = doubt
+) -> Finding:
+    """A finding on what the picture shows at a place (u, v) [px]."""
+    u, v = (round(float(x), 1) for x in place)
+    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
 def choose_lines(
@@ -309,24 +319,28 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     return largest, int(change.argmax()) + reach
 
 
-def refuse_wide_run(curve: MeasuredStroke) -> None:
-    """Raise `CurveError` where the line is wider than elsewhere: two runs side by side."""
-    if not sudden_changes(curve).any():
-        return
+def wide_findings(curve: MeasuredStroke) -> list[Finding]:
+    """A doubt where a lasting stretch of the line is wider than the rest, and grows so smoothly.
+
+    Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
+    """
+    change = float(sudden_changes(curve).max())
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
     run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
     beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
     lasting = filters.median(ratio, size, **beyond)
-    widest = float(lasting.max())
-    if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
-        return
-    text = (
-        f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
-        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."
+    widest, place = float(lasting.max()), curve.path[lasting.argmax()]
+    if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+        return []
+    text = f"line is {widest:.2f} times as wide here as elsewhere"
+    if change < tuned.HALF * (widest - 1):
+        return [finding_at(place, "width-changes", f"the {text}. Was the pen pressed harder?")]
+    text += (
+        ", so two runs may lie side by side. Look at it: vfplan review IMAGE. If one pen was "
+        "pressed harder: --accept-width."
     )
-    place = curve.path[lasting.argmax()]
-    raise error_at(place, text, code="runs-side-by-side", width_ratio=widest)
+    raise error_at(place, f"The {text}", code="runs-side-by-side", width_ratio=widest)
 
 
 def refuse_double_line(curve: MeasuredStroke) -> None:
