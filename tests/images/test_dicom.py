@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pydicom
 import pytest
+from captures import CURVE, PICTURE, SHAPE, capture
 from drawing import compare
+from pydicom.data import get_testdata_files
 from refusals import refuses
 
 import vfplan
 from vfplan.errors import CurveError, ImageError, VfplanError
-
-pydicom = pytest.importorskip("pydicom", reason="needs the package pydicom")
-from captures import CURVE, PICTURE, SHAPE, capture  # noqa: E402
-from pydicom.data import get_testdata_files  # noqa: E402
 
 # Installed with pydicom itself; the larger files it would fetch are not asked for.
 ZOO = sorted({Path(f) for f in get_testdata_files() if Path(f).is_file()})

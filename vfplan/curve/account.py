@@ -16,7 +16,7 @@ from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
-from vfplan.findings import Finding, note
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, Flags, normals, runs
@@ -245,14 +245,13 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
     """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
-    unmirrored = [piece for piece in leftover if not piece.mirrored]
     reach = tuned.END_REACH_GAPS * max_gap_px
-    at_end = [piece for piece in unmirrored if piece.end_distance <= reach]
-    touching = [
-        piece
-        for piece in unmirrored
-        if piece.end_distance > reach and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX
-    ]
+    at_end, touching = [], []
+    for piece in leftover:
+        if not piece.mirrored and piece.end_distance <= reach:
+            at_end.append(piece)
+        elif not piece.mirrored and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
+            touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
         text = (
@@ -448,45 +447,35 @@ def dotted_finding(stroke: Stroke) -> Finding:
     return finding_at(stroke.points[len(stroke.points) // 2], "line-dotted", text)
 
 
-def bridge_findings(stroke: Stroke) -> list[Finding]:
-    """Each stretch of a stroke that was carried over a gap: a note, or a doubt.
+def stretch_findings(curve: Stroke) -> list[Finding]:
+    """A doubt for each long stretch that does not show.
 
-    It is a doubt where the stretch is long, or a small share of the stroke lies beyond it.
+    Of a stroke that was not measured in the ink, each gap is told: with a note, or with a doubt
+    where a small share of the stroke lies beyond it.
     """
     findings = []
-    for run in runs(stroke.bridged, stroke.closed):
-        rest = min(run[0], len(stroke.points) - 1 - run[-1])
-        place, gap = stroke.points[_middle(run)], f"across a gap of {len(run)} px"
-        if not stroke.closed and rest < NEAR_END_SHARE * len(stroke.points):
-            text = f"the curve is carried {gap}. Do the {rest} px beyond it belong to the curve?"
-            findings.append(finding_at(place, "bridge-near-end", text))
+    for what, run in _stretches(curve):
+        rest = min(run[0], len(curve.points) - 1 - run[-1])
+        text, code, severity = f"the curve is carried across a gap of {len(run)} px", "bridge", note
+        if what == "gap" and not curve.closed and rest < NEAR_END_SHARE * len(curve.points):
+            text += f". Do the {rest} px beyond it belong to the curve?"
+            code, severity = "bridge-near-end", doubt
         elif len(run) > tuned.LONG_STRETCH_PX:
-            text = f"the curve is carried {gap}. Does it run as drawn here?"
-            findings.append(finding_at(place, "bridge-long", text))
+            code, severity = "bridge-long", doubt
+            if what == "hidden":
+                text, code = f"another colour hides {len(run)} px of the curve", "stretch-hidden"
+            text += ". Does it run as drawn here?"
+        elif what == "gap":
+            text += "."
         else:
-            findings.append(finding_at(place, "bridge", f"the curve is carried {gap}.", note))
+            continue
+        findings.append(finding_at(curve.points[_middle(run)], code, text, severity))
     return findings
 
 
 def _and_more(pieces: list[Leftover]) -> str:
     more = len(pieces) - NAMED
     return f", and {more} smaller pieces as well" if more > 0 else ""
-
-
-def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
-    """Long stretches of the curve that another colour hides or that were carried over a gap."""
-    findings = []
-    for what, run in _stretches(curve):
-        if len(run) <= tuned.LONG_STRETCH_PX:
-            continue
-        middle = curve.points[_middle(run)]
-        if what == "hidden":
-            text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
-            findings.append(finding_at(middle, "stretch-hidden", text))
-        else:
-            text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
-            findings.append(finding_at(middle, "bridge-long", text))
-    return findings
 
 
 def width_findings(curve: MeasuredStroke) -> list[Finding]:

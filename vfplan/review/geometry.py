@@ -228,7 +228,7 @@ class Geometry:
         made = [] if self.ink is None else self._of_ink()
         made += account.fold_findings(self.strokes)
         for stroke in self.strokes:
-            made += account.bridge_findings(stroke)
+            made += account.stretch_findings(stroke)
             if stroke.edited.any():
                 first = stroke.points[np.flatnonzero(stroke.edited)[0]]
                 within_px = own_bound(self.strokes)[
