@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -16,10 +15,10 @@ from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags, normals, runs
+from vfplan.geometry.lines import Array, Flags, runs
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -50,9 +49,6 @@ class Leftover:
         From the closest curve's edge to its closest pixel [px].
     end_distance
         From the closest end of an open curve to its closest pixel [px].
-    mirrored
-        Whether there is as much ink on the other side of the curve, within three widths of it: a
-        dot on the line, a control point or the head of an arrow.
     """
 
     places: NDArray[np.int64]
@@ -61,7 +57,6 @@ class Leftover:
     size: float
     edge_distance: float
     end_distance: float
-    mirrored: bool
 
     @property
     def mask(self) -> Flags:
@@ -136,20 +131,16 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     if pixels is None:
         return []
     pixels = pixels.reshape(-1, 2).astype(np.int64)
-    distances = [_core.nearest(curve.points, pixels) for curve in curves]
     edge_distance = np.full(len(pixels), np.inf)
-    for curve, (to_curve, _) in zip(curves, distances, strict=True):
+    for curve in curves:
+        to_curve, _ = _core.nearest(curve.points, pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
     outside = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance = pixels[outside], edge_distance[outside]
     if len(pixels) == 0:
         return []
     end_distance = np.full(len(pixels), np.inf)
-    mirrored = np.zeros(len(pixels), bool)
-    for curve, (to_curve, nearest) in zip(curves, distances, strict=True):
-        reach = tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX
-        close = np.flatnonzero(to_curve[outside] <= reach)
-        mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[outside][close])
+    for curve in curves:
         if len(curve.end_points):
             to_end, _ = _core.nearest(curve.end_points, pixels)
             end_distance = np.minimum(end_distance, to_end)
@@ -170,22 +161,9 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 size=float((high - low).max() + 1),
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=float(end_distance[members].min()),
-                mirrored=bool(mirrored[members].mean() > tuned.MIRRORED),
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
-
-
-def _is_mirrored(ink: Ink, curve: Stroke, pixels: NDArray, nearest: NDArray) -> Flags:
-    """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
-    normal = normals(curve.points, curve.closed)[nearest]
-    across = ((pixels - curve.points[nearest]) * normal).sum(1)
-    opposite = np.rint(pixels - 2 * across[:, None] * normal).astype(int)
-    has_ink = np.zeros(len(pixels), bool)
-    for step in product((-1, 0, 1), repeat=2):
-        u, v = np.clip(opposite + step, 0, ink.size - 1).T
-        has_ink |= ink.mask[v, u]
-    return has_ink
 
 
 def list_account(
@@ -244,26 +222,23 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
-    """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
+    """The largest pieces of ink close to an end, and of ink that touches the curve."""
     reach = tuned.END_REACH_GAPS * max_gap_px
     at_end, touching = [], []
     for piece in leftover:
-        if not piece.mirrored and piece.end_distance <= reach:
+        if piece.end_distance <= reach:
             at_end.append(piece)
-        elif not piece.mirrored and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
+        elif piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
         text = (
-            f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the curve"
-            f"{_and_more(at_end)}. Does the curve go on there?"
+            f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
+            "curve. Does the curve go on there?"
         )
         findings.append(finding_at(piece.middle, "ink-at-end", text))
     for piece in touching[:NAMED]:
-        text = (
-            f"ink of {piece.size:.0f} px touches the curve{_and_more(touching)}. "
-            "Is it a part of the curve?"
-        )
+        text = f"ink of {piece.size:.0f} px touches the curve. Is it a part of the curve?"
         findings.append(finding_at(piece.middle, "ink-touches", text))
     return findings
 
@@ -340,23 +315,19 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 def join_findings(
     leftover: Sequence[Leftover],
-    strokes: Sequence[Stroke],
     lines: Sequence[Candidate],
     ink: Ink,
     max_gap_px: float,
     told: Sequence[Finding],
 ) -> list[Finding]:
-    """A doubt for each piece of ink that joins a stroke, or in which a line may go on.
+    """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
     There is none for a piece on which, or in whose middle, a finding lies that was `told`.
     """
     reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
-    dot = 2 * tuned.DOT_WIDTHS * max((stroke.width for stroke in strokes), default=0.0)
     for piece in leftover:
         places = np.vstack([piece.middle, piece.places])
         if any(np.abs(places - found.place_px).max(1).min() < 0.6 for found in told):
-            continue
-        if piece.mirrored and piece.size <= dot:
             continue
         if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             text = f"ink of {piece.size:.0f} px joins the curve and was left out."
@@ -392,7 +363,7 @@ def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
     """Whether a line of ink lies in the direction of the end of one of these lines."""
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
-    others = [Candidate.of(found) for found in find_pieces(ink, [piece.places])]
+    others = find_pieces(ink, [piece.places])
     return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
 
 
@@ -456,33 +427,29 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     findings = []
     for what, run in _stretches(curve):
         rest = min(run[0], len(curve.points) - 1 - run[-1])
-        text, code, severity = f"the curve is carried across a gap of {len(run)} px", "bridge", note
+        place, gap = (
+            curve.points[_middle(run)],
+            f"the curve is carried across a gap of {len(run)} px",
+        )
+        is_long = len(run) > tuned.LONG_STRETCH_PX
         if what == "gap" and not curve.closed and rest < NEAR_END_SHARE * len(curve.points):
-            text += f". Do the {rest} px beyond it belong to the curve?"
-            code, severity = "bridge-near-end", doubt
-        elif len(run) > tuned.LONG_STRETCH_PX:
-            code, severity = "bridge-long", doubt
-            if what == "hidden":
-                text, code = f"another colour hides {len(run)} px of the curve", "stretch-hidden"
-            text += ". Does it run as drawn here?"
+            text = f"{gap}. Do the {rest} px beyond it belong to the curve?"
+            findings.append(finding_at(place, "bridge-near-end", text))
+        elif what == "hidden" and is_long:
+            text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
+            findings.append(finding_at(place, "stretch-hidden", text))
+        elif what != "hidden" and is_long:
+            text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
+            findings.append(finding_at(place, "bridge-long", text))
         elif what == "gap":
-            text += "."
-        else:
-            continue
-        findings.append(finding_at(curve.points[_middle(run)], code, text, severity))
+            findings.append(finding_at(place, "bridge", f"{gap}.", note))
     return findings
-
-
-def _and_more(pieces: list[Leftover]) -> str:
-    more = len(pieces) - NAMED
-    return f", and {more} smaller pieces as well" if more > 0 else ""
 
 
 def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
     change = np.where(expected, 0.0, choose.sudden_changes(curve))
-    change[_is_dot(curve, change)] = 0.0
     largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
     lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
@@ -553,16 +520,6 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
         if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
             expected |= fall
     return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
-
-
-def _is_dot(curve: MeasuredStroke, change: NDArray) -> Flags:
-    """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
-    dot = np.zeros(len(change), bool)
-    for run in runs(choose.relative_width(curve) > tuned.WIDE, curve.closed):
-        if len(run) <= tuned.DOT_WIDTHS * curve.width:
-            dot[run] = True
-    dot = filters.windows(dot, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
-    return dot & (choose.one_sided(curve) < tuned.ONE_SIDED * change)
 
 
 def _turn_deg(curve: MeasuredStroke) -> Array:

@@ -96,7 +96,7 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
 
 def on_border(line: Candidate, ink: Ink) -> int:
     """Over how many pixels the ink of a line lies flush with the border of the picture."""
-    pixels = np.concatenate([piece.pixels for piece in line.pieces])
+    pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
     nearest = to_border.min()
     return int((to_border == nearest).sum()) if nearest <= tuned.FLANK_PX else 0
@@ -288,19 +288,6 @@ def sudden_changes(curve: MeasuredStroke) -> Array:
     return change
 
 
-def one_sided(curve: MeasuredStroke) -> Array:
-    """(M,) how much more ink lies on one side of the line than on the other, of its usual ink.
-
-    The largest over a short stretch. A dot on the line and a control point lie on both sides.
-    """
-    profiles = curve.profiles
-    ink = np.where(profiles.is_line, np.clip(profiles.coverage, 0, None), 0)
-    difference = ink @ np.sign(profiles.x)
-    usual = max(float(np.median(ink.sum(1))), 1e-6)
-    difference = np.abs(difference - np.median(difference)) / usual
-    return filters.windows(difference, 2 * tuned.SUDDEN_PX + 1).max(axis=1)
-
-
 def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     """The largest lasting change of a (M,) relative width, and the point where it is.
 
@@ -333,14 +320,14 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
     if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []
-    text = f"line is {widest:.2f} times as wide here as elsewhere"
     if change < tuned.HALF * (widest - 1):
-        return [finding_at(place, "width-changes", f"the {text}. Was the pen pressed harder?")]
-    text += (
-        ", so two runs may lie side by side. Look at it: vfplan review IMAGE. If one pen was "
-        "pressed harder: --accept-width."
+        text = f"the line is {widest:.2f} times as wide here as elsewhere. Is it one line?"
+        return [finding_at(place, "width-changes", text)]
+    text = (
+        f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
+        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."
     )
-    raise error_at(place, f"The {text}", code="runs-side-by-side", width_ratio=widest)
+    raise error_at(place, text, code="runs-side-by-side", width_ratio=widest)
 
 
 def refuse_double_line(curve: MeasuredStroke) -> None:

@@ -273,7 +273,7 @@ def extract_curve(
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(curve)
-    findings += account.join_findings(leftover, curves, (), ink, max_gap_px, findings)
+    findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)
     strokes = []
@@ -354,9 +354,9 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack(
-        [candidates.half_covered(ink, piece.pixels) for piece in line.pieces]
-    ).astype(float)
+    points = np.vstack([candidates.half_covered(ink, pixels) for pixels in line.pieces]).astype(
+        float
+    )
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(

@@ -266,7 +266,7 @@ class Geometry:
         findings = [finding for finding in again if (finding.code, finding.text) in told]
         lines = [account.line_of(line, self.ink.found) for line in self.lines]
         findings += account.join_findings(
-            self.leftover, self.lines, lines, self.ink.found, self.max_gap_px, findings
+            self.leftover, lines, self.ink.found, self.max_gap_px, findings
         )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
