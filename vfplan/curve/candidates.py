@@ -108,10 +108,8 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     Also returns the (J, 2) pixels at which three or more branches meet. The (H, W) skeleton has a
     border of one free pixel. The branches come in the order of their first pixels, by row.
     """
-    v, u = np.nonzero(bone)
-    pixels = np.column_stack([u, v])
-    edges = neighbours(bone, v, u)
-    junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
+    pixels, edges = skeleton_graph(bone)
+    junction = np.bincount(edges.ravel(), minlength=len(pixels)) > 2
     inner = edges[~junction[edges].any(1)].tolist()
     beside: list[list[int]] = [[] for _ in pixels]
     for a, b in inner:
@@ -130,11 +128,12 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     return [(pixels[branch], closed) for branch, closed in branches], pixels[junction]
 
 
-def neighbours(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
-    """(E, 2) neighbours among a skeleton's pixels, as their indices in the order by rows.
+def skeleton_graph(bone: Flags) -> tuple[Pixels, Pixels]:
+    """The pixels (N, 2) (u, v) of a skeleton by rows, and the (E, 2) pairs of neighbours.
 
     Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no fork.
     """
+    v, u = np.nonzero(bone)
     place = v * bone.shape[1] + u
     pairs = []
     for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -144,7 +143,15 @@ def neighbours(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
         if dv and du:
             keep &= ~bone[v + dv, u] & ~bone[v, u + du]
         pairs.append(np.column_stack([np.flatnonzero(keep), target[keep]]))
-    return np.concatenate(pairs)
+    return np.column_stack([u, v]), np.concatenate(pairs)
+
+
+def walked_back(before: NDArray, start: int, stop: int) -> list[int]:
+    """The way from `start` to `stop` through a graph, by each place's predecessor."""
+    path = [stop]
+    while path[-1] != start:
+        path.append(before[path[-1]])
+    return path[::-1]
 
 
 def _walk(start: int, beside: list[list[int]], waiting: Flags) -> list[int]:
@@ -319,9 +326,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     way, before = dijkstra(minimum_spanning_tree(near), directed=False, return_predecessors=True)
     way[np.isinf(way)] = -1.0
     start, stop = np.unravel_index(way.argmax(), way.shape)
-    path = [stop]
-    while path[-1] != start:
-        path.append(before[start, path[-1]])
+    path = walked_back(before[start], start, stop)[::-1]
     size = np.mean([len(dots[k]) for k in path])
     # Letters are dots as well, but stand too close; noise lies all over the picture.
     is_row = len(path) >= max(MIN_DOTS, tuned.HALF * len(dots))

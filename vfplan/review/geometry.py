@@ -25,7 +25,8 @@ from vfplan.curve.candidates import (
     find_candidates,
     find_groups,
     find_pieces,
-    neighbours,
+    skeleton_graph,
+    walked_back,
 )
 from vfplan.curve.centreline import drawn_length
 from vfplan.errors import CurveError, SettingError
@@ -80,8 +81,8 @@ def routes_through(
     from scipy.sparse.csgraph import dijkstra
 
     padded = np.pad(mask, 2)
-    pixels, edges = skeleton_of(padded)
-    pixels += np.array(corner) - 2.0
+    pixels, edges = skeleton_graph(_core.thinned(padded).astype(bool))
+    pixels = pixels + np.array(corner) - 2.0
     degree = np.bincount(edges.ravel(), minlength=len(pixels))
     forks = [tuple(place) for place in pixels[degree > 2].tolist()]
     routes = _around(padded, corner)
@@ -96,20 +97,13 @@ def routes_through(
         # The shortest path from each end to each other one.
         distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
         routes += [
-            route_along(pixels[_walked_back(before[i], start, stop)], False)
+            route_along(pixels[walked_back(before[i], start, stop)], False)
             for i, start in enumerate(ends)
             for stop in ends[i + 1 :]
             if np.isfinite(distance[i, stop])
         ]
     routes.sort(key=lambda route: -route.length)
     return routes[:MAX_ROUTES], forks
-
-
-def skeleton_of(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int64]]:
-    """The pixels (N, 2) (u, v) of a mask's skeleton, and the (E, 2) pairs of neighbours."""
-    bone = _core.thinned(mask).astype(bool)
-    v, u = np.nonzero(bone)
-    return np.column_stack([u, v]).astype(float), neighbours(bone, v, u)
 
 
 def _graph(pixels: Array, edges: NDArray[np.int64]) -> Any:
@@ -128,7 +122,8 @@ def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     _, labels, holes, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
     areas = holes[:, cv2.CC_STAT_AREA].copy()
     areas[[0, labels[0, 0]]] = 0
-    pixels, edges = skeleton_of((labels != labels[0, 0]) & (labels != areas.argmax()))
+    ring = (labels != labels[0, 0]) & (labels != areas.argmax())
+    pixels, edges = skeleton_graph(_core.thinned(ring).astype(bool))
     # Without its branches a ring is left.
     is_branch = np.ones(len(edges), bool)
     while areas.any() and is_branch.any():
@@ -143,16 +138,8 @@ def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     distance, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
     if not np.isfinite(distance[stop]):
         return []
-    path = pixels[_walked_back(before, start, stop)] + np.array(corner) - 2.0
+    path = pixels[walked_back(before, start, stop)] + np.array(corner) - 2.0
     return [route_along(path, True)]
-
-
-def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
-    """The pixels from `start` to `stop`, by each pixel's predecessor."""
-    path = [stop]
-    while path[-1] != start:
-        path.append(before[path[-1]])
-    return path[::-1]
 
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
