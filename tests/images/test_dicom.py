@@ -8,7 +8,7 @@ import numpy as np
 import pydicom
 import pytest
 from captures import CURVE, PICTURE, SHAPE, capture
-from drawing import compare
+from drawing import rms_off
 from pydicom.data import get_testdata_files
 from refusals import refuses
 
@@ -24,7 +24,7 @@ def test_colour_capture(tmp_path):
     assert np.array_equal(read.rgb, PICTURE)
     assert read.pixel_spacing_mm is None
     (stroke,) = vfplan.extract_curve(read).strokes
-    assert compare(stroke, CURVE).rms < 0.03
+    assert rms_off(stroke, CURVE) < 0.03
 
 
 def test_sixteen_bit_and_twelve_stored_bits_fill_the_range(tmp_path):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from drawing import blend, compare, coverage, flat, to_uint8, wavy
+from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
 from PIL import Image, ImageOps
 
 import vfplan
@@ -41,7 +41,7 @@ def test_sixteen_bits_are_kept_and_extracted_alike(tmp_path, form):
     read = vfplan.read_image(path)
     assert read.rgb.dtype == np.uint16
     (deep,) = vfplan.extract_curve(read).strokes
-    assert compare(deep, CURVE).rms < 0.03
+    assert rms_off(deep, CURVE) < 0.03
 
 
 def test_palette(tmp_path):
@@ -191,7 +191,7 @@ def test_a_picture_of_12_bits_in_16_is_stretched_with_a_note(tmp_path):
     read = vfplan.read_image(path)
     assert np.array_equal(read.rgb, PICTURE.astype(np.uint16) << 8)
     assert codes(read) == ["range-stretched"]
-    assert compare(vfplan.extract_curve(read).strokes[0], CURVE).rms < 0.03
+    assert rms_off(vfplan.extract_curve(read).strokes[0], CURVE) < 0.03
 
 
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF", "BMP"])
