@@ -88,7 +88,8 @@ def mended(points, closed=False):
 
 
 def ink(mask):
-    return as_is(mask=mask, box=(0, 0, *mask.shape), number=1, pixels=int(mask.sum()))
+    piece = as_is(mask=mask)
+    return as_is(piece=piece, box=(0, 0, *mask.shape), number=1, pixels=int(mask.sum()))
 
 
 def stored(folder, fixture):

@@ -7,7 +7,7 @@ import os
 import cv2
 import numpy as np
 import pytest
-from drawing import blend, compare, coverage, flat, to_uint8, wavy
+from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
 from vector_files import RING_MM, polyline, slicer
 
 import vfplan
@@ -52,7 +52,7 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     assert (fixture.points[:, 2] == 0).all()
     found = type("S", (), {"points_px": fixture.points[:, :2], "sigma_px": fixture.sigma,
                            "length": stroke["length_px"]})  # fmt: skip
-    assert compare(found, CURVE).rms < 0.03
+    assert rms_off(found, CURVE) < 0.03
 
 
 def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, tmp_path):

@@ -156,6 +156,13 @@ def test_a_gap_between_two_chosen_strokes_is_asked_about():
     assert codes(extraction) == ["ink-at-end"]
 
 
+def test_a_fourth_piece_at_the_line_and_a_curve_that_runs_back_are_asked_about():
+    dots = [([CURVE[k] + [0.0, 5.2], CURVE[k] + [0.1, 5.2]], 5.0) for k in (120, 240, 360, 480)]
+    assert codes(extract_curve(picture(*dots))).count("ink-joins") == 1
+    back = painted((CURVE, 3.0), (np.add(CURVE[100:500], (0.0, 5.5)), 3.0))
+    assert "curve-folds" in codes(extract_curve(back, stroke="all"))
+
+
 def test_markers_and_words_of_other_colours_are_no_account():
     image = picture()
     for k in range(9):

@@ -17,8 +17,6 @@ from drawing import (
     wavy,
 )
 
-from vfplan.curve.centreline import is_noisy
-from vfplan.curve.coverage import Pen, Region, find_ink
 from vfplan.curve.extraction import extract_curve
 
 RED = (255, 0, 0)
@@ -120,26 +118,10 @@ def test_the_stated_deviation_is_honest_close_to_an_end():
     assert 0.3 < rms(ratios) < 0.8
 
 
-@pytest.mark.parametrize("width", [2.0, 5.0, 9.0, 13.0])
-def test_the_noise_of_jpeg_is_seen_beside_thin_and_thick_pens(width):
-    curve = hand(5)
-    image = drawn(curve, width)
-    for picture, noisy in ((image, False), (jpeg(image, 90), True), (jpeg(image, 60), True)):
-        ink = find_ink(picture, Pen.of_colour("red"), Region())
-        assert is_noisy(ink, curve, width) == noisy
-
-
 @pytest.mark.parametrize("opacity", [0.4, 0.7])
 def test_a_translucent_pen(opacity):
     stroke = stroke_of(drawn(hand(5), 4.0, ground=anatomy(SHAPE, 5), opacity=opacity))
     assert rms(inner_errors(stroke, hand(5))[0]) < 0.08
-
-
-def test_sixteen_bits_measure_as_eight():
-    image = drawn(hand(7), ground=anatomy(SHAPE, 7))
-    deep = (image.astype(np.uint16) * 257).astype(np.uint16)
-    eight, sixteen = stroke_of(image), stroke_of(deep)
-    assert np.abs(eight.points_px - sixteen.points_px).max() < 1e-2
 
 
 SYMMETRIES = {
@@ -160,15 +142,6 @@ def test_a_turned_or_mirrored_picture_has_the_turned_or_mirrored_curve(name, clo
     error = normal_errors(other.points_px, places(plain.points_px, *SHAPE), closed)
     assert np.abs(error).max() < 0.15
     assert other.length == pytest.approx(plain.length, abs=1.0)
-
-
-@pytest.mark.parametrize("shift", [(0, 1), (7, 3), (16, 5)])
-def test_a_shifted_picture_has_the_shifted_curve(shift):
-    share = coverage((340, 380), hand(11) + 8, 3.0)
-    image = to_uint8(blend(flat((340, 380)), share, RED))
-    plain = stroke_of(image)
-    moved = stroke_of(np.roll(image, shift[::-1], axis=(0, 1)))
-    assert np.abs(moved.points_px - plain.points_px - shift).max() < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-import slices
 from canvas import Canvas
 from drawing import blend, coverage, flat, to_uint8, wavy
 
@@ -47,14 +46,6 @@ def test_no_ink_but_another_pens_line_is_named_by_its_own_colour(name):
     assert error.numbers["other_length_px"] == pytest.approx(length, rel=0.05)
     assert f"--colour '{name}'" in error.message
     assert extract_curve(image, colour=name).findings == ()
-
-
-@pytest.mark.parametrize("seed", [6, 15, 18, 19])
-def test_an_orange_bar_in_jpeg_is_no_red_line(seed):
-    """JPEG spreads some of the bar's pixels into the hues of red."""
-    image = slices.draw("orange bar", seed).image
-    assert refusal(image).code == "no-line"
-    assert len(extract_curve(image, colour="#ff7f0e").strokes) == 1
 
 
 def test_no_line_among_dots():
@@ -124,6 +115,16 @@ def test_a_pressed_pen_is_no_second_run():
     curve = line(40, 150, 300, 150, 30)
     canvas.pressed(curve, 4.0 * (1 + 0.4 * np.sin(6 * np.pi * T)), RED)
     assert extract_curve(canvas.image()).findings == ()
+
+
+@pytest.mark.parametrize("rise_px", [40, 60])
+def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about(rise_px):
+    canvas, arc = Canvas(flat(SHAPE), "exact"), 260 * T
+    width = 3 + 3 * (np.clip((arc - 60) / rise_px, 0, 1) - np.clip((arc - 150) / rise_px, 0, 1))
+    canvas.pressed(line(40, 150, 300, 150, 30), width, RED)
+    (finding,) = extract_curve(canvas.image()).findings
+    assert (finding.code, finding.severity) == ("width-changes", "doubt")
+    assert 100 < finding.place_px[0] < 250
 
 
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])

@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from vfplan.geometry import filters
-from vfplan.geometry.lines import ring_of, smoothing_spline, solve_banded, spline_through
+from vfplan.geometry.lines import ring_of, smoothing_spline, spline_through
 
 MODES = {"symmetric": "reflect", "edge": "nearest", "wrap": "wrap"}
 COUNTS = [2, 3, 4, 5, 31, 32, 33, 64, 65, 700]
@@ -42,29 +42,6 @@ def test_smoothing_spline_is_scipys(count, smoothing):
     theirs = make_smoothing_spline(knots, points, w=weight, lam=smoothing)
     for derivative in (0, 1, 2):
         assert ours(at, derivative) == pytest.approx(theirs(at, nu=derivative), abs=1e-8)
-
-
-def test_smoothing_spline_leaves_a_straight_line_alone():
-    points = np.outer(np.arange(50), [3.0, -2.0])
-    assert smoothing_spline(np.arange(50), points, np.ones(50), 16.0).values == pytest.approx(
-        points
-    )
-
-
-@pytest.mark.parametrize("count", [5, 32, 33, 100])
-def test_banded_system_is_solved_as_a_full_one_is(count):
-    rng = np.random.default_rng(count)
-    band = rng.normal(size=(count, 5))
-    band[:, 2] += 8
-    full = np.zeros((count, count))
-    for k in range(5):
-        for i in range(count):
-            if 0 <= i + k - 2 < count:
-                full[i, i + k - 2] = band[i, k]
-            else:
-                band[i, k] = 0
-    right = rng.normal(size=(count, 2))
-    assert solve_banded(band, right) == pytest.approx(np.linalg.solve(full, right), abs=1e-13)
 
 
 @pytest.mark.parametrize("count", [3, 9, 30, 700])

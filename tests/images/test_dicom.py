@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pydicom
 import pytest
-from drawing import compare
+from captures import CURVE, PICTURE, SHAPE, capture
+from drawing import rms_off
+from pydicom.data import get_testdata_files
 from refusals import refuses
 
 import vfplan
 from vfplan.errors import CurveError, ImageError, VfplanError
-
-pydicom = pytest.importorskip("pydicom", reason="needs the package pydicom")
-from captures import CURVE, PICTURE, SHAPE, capture  # noqa: E402
-from pydicom.data import get_testdata_files  # noqa: E402
 
 # Installed with pydicom itself; the larger files it would fetch are not asked for.
 ZOO = sorted({Path(f) for f in get_testdata_files() if Path(f).is_file()})
@@ -25,7 +24,7 @@ def test_colour_capture(tmp_path):
     assert np.array_equal(read.rgb, PICTURE)
     assert read.pixel_spacing_mm is None
     (stroke,) = vfplan.extract_curve(read).strokes
-    assert compare(stroke, CURVE).rms < 0.03
+    assert rms_off(stroke, CURVE) < 0.03
 
 
 def test_sixteen_bit_and_twelve_stored_bits_fill_the_range(tmp_path):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from drawing import blend, compare, coverage, flat, to_uint8, wavy
+from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
 from PIL import Image, ImageOps
 
 import vfplan
@@ -33,11 +33,6 @@ def test_lossless_formats_hold_the_same_pixels(tmp_path, form):
     assert read.pixel_spacing_mm is None
 
 
-def test_jpeg_is_close(tmp_path):
-    read = vfplan.read_image(saved(tmp_path, "JPEG", quality=95))
-    assert np.abs(read.rgb.astype(int) - PICTURE).mean() < 3
-
-
 @pytest.mark.parametrize("form", ["png", "tiff"])
 def test_sixteen_bits_are_kept_and_extracted_alike(tmp_path, form):
     fine = blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 40)) * 257
@@ -46,7 +41,7 @@ def test_sixteen_bits_are_kept_and_extracted_alike(tmp_path, form):
     read = vfplan.read_image(path)
     assert read.rgb.dtype == np.uint16
     (deep,) = vfplan.extract_curve(read).strokes
-    assert compare(deep, CURVE).rms < 0.03
+    assert rms_off(deep, CURVE) < 0.03
 
 
 def test_palette(tmp_path):
@@ -92,14 +87,6 @@ def test_samples_that_are_no_whole_numbers_are_refused(tmp_path, channels):
     assert cv2.imwrite(str(path), np.zeros((9, 7, channels), np.float32))
     with pytest.raises(ImageError, match="float32 samples"):
         vfplan.read_image(path)
-
-
-def test_a_drawing_on_a_transparent_layer_is_measured_exactly(tmp_path):
-    share = coverage(SHAPE, CURVE, 3)
-    layer = np.dstack([np.full((*SHAPE, 3), (255, 0, 0)), 255 * share])
-    path = saved(tmp_path, "PNG", Image.fromarray(to_uint8(layer)))
-    (stroke,) = vfplan.extract_curve(vfplan.read_image(path)).strokes
-    assert compare(stroke, CURVE).rms < 0.03
 
 
 @pytest.mark.parametrize("form", ["JPEG", "PNG", "TIFF", "RGBA"])
@@ -204,13 +191,7 @@ def test_a_picture_of_12_bits_in_16_is_stretched_with_a_note(tmp_path):
     read = vfplan.read_image(path)
     assert np.array_equal(read.rgb, PICTURE.astype(np.uint16) << 8)
     assert codes(read) == ["range-stretched"]
-    assert compare(vfplan.extract_curve(read).strokes[0], CURVE).rms < 0.03
-
-
-def test_pages_of_a_tiff_are_chosen(tmp_path):
-    pages = [Image.fromarray(255 - PICTURE)]
-    path = saved(tmp_path, "TIFF", save_all=True, append_images=pages)
-    assert np.array_equal(vfplan.read_image(path, frame=2).rgb, 255 - PICTURE)
+    assert rms_off(vfplan.extract_curve(read).strokes[0], CURVE) < 0.03
 
 
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF", "BMP"])

@@ -105,7 +105,7 @@ def _agg(shape, points, closed, width, cap="round"):
     pen.set_foreground((0, 0, 0, 1), isRGBA=True)
     pen.set_snap(False)
     pen.set_linewidth(width or 0.0)
-    pen.set_capstyle({"round": "round", "butt": "butt", "square": "projecting"}[cap])
+    pen.set_capstyle(cap)
     pen.set_joinstyle("round")
     ring = np.vstack([points, points[:1]]) if closed else points
     codes = [Path.MOVETO] + [Path.LINETO] * (len(ring) - 1)
@@ -131,7 +131,7 @@ def _skia(shape, points, closed, width, cap="round"):
         path.close()
     path = path.detach() if hasattr(path, "detach") else path
     style = skia.Paint.kStroke_Style if width else skia.Paint.kFill_Style
-    caps = {"round": "kRound_Cap", "butt": "kButt_Cap", "square": "kSquare_Cap"}
+    caps = {"round": "kRound_Cap", "butt": "kButt_Cap"}
     pen = skia.Paint(
         AntiAlias=True,
         Style=style,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from bones import empty_dataset
 from drawing import blend, coverage, flat, to_uint8, wavy
-from pydicom.dataset import Dataset, FileMetaDataset
-from pydicom.uid import ExplicitVRLittleEndian, SecondaryCaptureImageStorage
+from pydicom.uid import SecondaryCaptureImageStorage
 
 SHAPE = (150, 220)
 
@@ -18,11 +18,7 @@ PICTURE = to_uint8(blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 
 
 def capture(tmp_path, pixels=PICTURE, kind="RGB", **more):
     """A secondary capture as a DICOM file."""
-    data = Dataset()
-    data.file_meta = FileMetaDataset()
-    data.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    data.file_meta.MediaStorageSOPClassUID = data.SOPClassUID = SecondaryCaptureImageStorage
-    data.file_meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = "1.2.3.4"
+    data = empty_dataset(SecondaryCaptureImageStorage, "1.2.3.4", "OT")
     frames = pixels.ndim == 4
     data.Rows, data.Columns = pixels.shape[frames : frames + 2]
     data.SamplesPerPixel = pixels.shape[-1] if kind in ("RGB", "YBR_FULL") else 1

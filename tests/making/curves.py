@@ -134,29 +134,33 @@ def curve(rng) -> Pieces:
 
 def path(rng, proxy, normal, vertices) -> np.ndarray:
     """Holding, lifting off, jumping, exactly singular, trembling, or sliding: (T, 2)."""
-    target = vertices[rng.integers(len(vertices))] + rng.normal(size=2) * R * rng.choice(
-        [0, 0.1, 1]
-    )
+    return path_at(rng, proxy, normal, vertices[rng.integers(len(vertices))], vertices.mean(axis=0))
+
+
+def path_at(rng, proxy, normal, place, middle) -> np.ndarray:
+    """A path of one of these kinds at a place of the fixture, which jumps around its middle."""
+    k = len(proxy)
+    target = place + rng.normal(size=k) * R * rng.choice([0, 0.1, 1])
     kind = rng.integers(8)
     if kind == 0:
-        return np.tile(target + rng.normal(size=2) * R, (TICKS, 1))
+        return np.tile(target + rng.normal(size=k) * R, (TICKS, 1))
     if kind == 1:
-        way = normal + rng.normal(size=2) * rng.choice([0, 0, 0.3, 1.0])
+        way = normal + rng.normal(size=k) * rng.choice([0, 0, 0.3, 1.0])
         return proxy + np.outer(np.linspace(-0.3, 1, TICKS), way) * 3 * R
     if kind == 2:
-        return vertices.mean(axis=0) + rng.normal(size=(TICKS, 2)) * R * 10 ** rng.uniform(-1, 3)
+        return middle + rng.normal(size=(TICKS, k)) * R * 10 ** rng.uniform(-1, 3)
     if kind == 3:
         return target + rng.choice([0, 0.5, 1, 2, 1 - 1e-12], size=(TICKS, 1)) * (proxy - target)
     if kind == 4:
-        return target + rng.normal(size=(TICKS, 2)) * R * 10 ** rng.uniform(-6, -1)
+        return target + rng.normal(size=(TICKS, k)) * R * 10 ** rng.uniform(-6, -1)
     speed = R * 10 ** rng.uniform(-4, 0)
-    goals = np.vstack([proxy, target + rng.normal(size=(5, 2)) * R * rng.uniform(0, 1.5)])
-    edges = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(goals, axis=0).T))])
+    goals = np.vstack([proxy, target + rng.normal(size=(5, k)) * R * rng.uniform(0, 1.5)])
+    edges = np.append(0, np.cumsum(np.linalg.norm(np.diff(goals, axis=0), axis=1)))
     s = np.arange(0, edges[-1], speed)
     if len(s) > TICKS:
         first = rng.integers(len(s) - TICKS)
         s = s[first : first + TICKS]
-    return np.column_stack([np.interp(s, edges, goals[:, k]) for k in range(2)])
+    return np.column_stack([np.interp(s, edges, axis) for axis in goals.T])
 
 
 def way_left(parts, x, hip) -> float:

@@ -7,9 +7,7 @@ three sides, sideness is a solid angle, a rest is judged by the places around it
 from __future__ import annotations
 
 import numpy as np
-
-R = 5e-3
-TICKS = 60
+from curves import R, path_at
 
 
 def distance(corners, x) -> np.ndarray:
@@ -127,27 +125,7 @@ def mesh(rng):
 def path(rng, proxy, normal, corners) -> np.ndarray:
     """Holding, lifting off, jumping, exactly singular, trembling, or sliding: (T, 3)."""
     place = corners[rng.integers(len(corners)), rng.integers(3)]
-    target = place + rng.normal(size=3) * R * rng.choice([0, 0.1, 1])
-    kind = rng.integers(8)
-    if kind == 0:
-        return np.tile(target + rng.normal(size=3) * R, (TICKS, 1))
-    if kind == 1:
-        way = normal + rng.normal(size=3) * rng.choice([0, 0, 0.3, 1.0])
-        return proxy + np.outer(np.linspace(-0.3, 1, TICKS), way) * 3 * R
-    if kind == 2:
-        return place + rng.normal(size=(TICKS, 3)) * R * 10 ** rng.uniform(-1, 3)
-    if kind == 3:
-        return target + rng.choice([0, 0.5, 1, 2, 1 - 1e-12], size=(TICKS, 1)) * (proxy - target)
-    if kind == 4:
-        return target + rng.normal(size=(TICKS, 3)) * R * 10 ** rng.uniform(-6, -1)
-    speed = R * 10 ** rng.uniform(-4, 0)
-    goals = np.vstack([proxy, target + rng.normal(size=(5, 3)) * R * rng.uniform(0, 1.5)])
-    edges = np.append(0, np.cumsum(np.linalg.norm(np.diff(goals, axis=0), axis=1)))
-    s = np.arange(0, edges[-1], speed)
-    if len(s) > TICKS:
-        first = rng.integers(len(s) - TICKS)
-        s = s[first : first + TICKS]
-    return np.column_stack([np.interp(s, edges, goals[:, k]) for k in range(3)])
+    return path_at(rng, proxy, normal, place, place)
 
 
 def way_left(rng, corners, x, hip) -> float:

@@ -575,78 +575,18 @@ def _tone(rng):
     return float(rng.choice([0.0, 255.0, rng.uniform(40, 215)]))
 
 
-def box_over_the_end(canvas, rng, opacity=1.0, words=False):
+def box_over_the_end(canvas, rng, opacity=1.0):
     """White, black or grey."""
     curve, (at, width, height) = _over_the_end(canvas, rng)
     tone, before = _tone(rng), canvas.picture
     canvas.box(at, width, height, (tone,) * 3)
-    if words:
-        for v in np.arange(at[1] - height / 2 + 12, at[1] + height / 2, 16):
-            text = "Lt 12 mm cut"[: max(1, int((width - 6) / 9))]
-            ink = (0.0 if tone > 127 else 255.0,) * 3
-            canvas.text(text, (at[0] - width / 2 + 3, v), ink, 0.4)
     canvas.picture = (1 - opacity) * before + opacity * canvas.picture
     return curve, False
-
-
-def framed_box_over_the_end(canvas, rng):
-    curve, (at, width, height) = _over_the_end(canvas, rng)
-    tone = _tone(rng)
-    canvas.box(at, width, height, (tone,) * 3)
-    canvas.line(rectangle(at, width, height), 1.0, (255 - tone,) * 3, True)
-    return curve, False
-
-
-def panel_over_the_end(canvas, rng):
-    """Words on white, black or grey."""
-    return box_over_the_end(canvas, rng, words=True)
 
 
 def veil_over_the_end(canvas, rng):
     """Half to four fifths opaque: the ink shows through."""
     return box_over_the_end(canvas, rng, opacity=rng.uniform(0.5, 0.8))
-
-
-def disc_over_the_end(canvas, rng):
-    """White, black or grey, as large as what it hides."""
-    curve, (at, width, height) = _over_the_end(canvas, rng)
-    canvas.disc(at, np.hypot(width, height) / 2, (_tone(rng),) * 3)
-    return curve, False
-
-
-def turned_box_over_the_end(canvas, rng):
-    """At any angle."""
-    curve, (at, width, height) = _over_the_end(canvas, rng)
-    turn, size = rng.uniform(0, np.pi / 2), np.hypot(width, height)
-    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    canvas.fill(at + rectangle((0, 0), size, size) @ axes, (_tone(rng),) * 3)
-    return curve, False
-
-
-def _patch_over_the_end(canvas, rng, look):
-    """A box with the grey levels that `look` gives for (rows, columns)."""
-    curve, (at, width, height) = _over_the_end(canvas, rng)
-    before = canvas.picture
-    canvas.box(at, width, height, (255.0,) * 3)
-    white = canvas.picture
-    canvas.picture = before
-    canvas.box(at, width, height, (0.0,) * 3)
-    share = (white - canvas.picture) / 255
-    grey = look(*np.mgrid[: before.shape[0], : before.shape[1]])
-    canvas.picture = before * (1 - share) + share * grey[..., None]
-    return curve, False
-
-
-def hatched_box_over_the_end(canvas, rng):
-    """In stripes of two greys."""
-    pitch, tones = int(rng.integers(3, 7)), (_tone(rng), _tone(rng))
-    return _patch_over_the_end(canvas, rng, lambda v, u: np.where((u + v) // pitch % 2, *tones))
-
-
-def shaded_box_over_the_end(canvas, rng):
-    """From dark to bright, as a grey scale."""
-    low, high = rng.uniform(0, 100), rng.uniform(150, 255)
-    return _patch_over_the_end(canvas, rng, lambda v, u: low + (high - low) * v / v.max())
 
 
 def letter_at_the_end(canvas, rng):
@@ -679,10 +619,6 @@ TRAPS = by_name(
     end_among_specks, beyond_a_long_lift, opening, orange_bar, lone_bar, hidden_stretch,
     letter_turns_off,
 )  # fmt: skip
-HIDDEN = by_name(
-    box_over_the_end, framed_box_over_the_end, panel_over_the_end, disc_over_the_end,
-    turned_box_over_the_end, veil_over_the_end, hatched_box_over_the_end,
-    shaded_box_over_the_end, letter_at_the_end, dot_beside,
-)  # fmt: skip
+HIDDEN = by_name(box_over_the_end, veil_over_the_end, letter_at_the_end, dot_beside)
 FAMILY = Family(KINDS, {**TRAPS, **HIDDEN}, _begin)
 draw = FAMILY.draw

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vfplan import read_image
-from vfplan.errors import MarkerError, SettingError
+from vfplan.errors import MarkerError
 from vfplan.markers.find_marks import Mark, find_markers, fit_mark
 
 FINE = 16  # samples a pixel of the drawings below: their edges are exact to 1/32 px
@@ -44,9 +44,9 @@ def dot(u0, v0, radius=3.0):
     return lambda u, v: np.hypot(u - u0, v - v0) < radius
 
 
-def found(image, at, **kwargs):
+def found(image, at):
     rgb = np.clip(np.round(image), 0, 255).astype(np.uint8)
-    return find_markers(rgb, ["x1"], [at], **kwargs)[0]
+    return find_markers(rgb, ["x1"], [at])[0]
 
 
 CYAN, RED, YELLOW = (0, 220, 255), (230, 20, 30), (255, 255, 0)
@@ -99,8 +99,6 @@ def test_nothing_there_is_an_error_by_name():
     ):
         with pytest.raises(MarkerError, match=words):
             found(image, at)
-    with pytest.raises(SettingError, match="search radius"):
-        found(canvas(), (40, 40), search_px=0)
 
 
 def test_one_mark_is_not_two_markers():

@@ -140,7 +140,7 @@ def test_real_slicer_files(shared_data):
 BAD_TABLES = {
     "column-missing": [
         "label,u_px\nx1,1\n", "label,u_px,v_px,x_m,y_m\nx1,1,1,1,1\n", "who,u_px,v_px\nx1,1,1\n",
-        "label,left,top\nx1,1,1\n",
+        "label,left,top\nx1,1,1\n", "x1;0.4;0.1;0.02\nx2;0.5;0.1;0.02\n",
     ],
     "columns-ambiguous": [
         "label,x_m,y_mm,z_m\nx1,1,1,1\n", "label,x_m,y_m,z_m,x_mm,y_mm,z_mm\nx1,1,1,1,1,1,1\n",
@@ -166,9 +166,6 @@ BAD_TABLES = {
     "table-empty": ["\n"],
     "table-broken": [
         'label,u_px,v_px\n"x1,1,2\nx2,1,2\n', "label,u_px,v_px\n" + "a" * 200_000 + ",1,2\n",
-    ],
-    "header-missing": [
-        "x1;0.4;0.1;0.02\nx2;0.5;0.1;0.02\n", "x1,10,20\nx2,30,40\n",
     ],
     "separator-ambiguous": ["label;u_px,v_px\nx1;1,2\n"],
     "decimal-ambiguous": [

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -14,11 +13,12 @@ from vfplan import _core
 from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px, is_open_ring
 from vfplan.curve.centreline import MeasuredStroke
+from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags, normals, runs
+from vfplan.geometry.lines import Array, Flags, runs
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -27,8 +27,57 @@ NAMED = 3
 # lift the pen along the whole of a line, so that a larger share would ask at most lifts.
 NEAR_END_SHARE = 0.25
 
+# Points of the curve that are held against all later ones at once.
+FOLD_ROWS = 256
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """A connected piece of ink beyond the edge of every curve.
+
+    Parameters
+    ----------
+    places
+        (N, 2) its pixels (u, v).
+    middle
+        (2,) (u, v) [px].
+    nearest
+        (2,) its pixel that is closest to a curve.
+    size
+        Its longest side [px].
+    edge_distance
+        From the closest curve's edge to its closest pixel [px].
+    end_distance
+        From the closest end of an open curve to its closest pixel [px].
+    """
+
+    places: NDArray[np.int64]
+    middle: Array
+    nearest: NDArray[np.int64]
+    size: float
+    edge_distance: float
+    end_distance: float
+
+    @property
+    def mask(self) -> Flags:
+        """(height, width) bool, its pixels in the box around it."""
+        u, v = (self.places - self.places.min(0)).T
+        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
+        mask[v, u] = True
+        return mask
+
+    @property
+    def outline(self) -> list[list[list[float]]]:
+        """Its outlines, half a pixel outside of it: a list of (K, 2) places."""
+        import cv2
+
+        padded = np.pad(self.mask.view(np.uint8), 1)
+        contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        corner = self.places.min(0) - 1.0
+        return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
+
+
+@dataclass(frozen=True, eq=False)
 class AccountEntry:
     """A piece of ink that was not taken for the curve, or a stretch of curve that does not show.
 
@@ -45,7 +94,10 @@ class AccountEntry:
     size_px
         Its longest side; of a stretch, its length.
     what
-        "ink", or of a stretch "bridge" (a gap) or "hidden" (under another colour).
+        "ink", or of a stretch "bridge" (a gap), "hidden" (under another colour), or "gap" where
+        nobody knows which of them.
+    piece
+        The ink; `None` of a stretch.
     """
 
     number: int
@@ -54,42 +106,21 @@ class AccountEntry:
     pixels: int
     share: float
     size_px: float
-    what: Literal["ink", "bridge", "hidden"]
+    what: Literal["ink", "bridge", "hidden", "gap"]
+    piece: Leftover | None = None
 
+    @property
+    def middle(self) -> tuple[float, float]:
+        """(u, v) [px]."""
+        return self.u, self.v
 
-@dataclass(frozen=True, eq=False)
-class Leftover:
-    """A connected piece of ink beyond the edge of every curve.
-
-    Parameters
-    ----------
-    places
-        (N, 2) its pixels (u, v).
-    middle
-        (2,) (u, v) [px].
-    nearest
-        (2,) its pixel that is closest to a curve.
-    pixels
-        How many.
-    size
-        Its longest side [px].
-    edge_distance
-        From the closest curve's edge to its closest pixel [px].
-    end_distance
-        From the closest end of an open curve to its closest pixel [px].
-    mirrored
-        Whether there is as much ink on the other side of the curve, within three widths of it: a
-        dot on the line, a control point or the head of an arrow.
-    """
-
-    places: NDArray[np.int64]
-    middle: Array
-    nearest: NDArray[np.int64]
-    pixels: int
-    size: float
-    edge_distance: float
-    end_distance: float
-    mirrored: bool
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(u, v, width, height) [px] of the ink; of a stretch, its middle pixel."""
+        if self.piece is None:
+            return round(self.u), round(self.v), 1, 1
+        low = self.piece.places.min(0)
+        return (*low.tolist(), *(self.piece.places.max(0) - low + 1).tolist())
 
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
@@ -100,20 +131,16 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     if pixels is None:
         return []
     pixels = pixels.reshape(-1, 2).astype(np.int64)
-    distances = [_core.nearest(curve.points, pixels) for curve in curves]
     edge_distance = np.full(len(pixels), np.inf)
-    for curve, (to_curve, _) in zip(curves, distances, strict=True):
+    for curve in curves:
+        to_curve, _ = _core.nearest(curve.points, pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
     outside = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance = pixels[outside], edge_distance[outside]
     if len(pixels) == 0:
         return []
     end_distance = np.full(len(pixels), np.inf)
-    mirrored = np.zeros(len(pixels), bool)
-    for curve, (to_curve, nearest) in zip(curves, distances, strict=True):
-        reach = tuned.DOT_WIDTHS * curve.width + tuned.EDGE_BLUR_PX
-        close = np.flatnonzero(to_curve[outside] <= reach)
-        mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[outside][close])
+    for curve in curves:
         if len(curve.end_points):
             to_end, _ = _core.nearest(curve.end_points, pixels)
             end_distance = np.minimum(end_distance, to_end)
@@ -131,58 +158,44 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 places=pixels[members],
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
-                pixels=len(members),
                 size=float((high - low).max() + 1),
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=float(end_distance[members].min()),
-                mirrored=bool(mirrored[members].mean() > tuned.MIRRORED),
             )
             pieces.append(piece)
-    return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
-
-
-def _is_mirrored(ink: Ink, curve: Stroke, pixels: NDArray, nearest: NDArray) -> Flags:
-    """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
-    normal = normals(curve.points, curve.closed)[nearest]
-    across = ((pixels - curve.points[nearest]) * normal).sum(1)
-    opposite = np.rint(pixels - 2 * across[:, None] * normal).astype(int)
-    has_ink = np.zeros(len(pixels), bool)
-    for step in product((-1, 0, 1), repeat=2):
-        u, v = np.clip(opposite + step, 0, ink.size - 1).T
-        has_ink |= ink.mask[v, u]
-    return has_ink
+    return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
 
 
 def list_account(
-    leftover: list[Leftover], curves: list[MeasuredStroke], ink: Ink
+    leftover: Sequence[Leftover], curves: Sequence[Stroke], ink: Ink
 ) -> tuple[AccountEntry, ...]:
     """All other ink, and every stretch of curve that does not show, the largest first."""
-    rows: list[tuple] = [(piece.pixels, piece.middle, piece.size, "ink") for piece in leftover]
+    rows: list[tuple] = [
+        (len(piece.places), piece.middle, piece.size, "ink", piece) for piece in leftover
+    ]
     for curve in curves:
         for what, run in _stretches(curve):
-            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what))
+            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what, None))
     rows.sort(key=lambda row: (-row[0], *row[1]))
     total = max(int(np.count_nonzero(ink.mask)), 1)
     return tuple(
-        AccountEntry(number, float(u), float(v), pixels, pixels / total, size, what)
-        for number, (pixels, (u, v), size, what) in enumerate(rows, 1)
+        AccountEntry(number, float(u), float(v), pixels, pixels / total, *more)
+        for number, (pixels, (u, v), *more) in enumerate(rows, 1)
     )
 
 
-def _stretches(curve: MeasuredStroke) -> Iterator[tuple[str, NDArray]]:
+def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
     """Each stretch of a curve that does not show, with the reason."""
+    if not isinstance(curve, MeasuredStroke):
+        for run in runs(curve.bridged, curve.closed):
+            yield "gap", run
+        return
     for run in runs(curve.bridged | curve.hidden, curve.closed):
         yield "hidden" if curve.hidden[run].any() else "bridge", run
 
 
 def _middle(run: NDArray) -> int:
     return int(run[len(run) // 2])
-
-
-def finding_at(place: NDArray, code: str, text: str, severity: Callable = doubt) -> Finding:
-    """A finding on what the picture shows at a place (u, v) [px]."""
-    u, v = (round(float(x), 1) for x in place)
-    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
 def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
@@ -209,27 +222,23 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 
 def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
-    """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
-    unmirrored = [piece for piece in leftover if not piece.mirrored]
+    """The largest pieces of ink close to an end, and of ink that touches the curve."""
     reach = tuned.END_REACH_GAPS * max_gap_px
-    at_end = [piece for piece in unmirrored if piece.end_distance <= reach]
-    touching = [
-        piece
-        for piece in unmirrored
-        if piece.end_distance > reach and piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX
-    ]
+    at_end, touching = [], []
+    for piece in leftover:
+        if piece.end_distance <= reach:
+            at_end.append(piece)
+        elif piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
+            touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
         text = (
-            f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the curve"
-            f"{_and_more(at_end)}. Does the curve go on there?"
+            f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
+            "curve. Does the curve go on there?"
         )
         findings.append(finding_at(piece.middle, "ink-at-end", text))
     for piece in touching[:NAMED]:
-        text = (
-            f"ink of {piece.size:.0f} px touches the curve{_and_more(touching)}. "
-            "Is it a part of the curve?"
-        )
+        text = f"ink of {piece.size:.0f} px touches the curve. Is it a part of the curve?"
         findings.append(finding_at(piece.middle, "ink-touches", text))
     return findings
 
@@ -305,21 +314,20 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 
 
 def join_findings(
-    leftover: list[Leftover],
-    strokes: Sequence[Stroke],
+    leftover: Sequence[Leftover],
+    lines: Sequence[Candidate],
     ink: Ink,
     max_gap_px: float,
     told: Sequence[Finding],
 ) -> list[Finding]:
-    """A doubt for each piece of ink that joins a stroke, or in which a stroke may go on.
+    """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece in whose middle a finding lies that was `told`.
+    There is none for a piece on which, or in whose middle, a finding lies that was `told`.
     """
     reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
-    lines = [line_of(stroke, ink) for stroke in strokes]
     for piece in leftover:
-        # Findings have places with one decimal.
-        if any(np.abs(piece.middle - finding.place_px).max() < 0.06 for finding in told):
+        places = np.vstack([piece.middle, piece.places])
+        if any(np.abs(places - found.place_px).max(1).min() < 0.6 for found in told):
             continue
         if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             text = f"ink of {piece.size:.0f} px joins the curve and was left out."
@@ -330,11 +338,7 @@ def join_findings(
             )
         else:
             continue
-        is_dot = piece.mirrored and piece.size <= tuned.DOT_WIDTHS * 2 * max(
-            stroke.width for stroke in strokes
-        )
-        if not is_dot:
-            findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
+        findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
     return findings
 
 
@@ -355,35 +359,36 @@ def line_of(stroke: Stroke, ink: Ink) -> Candidate:
     )
 
 
-def _goes_on(lines: list[Candidate], piece: Leftover, ink: Ink) -> bool:
+def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
     """Whether a line of ink lies in the direction of the end of one of these lines."""
-    if piece.size <= tuned.TANGENT_PX:
+    if piece.size <= tuned.TANGENT_PX or not lines:
         return False
-    others = [Candidate.of(found) for found in find_pieces(ink, [piece.places])]
+    others = find_pieces(ink, [piece.places])
     return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
 
 
 def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     """A doubt for each stretch of the curve that lies on another stretch of it, or close beside."""
-    from scipy.spatial import cKDTree
-
+    if not strokes:
+        return []
     counts = [len(stroke.points) for stroke in strokes]
     points = np.concatenate([stroke.points for stroke in strokes])
     ahead = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
     ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
     number = np.repeat(np.arange(len(strokes)), counts)
+    ring_px = np.where([stroke.closed for stroke in strokes], counts, np.inf)
     width = max(stroke.width or 0.0 for stroke in strokes)
     reach = 2 * max(width, tuned.FLANK_PX)
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    one, other = pairs.T
-    # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
-    apart = other - one
-    is_ring = np.array([stroke.closed for stroke in strokes])[number[one]]
-    apart = np.where(is_ring, np.minimum(apart, np.array(counts)[number[one]] - apart), apart)
-    is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2.0))
-    is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
     folded = np.zeros(len(points), bool)
-    folded[one[is_apart & is_along]] = True
+    for first in range(0, len(points), FOLD_ROWS):
+        u, v = points[first:].T
+        near = (u[:FOLD_ROWS, None] - u) ** 2 + (v[:FOLD_ROWS, None] - v) ** 2 <= reach**2
+        one, other = np.nonzero(near) + np.array([[first], [first]])
+        # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
+        apart = np.minimum(other - one, ring_px[number[one]] - (other - one))
+        is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2))
+        is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
+        folded[one[(other > one) & is_apart & is_along]] = True
     findings = []
     for run in runs(filters.windows(folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(1), False):
         length = np.count_nonzero(folded[run])
@@ -413,44 +418,31 @@ def dotted_finding(stroke: Stroke) -> Finding:
     return finding_at(stroke.points[len(stroke.points) // 2], "line-dotted", text)
 
 
-def bridge_findings(stroke: Stroke) -> list[Finding]:
-    """Each stretch of a stroke that was carried over a gap: a note, or a doubt.
+def stretch_findings(curve: Stroke) -> list[Finding]:
+    """A doubt for each long stretch that does not show.
 
-    It is a doubt where the stretch is long, or a small share of the stroke lies beyond it.
+    Of a stroke that was not measured in the ink, each gap is told: with a note, or with a doubt
+    where a small share of the stroke lies beyond it.
     """
     findings = []
-    for run in runs(stroke.bridged, stroke.closed):
-        rest = min(run[0], len(stroke.points) - 1 - run[-1])
-        place, gap = stroke.points[_middle(run)], f"across a gap of {len(run)} px"
-        if not stroke.closed and rest < NEAR_END_SHARE * len(stroke.points):
-            text = f"the curve is carried {gap}. Do the {rest} px beyond it belong to the curve?"
-            findings.append(finding_at(place, "bridge-near-end", text))
-        elif len(run) > tuned.LONG_STRETCH_PX:
-            text = f"the curve is carried {gap}. Does it run as drawn here?"
-            findings.append(finding_at(place, "bridge-long", text))
-        else:
-            findings.append(finding_at(place, "bridge", f"the curve is carried {gap}.", note))
-    return findings
-
-
-def _and_more(pieces: list[Leftover]) -> str:
-    more = len(pieces) - NAMED
-    return f", and {more} smaller pieces as well" if more > 0 else ""
-
-
-def stretch_findings(curve: MeasuredStroke) -> list[Finding]:
-    """Long stretches of the curve that another colour hides or that were carried over a gap."""
-    findings = []
     for what, run in _stretches(curve):
-        if len(run) <= tuned.LONG_STRETCH_PX:
-            continue
-        middle = curve.points[_middle(run)]
-        if what == "hidden":
+        rest = min(run[0], len(curve.points) - 1 - run[-1])
+        place, gap = (
+            curve.points[_middle(run)],
+            f"the curve is carried across a gap of {len(run)} px",
+        )
+        is_long = len(run) > tuned.LONG_STRETCH_PX
+        if what == "gap" and not curve.closed and rest < NEAR_END_SHARE * len(curve.points):
+            text = f"{gap}. Do the {rest} px beyond it belong to the curve?"
+            findings.append(finding_at(place, "bridge-near-end", text))
+        elif what == "hidden" and is_long:
             text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
-            findings.append(finding_at(middle, "stretch-hidden", text))
-        else:
+            findings.append(finding_at(place, "stretch-hidden", text))
+        elif what != "hidden" and is_long:
             text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
-            findings.append(finding_at(middle, "bridge-long", text))
+            findings.append(finding_at(place, "bridge-long", text))
+        elif what == "gap":
+            findings.append(finding_at(place, "bridge", f"{gap}.", note))
     return findings
 
 
@@ -458,7 +450,6 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
     change = np.where(expected, 0.0, choose.sudden_changes(curve))
-    change[_is_dot(curve, change)] = 0.0
     largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
     lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
@@ -529,16 +520,6 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
         if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
             expected |= fall
     return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
-
-
-def _is_dot(curve: MeasuredStroke, change: NDArray) -> Flags:
-    """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
-    dot = np.zeros(len(change), bool)
-    for run in runs(choose.relative_width(curve) > tuned.WIDE, curve.closed):
-        if len(run) <= tuned.DOT_WIDTHS * curve.width:
-            dot[run] = True
-    dot = filters.windows(dot, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
-    return dot & (choose.one_sided(curve) < tuned.ONE_SIDED * change)
 
 
 def _turn_deg(curve: MeasuredStroke) -> Array:

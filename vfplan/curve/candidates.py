@@ -32,37 +32,74 @@ STAIR = 1.05
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """One connected piece of ink.
+class Candidate:
+    """One or several pieces of ink that may be the line, joined over gaps; not measured yet.
 
     Parameters
     ----------
-    pixels
-        (N, 2) its pixels (u, v).
     path
-        (M, 2) pixels (u, v) of its longest branch, in order.
+        (M, 2) (u, v) about a point a pixel, with straight runs over the gaps [px].
     closed
-        Whether that branch is a ring.
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, the points in gaps.
     junctions
-        (J, 2) pixels where branches meet.
+        (J, 2) where the line forks or crosses itself [px].
     length, width
-        Of its longest branch [px], and its area over the length of all its branches [px].
+        Of the drawn line, and of the pen [px].
     strength
         Mean coverage along the path.
+    pieces
+        (N, 2) the pixels (u, v) of each piece of ink that it was joined from.
     """
 
-    pixels: Pixels
-    path: Pixels
+    path: Array
     closed: bool
+    bridged: Flags
     junctions: Pixels
     length: float
     width: float
     strength: float
+    pieces: tuple[Pixels, ...]
 
     @property
-    def is_part(self) -> bool:
-        """Whether it may be a part of a line: no dot and no panel."""
-        return self.length >= tuned.MIN_ASPECT / 2 * self.width
+    def middle(self) -> Array:
+        """(2,) the point in the middle of its path."""
+        return self.path[len(self.path) // 2]
+
+    @property
+    def ink_px(self) -> int:
+        """How many pixels of ink it has."""
+        return sum(len(pixels) for pixels in self.pieces)
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether it has two plain ends that a gap may join to others."""
+        return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
+
+    def tangent(self, end: int) -> Array:
+        """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
+        run = self.path[::-1] if end == -1 else self.path
+        run = run[: tuned.TANGENT_PX + 1]
+        run = run[len(run) // 6 :]  # Thinning bends the last pixels.
+        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
+        slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
+        return -slope / max(np.hypot(*slope), 1e-9)
+
+    def backwards(self) -> Candidate:
+        """The same line from its other end."""
+        return replace(self, path=self.path[::-1], bridged=self.bridged[::-1])
+
+    def in_order(self) -> Candidate:
+        """The line from the end closer to the top left corner; a ring from there, clockwise."""
+        if not self.closed:
+            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
+        u, v = self.path.T
+        is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
+        line = self if is_clockwise else self.backwards()
+        start = -int(np.argmin(line.path.sum(1)))
+        path = np.roll(line.path, start, axis=0)
+        return replace(line, path=path, bridged=np.roll(line.bridged, start))
 
 
 def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
@@ -71,10 +108,8 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     Also returns the (J, 2) pixels at which three or more branches meet. The (H, W) skeleton has a
     border of one free pixel. The branches come in the order of their first pixels, by row.
     """
-    v, u = np.nonzero(bone)
-    pixels = np.column_stack([u, v])
-    edges = neighbours(bone, v, u)
-    junction = np.bincount(edges.ravel(), minlength=len(u)) > 2
+    pixels, edges = skeleton_graph(bone)
+    junction = np.bincount(edges.ravel(), minlength=len(pixels)) > 2
     inner = edges[~junction[edges].any(1)].tolist()
     beside: list[list[int]] = [[] for _ in pixels]
     for a, b in inner:
@@ -93,11 +128,12 @@ def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     return [(pixels[branch], closed) for branch, closed in branches], pixels[junction]
 
 
-def neighbours(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
-    """(E, 2) neighbours among a skeleton's pixels, as their indices in the order by rows.
+def skeleton_graph(bone: Flags) -> tuple[Pixels, Pixels]:
+    """The pixels (N, 2) (u, v) of a skeleton by rows, and the (E, 2) pairs of neighbours.
 
     Two diagonal neighbours that share a straight one are no edge: the corner of a stair is no fork.
     """
+    v, u = np.nonzero(bone)
     place = v * bone.shape[1] + u
     pairs = []
     for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -107,7 +143,15 @@ def neighbours(bone: Flags, v: Pixels, u: Pixels) -> Pixels:
         if dv and du:
             keep &= ~bone[v + dv, u] & ~bone[v, u + du]
         pairs.append(np.column_stack([np.flatnonzero(keep), target[keep]]))
-    return np.concatenate(pairs)
+    return np.column_stack([u, v]), np.concatenate(pairs)
+
+
+def walked_back(before: NDArray, start: int, stop: int) -> list[int]:
+    """The way from `start` to `stop` through a graph, by each place's predecessor."""
+    path = [stop]
+    while path[-1] != start:
+        path.append(before[path[-1]])
+    return path[::-1]
 
 
 def _walk(start: int, beside: list[list[int]], waiting: Flags) -> list[int]:
@@ -169,15 +213,15 @@ def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
-def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Piece]:
-    """Every piece of ink that may be a line or a part of one, the longest first."""
-    lines = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
-    pieces = [piece for group in lines if (piece := _piece(group, ink)) is not None]
-    return sorted(pieces, key=lambda piece: (-piece.length, *piece.path[0]))
+def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
+    """The line of every piece of ink that may be one or a part of one, the longest first."""
+    large = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
+    lines = [line for group in large if (line := _line_of(group, ink)) is not None]
+    return sorted(lines, key=lambda line: (-line.length, *line.path[0]))
 
 
-def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
-    """One connected piece; `None` where its skeleton is a single pixel or junctions only."""
+def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
+    """The longest branch of a piece; `None` where its skeleton is a pixel or junctions only."""
     corner = pixels.min(0) - 2
     columns, rows = pixels.max(0) - corner + 3
     box = np.zeros((rows, columns), bool)
@@ -194,7 +238,16 @@ def _piece(pixels: Pixels, ink: Ink) -> Piece | None:
     length, width = _length(path, closed), len(pixels) / drawn_px
     u, v = path.T
     strength = float(ink.coverage[v, u].mean(dtype=np.float32))
-    return Piece(pixels, path, closed, junctions + corner, length, width, strength)
+    return Candidate(
+        path.astype(float),
+        closed and len(junctions) == 0,
+        np.zeros(len(path), bool),
+        junctions + corner,
+        length,
+        width,
+        strength,
+        (pixels,),
+    )
 
 
 def _without_handles(box: Flags) -> Flags:
@@ -239,88 +292,10 @@ def _length(path: NDArray, closed: bool) -> float:
     return float(length / STAIR) + 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One or several pieces of ink that may be the line, joined over gaps; not measured yet.
-
-    Parameters
-    ----------
-    path
-        (M, 2) (u, v) about a point a pixel, with straight runs over the gaps [px].
-    closed
-        Whether the last point joins the first.
-    bridged
-        (M,) bool, the points in gaps.
-    junctions
-        (J, 2) where the line forks or crosses itself [px].
-    length, width
-        Of the drawn line, and of the pen [px].
-    strength
-        Mean coverage along the path.
-    pieces
-        What it was joined from.
-    """
-
-    path: Array
-    closed: bool
-    bridged: Flags
-    junctions: Pixels
-    length: float
-    width: float
-    strength: float
-    pieces: tuple[Piece, ...]
-
-    @classmethod
-    def of(cls, piece: Piece) -> Candidate:
-        """The line of a single piece."""
-        closed = piece.closed and len(piece.junctions) == 0
-        bridged = np.zeros(len(piece.path), bool)
-        drawn = piece.junctions, piece.length, piece.width, piece.strength
-        return cls(piece.path.astype(float), closed, bridged, *drawn, pieces=(piece,))
-
-    @property
-    def middle(self) -> Array:
-        """(2,) the point in the middle of its path."""
-        return self.path[len(self.path) // 2]
-
-    @property
-    def ink_px(self) -> int:
-        """How many pixels of ink it has."""
-        return sum(len(piece.pixels) for piece in self.pieces)
-
-    @property
-    def may_go_on(self) -> bool:
-        """Whether it has two plain ends that a gap may join to others."""
-        return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
-
-    def tangent(self, end: int) -> Array:
-        """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
-        run = self.path[::-1] if end == -1 else self.path
-        run = run[: tuned.TANGENT_PX + 1]
-        run = run[len(run) // 6 :]  # Thinning bends the last pixels.
-        degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
-        slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
-        return -slope / max(np.hypot(*slope), 1e-9)
-
-    def backwards(self) -> Candidate:
-        """The same line from its other end."""
-        return replace(self, path=self.path[::-1], bridged=self.bridged[::-1])
-
-    def in_order(self) -> Candidate:
-        """The line from the end closer to the top left corner; a ring from there, clockwise."""
-        if not self.closed:
-            return self if self.path[0].sum() <= self.path[-1].sum() else self.backwards()
-        u, v = self.path.T
-        is_clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() >= 0
-        line = self if is_clockwise else self.backwards()
-        start = -int(np.argmin(line.path.sum(1)))
-        path = np.roll(line.path, start, axis=0)
-        return replace(line, path=path, bridged=np.roll(line.bridged, start))
-
-
-def find_candidates(pieces: list[Piece], max_gap_px: float) -> list[Candidate]:
-    """The lines that the pieces are, joined over gaps where tangents agree; the longest first."""
-    lines = [Candidate.of(piece) for piece in pieces if piece.is_part]
+def find_candidates(pieces: list[Candidate], max_gap_px: float) -> list[Candidate]:
+    """The lines of pieces, joined over gaps where tangents agree; the longest first."""
+    # A dot and a panel are no part of a line.
+    lines = [piece for piece in pieces if piece.length >= tuned.MIN_ASPECT / 2 * piece.width]
     while pair := _best_gap(lines, max_gap_px):
         lines = _joined(lines, *pair)
     long = [line for line in lines if line.length >= tuned.MIN_ASPECT * line.width]
@@ -351,9 +326,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     way, before = dijkstra(minimum_spanning_tree(near), directed=False, return_predecessors=True)
     way[np.isinf(way)] = -1.0
     start, stop = np.unravel_index(way.argmax(), way.shape)
-    path = [stop]
-    while path[-1] != start:
-        path.append(before[start, path[-1]])
+    path = walked_back(before[start], start, stop)[::-1]
     size = np.mean([len(dots[k]) for k in path])
     # Letters are dots as well, but stand too close; noise lies all over the picture.
     is_row = len(path) >= max(MIN_DOTS, tuned.HALF * len(dots))

@@ -16,7 +16,7 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
-from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
+from vfplan.curve.profiles import End, Profiles, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters, lines
@@ -77,9 +77,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
             ends = find_ends(profiles, valid, noisy)
             valid, whole = _up_to_ends(valid, ends)
             profiles = replace(profiles, valid=profiles.valid | valid)
-        offset = profiles.offset(noisy)
-        if noisy:
-            offset = add_brightness(ink, path, normal, profiles, offset)
+        offset = profiles.offset(ink, path, normal, noisy)
         measured = path + offset[:, None] * normal
         spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
@@ -89,8 +87,48 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
             inner = np.flatnonzero(whole)
             path = smooth[inner[0] : inner[-1] + 1]
     deviation = deviation_of(residual, whole, smooth_px, noisy, mode)
-    return _centre_line(
-        ink, line, spline, profiles, smooth, valid, whole, ends, deviation, smooth_px
+
+    # Points about a pixel apart between the ends, each with its deviation.
+    first, last = (end.place for end in ends) if ends else (0.0, float(len(valid)))
+    at = _places(ink, line, spline, first, last)
+    nearest = np.clip(np.rint(at).astype(int), 0, len(valid) - 1)
+    bridged = ~valid[nearest]
+    sigma = deviation[nearest]
+    if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
+        visible = np.flatnonzero(valid)
+        bridged &= (nearest > visible[0]) & (nearest < visible[-1])
+        inward = np.minimum(at - at[0], at[-1] - at)
+        sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
+    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
+    curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
+    for run in runs(bridged, line.closed):
+        x = np.arange(len(run)) + 0.5
+        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
+    # Another colour at the edge may hide a part of the line that nobody sees.
+    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
+    # Half of what was added for a side that another colour hides may be wrong.
+    sigma = np.hypot(sigma, profiles.covered[nearest] / 4)
+    if not line.closed:
+        # Beyond the last whole profile the point of a drawn out pen may lie to either side.
+        known = np.flatnonzero(whole)
+        beyond = np.maximum(np.maximum(known[0] - at, at - known[-1]), 0)
+        sideways = curvature * beyond**2 / 2
+        sigma = np.hypot(sigma, sideways)
+        ends = tuple(
+            replace(end, sigma=float(np.hypot(end.sigma, aside)))
+            for end, aside in zip(ends, sideways[[0, -1]], strict=True)
+        )
+    return MeasuredStroke(
+        points=np.clip(spline(at), -0.5, ink.size - 0.5),
+        sigma=sigma,
+        bridged=bridged,
+        hidden=profiles.hidden[nearest],
+        closed=line.closed,
+        width=line.width,
+        ends=ends,
+        profiles=profiles,
+        path=smooth,
+        whole=whole,
     )
 
 
@@ -227,62 +265,6 @@ def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> Array:
     curvature = np.abs(cross) / np.maximum(np.hypot(*first.T), 1e-9) ** 3
     curvature = filters.windows(curvature, tuned.BEND_REACH_PX).max(axis=1)
     return np.clip(tuned.BEND_SHARE / np.maximum(curvature, 1e-6), tuned.SMOOTH_MIN_PX, smooth_px)
-
-
-def _centre_line(
-    ink: Ink,
-    line: Candidate,
-    spline: Spline,
-    profiles: Profiles,
-    smooth: NDArray,
-    valid: NDArray,
-    whole: NDArray,
-    ends: tuple[End, ...],
-    deviation: NDArray,
-    smooth_px: float,
-) -> MeasuredStroke:
-    """Points about a pixel apart between the ends, each with its deviation."""
-    first, last = (end.place for end in ends) if ends else (0.0, float(len(valid)))
-    at = _places(ink, line, spline, first, last)
-    nearest = np.clip(np.rint(at).astype(int), 0, len(valid) - 1)
-    bridged = ~valid[nearest]
-    sigma = deviation[nearest]
-    if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
-        visible = np.flatnonzero(valid)
-        bridged &= (nearest > visible[0]) & (nearest < visible[-1])
-        inward = np.minimum(at - at[0], at[-1] - at)
-        sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
-    curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
-    for run in runs(bridged, line.closed):
-        x = np.arange(len(run)) + 0.5
-        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
-    # Another colour at the edge may hide a part of the line that nobody sees.
-    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
-    # Half of what was added for a side that another colour hides may be wrong.
-    sigma = np.hypot(sigma, profiles.covered[nearest] / 4)
-    if not line.closed:
-        # Beyond the last whole profile the point of a drawn out pen may lie to either side.
-        known = np.flatnonzero(whole)
-        beyond = np.maximum(np.maximum(known[0] - at, at - known[-1]), 0)
-        sideways = curvature * beyond**2 / 2
-        sigma = np.hypot(sigma, sideways)
-        ends = tuple(
-            replace(end, sigma=float(np.hypot(end.sigma, aside)))
-            for end, aside in zip(ends, sideways[[0, -1]], strict=True)
-        )
-    return MeasuredStroke(
-        points=np.clip(spline(at), -0.5, ink.size - 0.5),
-        sigma=sigma,
-        bridged=bridged,
-        hidden=profiles.hidden[nearest],
-        closed=line.closed,
-        width=line.width,
-        ends=ends,
-        profiles=profiles,
-        path=smooth,
-        whole=whole,
-    )
 
 
 def _places(ink: Ink, line: Candidate, spline: Spline, first: float, last: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations, product
 from typing import Any, Literal
 
@@ -21,6 +22,7 @@ from vfplan.curve.candidates import (
 from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.geometry import filters
 from vfplan.geometry.lines import Array, runs
 
@@ -30,6 +32,14 @@ DESCRIBED = 8
 MOST_PIECES = 40
 
 Choice = int | Literal["all", "longest"] | None
+
+
+def finding_at(
+    place: NDArray, code: str, text: str, severity: Callable[..., Finding] = doubt
+) -> Finding:
+    """A finding on what the picture shows at a place (u, v) [px]."""
+    u, v = (round(float(x), 1) for x in place)
+    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
 def choose_lines(
@@ -86,7 +96,7 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
 
 def on_border(line: Candidate, ink: Ink) -> int:
     """Over how many pixels the ink of a line lies flush with the border of the picture."""
-    pixels = np.concatenate([piece.pixels for piece in line.pieces])
+    pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
     nearest = to_border.min()
     return int((to_border == nearest).sum()) if nearest <= tuned.FLANK_PX else 0
@@ -278,19 +288,6 @@ def sudden_changes(curve: MeasuredStroke) -> Array:
     return change
 
 
-def one_sided(curve: MeasuredStroke) -> Array:
-    """(M,) how much more ink lies on one side of the line than on the other, of its usual ink.
-
-    The largest over a short stretch. A dot on the line and a control point lie on both sides.
-    """
-    profiles = curve.profiles
-    ink = np.where(profiles.is_line, np.clip(profiles.coverage, 0, None), 0)
-    difference = ink @ np.sign(profiles.x)
-    usual = max(float(np.median(ink.sum(1))), 1e-6)
-    difference = np.abs(difference - np.median(difference)) / usual
-    return filters.windows(difference, 2 * tuned.SUDDEN_PX + 1).max(axis=1)
-
-
 def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     """The largest lasting change of a (M,) relative width, and the point where it is.
 
@@ -309,23 +306,27 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     return largest, int(change.argmax()) + reach
 
 
-def refuse_wide_run(curve: MeasuredStroke) -> None:
-    """Raise `CurveError` where the line is wider than elsewhere: two runs side by side."""
-    if not sudden_changes(curve).any():
-        return
+def wide_findings(curve: MeasuredStroke) -> list[Finding]:
+    """A doubt where a lasting stretch of the line is wider than the rest, and grows so smoothly.
+
+    Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
+    """
+    change = float(sudden_changes(curve).max())
     ratio = np.where(curve.whole, relative_width(curve), 1.0)
     run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
     beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
     lasting = filters.median(ratio, size, **beyond)
-    widest = float(lasting.max())
-    if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
-        return
+    widest, place = float(lasting.max()), curve.path[lasting.argmax()]
+    if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+        return []
+    if change < tuned.HALF * (widest - 1):
+        text = f"the line is {widest:.2f} times as wide here as elsewhere. Is it one line?"
+        return [finding_at(place, "width-changes", text)]
     text = (
         f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
         "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."
     )
-    place = curve.path[lasting.argmax()]
     raise error_at(place, text, code="runs-side-by-side", width_ratio=widest)
 
 

@@ -203,25 +203,16 @@ class Ink:
         return np.array(self.mask.shape[::-1])
 
 
-@dataclass(frozen=True, eq=False)
-class Window:
-    """A part of the picture with what lies around it.
+# A part of the picture: its rows and columns with what lies around them, and the columns that it
+# fills, with the same columns.
+Slices = tuple[slice, slice]
+Window = tuple[Slices, Slices]
 
-    Parameters
-    ----------
-    outer
-        Rows and columns with the halo.
-    inner
-        Rows and columns of the picture that the window fills: the same columns.
-    """
 
-    outer: tuple[slice, slice]
-    inner: tuple[slice, slice]
-
-    def cut(self, values: NDArray) -> NDArray:
-        """The inner part of an array over the outer one."""
-        rows, inner = self.outer[0], self.inner[0]
-        return values[inner.start - rows.start : inner.stop - rows.start]
+def inner_part(values: NDArray, window: Window) -> NDArray:
+    """The inner part of an array over the outer part of a window."""
+    (outer_rows, _), (rows, _) = window
+    return values[rows.start - outer_rows.start : rows.stop - outer_rows.start]
 
 
 def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
@@ -279,7 +270,7 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
     windows = list(_coloured_windows(rgb))
     drawn = _measured_pen(rgb, pen, region, windows)
     is_broad = False
-    if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
+    if drawn is None:
         return ink, is_broad
     pen, strength = drawn
     third = np.ones((tuned.LOCAL_PX // 3, tuned.LOCAL_PX // 3), np.uint8)
@@ -293,10 +284,11 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
         tinted = (unmixed[::3, ::3] > tuned.CHROMA_FLOOR / 2).view(np.uint8)
         is_broad |= bool(cv2.erode(tinted, third).any())
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
-        ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
-        coverage = window.cut(unmixed) / strength
-        ink.coverage[window.inner] = np.where(np.abs(coverage) > TINY_COVERAGE, coverage, 0)
-        ink.other[window.inner] = window.cut(np.minimum(OTHER_UNIT * foreign, 255))
+        inner = window[1]
+        ink.mask[inner] = inner_part(_mask(unmixed, along, across), window)
+        coverage = inner_part(unmixed, window) / strength
+        ink.coverage[inner] = np.where(np.abs(coverage) > TINY_COVERAGE, coverage, 0)
+        ink.other[inner] = inner_part(np.minimum(OTHER_UNIT * foreign, 255), window)
     return ink, is_broad
 
 
@@ -308,7 +300,7 @@ def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
     red = Pen.of_colour("red")
     counts = np.zeros(360 // HUE_STEP_DEG)
     for window in _coloured_windows(rgb):
-        along, across = (window.cut(plane) for plane in _chroma(rgb, red, region, window))
+        along, across = (inner_part(plane, window) for plane in _chroma(rgb, red, region, window))
         strong = np.hypot(along, across) > tuned.OTHER_CHROMA
         angle = np.degrees(np.arctan2(across[strong], along[strong])) % 360
         step = (angle / HUE_STEP_DEG).astype(int) % len(counts)
@@ -380,7 +372,7 @@ def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
             continue
         left, right = int(coloured[0]) - HALO_PX, int(coloured[-1]) + HALO_PX + 1
         columns = slice(max(left, 0), min(right, width))
-        yield Window((rows, columns), (slice(top, bottom), columns))
+        yield (rows, columns), (slice(top, bottom), columns)
 
 
 def _chroma(rgb: NDArray, pen: Pen, region: Region, window: Window) -> tuple[NDArray, NDArray]:
@@ -388,8 +380,8 @@ def _chroma(rgb: NDArray, pen: Pen, region: Region, window: Window) -> tuple[NDA
     import cv2
 
     directions = (_scale(rgb) * np.array([pen.along, pen.across])).astype(np.float32)
-    planes = cv2.transform(rgb[window.outer].astype(np.float32), directions)
-    region.clear_outside(planes, window.outer)
+    planes = cv2.transform(rgb[window[0]].astype(np.float32), directions)
+    region.clear_outside(planes, window[0])
     return planes[..., 0], planes[..., 1]
 
 
@@ -408,7 +400,7 @@ def _measured_pen(
     """
     counts, sums = np.zeros(512), np.zeros(512)
     for window in windows:
-        along, across = (window.cut(plane) for plane in _chroma(rgb, pen, region, window))
+        along, across = (inner_part(plane, window) for plane in _chroma(rgb, pen, region, window))
         inked = (along > tuned.CHROMA_FLOOR) & (np.abs(across) < _gate() * along)
         level = along[inked].astype(np.int64)
         counts += np.bincount(level, minlength=512)
@@ -420,20 +412,6 @@ def _measured_pen(
     counts[weak] = sums[weak] = 0
     angle = float(np.arctan2(sums.sum(), counts @ levels))
     return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
-
-
-def _is_edge_of_another(
-    rgb: NDArray, named: Pen, drawn: Pen, region: Region, windows: list[Window]
-) -> bool:
-    """Whether the ink belongs to a pen beyond the named pen's hues, of which JPEG spread some in.
-
-    Such ink is measured near the edge of the named pen's hues. Around that hue there is more of it,
-    and its mean then lies beyond the edge.
-    """
-    if abs(drawn.degrees_from(named)) < tuned.HUE_GATE_DEG / 2:
-        return False
-    again = _measured_pen(rgb, drawn, region, windows)
-    return again is not None and abs(again[0].degrees_from(named)) > tuned.HUE_GATE_DEG
 
 
 def _quantile(levels: NDArray, counts: NDArray, share: float) -> float:

@@ -242,7 +242,7 @@ def extract_curve(
         chosen = [line.in_order() for line in chosen]
 
         # Centre lines: measured across the ink, or refused where that is ambiguous.
-        curves = []
+        curves, asked = [], []
         for line in chosen:
             if method != "mask":
                 choose.refuse_junctions(line)
@@ -251,7 +251,7 @@ def extract_curve(
                 continue
             curve = measure(ink, line)
             if not accept_width:
-                choose.refuse_wide_run(curve)
+                asked += choose.wide_findings(curve)
             choose.refuse_double_line(curve)
             choose.refuse_long_bridge(curve, max_gap_px)
             choose.refuse_fit_off_ink(curve, line)
@@ -261,7 +261,7 @@ def extract_curve(
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
-    findings = account.leftover_findings(leftover, max_gap_px)
+    findings = asked + account.leftover_findings(leftover, max_gap_px)
     if len(chosen) == 1:
         findings = account.doubts_of_line(chosen[0], lines, ink, pen, region) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
@@ -273,6 +273,9 @@ def extract_curve(
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(curve)
+    findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
+    if method != "mask":
+        findings += account.fold_findings(curves)
     strokes = []
     for curve, line in zip(curves, chosen, strict=True):
         cut = cut_to(curve, start, end)
@@ -351,9 +354,9 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack(
-        [candidates.half_covered(ink, piece.pixels) for piece in line.pieces]
-    ).astype(float)
+    points = np.vstack([candidates.half_covered(ink, pixels) for pixels in line.pieces]).astype(
+        float
+    )
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(

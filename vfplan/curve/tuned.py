@@ -262,15 +262,3 @@ SUDDEN_PX = 12
 # Times the usual lasting change of width from which a change is asked about. Pressed pens reached
 # 2, second runs 4 to 400.
 LASTING_TIMES = 3.5
-
-# Share of a sudden change of width that lies on one side of the line only, from which it is no dot.
-# Dots on the line reached 0.2.
-ONE_SIDED = 0.25
-
-# Share of the pixels of a piece that have ink on the other side of the line as well, from which the
-# piece is a dot on the line.
-MIRRORED = 0.7
-
-# Pen widths of a dot, a control point or a head on the line, along and across. They had 2 to 3 in
-# tests.
-DOT_WIDTHS = 3.0

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, VfplanError, requires_extra
+from vfplan.errors import InputError, VfplanError
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import nameless_file
 
@@ -55,9 +55,8 @@ def begins_like_dicom(data: bytes) -> bool:
 
 @contextmanager
 def open_dataset(
-    file: BinaryIO, where: str, kind: type[InputError], *, extra: str = "dicom",
-    needs_preamble: bool = True,
-) -> Iterator[Any]:  # fmt: skip
+    file: BinaryIO, where: str, kind: type[InputError], *, needs_preamble: bool = True
+) -> Iterator[Any]:
     """Yield a DICOM file's data set.
 
     pydicom parses many values when they are first used. What it raises inside the block is
@@ -69,8 +68,6 @@ def open_dataset(
         The file and its name for messages.
     kind
         The class of the error when the file cannot be read.
-    extra
-        The extra of vfplan that brings pydicom, for the message where it is missing.
     needs_preamble
         Whether a data set without preamble is refused.
 
@@ -78,11 +75,9 @@ def open_dataset(
     ------
     InputError
         The file cannot be read; an error of the `kind` given.
-    MissingExtra
-        pydicom is not installed.
     """
-    with requires_extra("reading DICOM needs pydicom", extra, where):
-        import pydicom
+    import pydicom
+
     try:
         with silent_pydicom():
             yield pydicom.dcmread(file, force=not needs_preamble)

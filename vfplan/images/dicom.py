@@ -1,4 +1,4 @@
-"""Read a planned slice from DICOM, with the `dicom` extra (pydicom).
+"""Read a planned slice from DICOM.
 
 A surgeon's drawing comes as a colour secondary capture; a grey slice holds no pen, but gives a
 vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read, except
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -70,8 +69,6 @@ def read_dicom(
     ------
     ImageError
         Not an image, damaged, of a kind that is not supported, or its reading took too much.
-    MissingExtra
-        pydicom is not installed.
     """
     with memory_file(data) as file:
         parts = run_in_sandbox(
@@ -93,9 +90,8 @@ def read_dicom(
 
 
 def prepare() -> None:
-    """Load pydicom, if it is there, before any file is read."""
-    with suppress(ModuleNotFoundError):
-        import pydicom.pixels  # noqa: F401
+    """Load pydicom before any file is read."""
+    import pydicom.pixels  # noqa: F401
 
 
 def decode(

@@ -143,8 +143,8 @@ def read_image(
     Parameters
     ----------
     path
-        A PNG (8 or 16 bit, palette, alpha), JPEG, TIFF or BMP file, or DICOM with the `dicom`
-        extra. EXIF orientation is applied; transparent pixels are laid over black.
+        A PNG (8 or 16 bit, palette, alpha), JPEG, TIFF or BMP file, or DICOM. EXIF
+        orientation is applied; transparent pixels are laid over black.
     frame
         Which frame of a multi-frame DICOM or page of a TIFF, from 1; needed when there are several.
     pixel_spacing_mm
@@ -161,8 +161,6 @@ def read_image(
     ------
     ImageError
         The file is missing, not an image, damaged, or of a kind that is not supported.
-    MissingExtra
-        A DICOM file, and pydicom is not installed.
     """
     where = str(path)
     if not 0 < max_megapixels <= LARGEST_MEGAPIXELS:

@@ -41,9 +41,6 @@ MIN_RADIUS_M = 0.01
 # that of a jig, so the same numbers cannot be both metres and millimetres.
 MAX_RADIUS_M = 1.0
 
-# What a header without column names holds.
-NUMBER = re.compile(r"\s*[-+]?[0-9.,]+(e[-+]?[0-9]+)?\s*", re.IGNORECASE)
-
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 FCSV_COLUMNS = [
@@ -257,12 +254,6 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
     table = parse_table(text, where, MarkerError)
     place = f"{where}, line {table.header_line}"
     header = ",".join(table.header)
-    if len(table.header) > 1 and all(map(NUMBER.fullmatch, table.header[1:])):
-        raise MarkerError(
-            "the first line holds numbers and no column names. Write label,u_px,v_px or "
-            "label,x_m,y_m,z_m above it",
-            where=place, code="header-missing",
-        )  # fmt: skip
 
     # The columns by their plain names: "X [mm]" is "x_mm".
     columns = {

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vfplan.errors import MarkerError, SettingError
+from vfplan.errors import MarkerError
 
 Array = NDArray[np.float64]
 Shape = Literal["cross", "dot"]
@@ -91,9 +91,8 @@ class ShapeFit:
 
 
 def find_markers(
-    rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike, *,
-    search_px: float = MATCH_RADIUS_PX,
-) -> tuple[DrawnMarker, ...]:  # fmt: skip
+    rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike
+) -> tuple[DrawnMarker, ...]:
     """Find the drawn marker nearest to each given position.
 
     Parameters
@@ -104,21 +103,12 @@ def find_markers(
         (N,) names, for messages and in the result.
     positions_px
         (N, 2) where the markers are said to be (u, v).
-    search_px
-        How far a marker's centre may be from there.
 
     Raises
     ------
     MarkerError
         A position outside the image, no cross or dot near it, or two markers found in one place.
-    SettingError
-        A search radius that is not above 0.
     """
-    if not 0 < search_px < float("inf"):
-        raise SettingError(
-            f"search radius is {search_px} px. Give a finite number above 0",
-            code="search-radius-range",
-        )
     height, width = rgb.shape[:2]
     markers: list[DrawnMarker] = []
     for label, (u, v) in zip(labels, np.asarray(positions_px, dtype=float), strict=True):
@@ -129,10 +119,10 @@ def find_markers(
                 code="marker-outside-slice",
                 numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )
-        marker = find_mark(rgb, label, (float(u), float(v)), search_px)
+        marker = find_mark(rgb, label, (float(u), float(v)), MATCH_RADIUS_PX)
         if marker is None:
             raise MarkerError(
-                f"no cross or dot within {search_px:g} px of marker {label!r} at ({u:.1f}, "
+                f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:.1f}, "
                 f"{v:.1f}) px. Correct its position, or leave --find-markers out",
                 code="no-mark-near",
                 numbers={"label": label, "u_px": float(u), "v_px": float(v)},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -311,7 +311,10 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
         "spacing_mm": None, "density_per_mm": None,
     }  # fmt: skip
     if extraction.method != "vector":
-        report["account"] = [asdict(entry) for entry in extraction.account]
+        names = ("number", "u", "v", "pixels", "share", "size_px", "what")
+        report["account"] = [
+            {name: getattr(entry, name) for name in names} for entry in extraction.account
+        ]
     if spacing is not None:
         open_count = sum(stroke.is_ordered and not stroke.closed for stroke in strokes)
         gap_count = report["points"] - open_count

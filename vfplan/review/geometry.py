@@ -9,7 +9,6 @@ that a curve may take over it: from each free end to each other one.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,20 +19,19 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import account, tuned
-from vfplan.curve.account import AccountEntry, Leftover, find_leftover
+from vfplan.curve.account import AccountEntry, Leftover, find_leftover, list_account
 from vfplan.curve.candidates import (
     dotted_line,
     find_candidates,
     find_groups,
     find_pieces,
-    neighbours,
+    skeleton_graph,
+    walked_back,
 )
 from vfplan.curve.centreline import drawn_length
-from vfplan.curve.coverage import Box
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import runs
 from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
@@ -46,67 +44,6 @@ Array = NDArray[np.float64]
 
 # Entries that are listed at most; more is a photograph, not a drawing.
 MAX_ENTRIES = 200
-
-
-@dataclass(frozen=True, eq=False)
-class Entry(AccountEntry):
-    """An entry of the account that also says which pixels it has.
-
-    Parameters
-    ----------
-    what
-        "ink", or "gap" of a stretch of the curve that shows no ink, whatever the reason.
-    box
-        (u, v, width, height) [px] of the ink.
-    mask
-        (height, width) bool, the ink in its box; `None` for a stretch.
-    """
-
-    what: str
-    box: Box
-    mask: NDArray[np.bool_] | None
-
-    @property
-    def middle(self) -> tuple[float, float]:
-        """(u, v) [px]: the middle of the ink's box, or of the stretch."""
-        return self.u, self.v
-
-    @property
-    def outline(self) -> list[list[list[float]]]:
-        """The ink's outlines, half a pixel outside of it: a list of (K, 2) places."""
-        if self.mask is None:
-            return []
-        padded = cv2.copyMakeBorder(self.mask.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
-        contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-        corner = np.array(self.box[:2]) - 1.0
-        return [(contour[:, 0] + corner).round(1).tolist() for contour in contours]
-
-
-def list_account(
-    leftover: Sequence[Leftover], lines: Sequence[Stroke], ink_px: int
-) -> tuple[Entry, ...]:
-    """All ink beyond the lines' edges, and each bridged stretch, by size.
-
-    ink_px: how many pixels the pen's ink has
-    """
-    rows = []
-    for piece in leftover:
-        low = piece.places.min(axis=0)
-        u, v = (piece.places - low).T
-        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
-        mask[v, u] = True
-        box = (*low.tolist(), *mask.shape[::-1])
-        rows.append((piece.pixels, *piece.middle.tolist(), piece.size, "ink", box, mask))
-    for line in lines:
-        for run in runs(line.bridged, line.closed):
-            u, v = line.points[run[len(run) // 2]].tolist()
-            box = (round(u), round(v), 1, 1)
-            rows.append((len(run), u, v, float(len(run)), "gap", box, None))
-    rows.sort(key=lambda row: (-row[0], *row[1:3]))
-    return tuple(
-        Entry(number, u, v, pixels, pixels / ink_px, *more)
-        for number, (pixels, u, v, *more) in enumerate(rows[:MAX_ENTRIES], 1)
-    )
 
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
@@ -144,8 +81,8 @@ def routes_through(
     from scipy.sparse.csgraph import dijkstra
 
     padded = np.pad(mask, 2)
-    pixels, edges = skeleton_of(padded)
-    pixels += np.array(corner) - 2.0
+    pixels, edges = skeleton_graph(_core.thinned(padded).astype(bool))
+    pixels = pixels + np.array(corner) - 2.0
     degree = np.bincount(edges.ravel(), minlength=len(pixels))
     forks = [tuple(place) for place in pixels[degree > 2].tolist()]
     routes = _around(padded, corner)
@@ -160,20 +97,13 @@ def routes_through(
         # The shortest path from each end to each other one.
         distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
         routes += [
-            route_along(pixels[_walked_back(before[i], start, stop)], False)
+            route_along(pixels[walked_back(before[i], start, stop)], False)
             for i, start in enumerate(ends)
             for stop in ends[i + 1 :]
             if np.isfinite(distance[i, stop])
         ]
     routes.sort(key=lambda route: -route.length)
     return routes[:MAX_ROUTES], forks
-
-
-def skeleton_of(mask: NDArray[np.bool_]) -> tuple[Array, NDArray[np.int64]]:
-    """The pixels (N, 2) (u, v) of a mask's skeleton, and the (E, 2) pairs of neighbours."""
-    bone = _core.thinned(mask).astype(bool)
-    v, u = np.nonzero(bone)
-    return np.column_stack([u, v]).astype(float), neighbours(bone, v, u)
 
 
 def _graph(pixels: Array, edges: NDArray[np.int64]) -> Any:
@@ -192,7 +122,8 @@ def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     _, labels, holes, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
     areas = holes[:, cv2.CC_STAT_AREA].copy()
     areas[[0, labels[0, 0]]] = 0
-    pixels, edges = skeleton_of((labels != labels[0, 0]) & (labels != areas.argmax()))
+    ring = (labels != labels[0, 0]) & (labels != areas.argmax())
+    pixels, edges = skeleton_graph(_core.thinned(ring).astype(bool))
     # Without its branches a ring is left.
     is_branch = np.ones(len(edges), bool)
     while areas.any() and is_branch.any():
@@ -207,16 +138,8 @@ def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     distance, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
     if not np.isfinite(distance[stop]):
         return []
-    path = pixels[_walked_back(before, start, stop)] + np.array(corner) - 2.0
+    path = pixels[walked_back(before, start, stop)] + np.array(corner) - 2.0
     return [route_along(path, True)]
-
-
-def _walked_back(before: NDArray, start: int, stop: int) -> list[int]:
-    """The pixels from `start` to `stop`, by each pixel's predecessor."""
-    path = [stop]
-    while path[-1] != start:
-        path.append(before[path[-1]])
-    return path[::-1]
 
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
@@ -276,11 +199,11 @@ class Geometry:
         return find_leftover(self.ink.found, self.lines)
 
     @cached_property
-    def account(self) -> tuple[Entry, ...]:
+    def account(self) -> tuple[AccountEntry, ...]:
         """The ink that is not the curve and its bridged stretches, the largest first."""
         if self.ink is None:
             return ()
-        return list_account(self.leftover, self.lines, max(int(self.ink.mask.sum()), 1))
+        return list_account(self.leftover, self.lines, self.ink.found)[:MAX_ENTRIES]
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
@@ -292,7 +215,7 @@ class Geometry:
         made = [] if self.ink is None else self._of_ink()
         made += account.fold_findings(self.strokes)
         for stroke in self.strokes:
-            made += account.bridge_findings(stroke)
+            made += account.stretch_findings(stroke)
             if stroke.edited.any():
                 first = stroke.points[np.flatnonzero(stroke.edited)[0]]
                 within_px = own_bound(self.strokes)[
@@ -328,8 +251,9 @@ class Geometry:
         told = {(finding.code, finding.text) for finding in self.findings}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
         findings = [finding for finding in again if (finding.code, finding.text) in told]
+        lines = [account.line_of(line, self.ink.found) for line in self.lines]
         findings += account.join_findings(
-            self.leftover, self.lines, self.ink.found, self.max_gap_px, findings
+            self.leftover, lines, self.ink.found, self.max_gap_px, findings
         )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
@@ -360,7 +284,7 @@ class Geometry:
             )
         return self.strokes[number]
 
-    def entry(self, number: int) -> Entry:
+    def entry(self, number: int) -> AccountEntry:
         """The ink of this number in the account; raises `SettingError` if there is none."""
         for entry in self.account:
             if entry.number == number and entry.what == "ink":
@@ -438,9 +362,8 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     distances = [nearest_point(route.points, place)[1] for route in candidates]
     if min(distances, default=np.inf) > JOIN_PX:
         for entry in Geometry(ink=geometry.ink).account:
-            inside = np.argwhere(entry.mask)[:, ::-1] + np.array(entry.box[:2])
-            if nearest_point(inside, place)[1] <= CLOSE_PX:
-                candidates += routes_through(entry.mask, entry.box[:2])[0]
+            if nearest_point(entry.piece.places, place)[1] <= CLOSE_PX:
+                candidates += routes_over(entry)[0]
         distances = [nearest_point(route.points, place)[1] for route in candidates]
     nearest = min(distances, default=np.inf)
     if nearest > JOIN_PX:
@@ -490,11 +413,9 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     """The routes through the forked ink of a candidate; none if the candidate is one of them."""
     middle = np.rint(route.points[len(route.points) // 2]).astype(int)
     for entry in Geometry(ink=geometry.ink).account:
-        left_of, above = middle - entry.box[:2]
-        inside = 0 <= left_of < entry.box[2] and 0 <= above < entry.box[3]
-        if not inside or not entry.mask[above, left_of]:
+        if not (entry.piece.places == middle).all(1).any():
             continue
-        routes, forks = routes_through(entry.mask, entry.box[:2])
+        routes, forks = routes_over(entry)
         if any(np.array_equal(other.points, route.points) for other in routes):
             return ()
         if forks and len(routes) > 1:
@@ -503,9 +424,14 @@ def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     return ()
 
 
-def route_over(entry: Entry) -> Stroke:
+def routes_over(entry: AccountEntry) -> tuple[list[Stroke], list[tuple[float, float]]]:
+    """The routes through a piece of ink, and where it forks."""
+    return routes_through(entry.piece.mask, entry.box[:2])
+
+
+def route_over(entry: AccountEntry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
-    routes, _ = routes_through(entry.mask, entry.box[:2])
+    routes, _ = routes_over(entry)
     if not routes or routes[0].length < tuned.MIN_PROFILES:
         raise SettingError(
             f"Ink {entry.number} is no line. Draw the curve by clicks instead.",
@@ -548,7 +474,7 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
     if not named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
-                routes += routes_through(entry.mask, entry.box[:2])[0]
+                routes += routes_over(entry)[0]
         routes.sort(key=lambda route: -route.length)
     try:
         groups = find_groups(ink.found)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vfplan.curve import tuned
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink, sample
-from vfplan.curve.profiles import add_brightness, find_ends, places_across, read_profiles
+from vfplan.curve.profiles import find_ends, places_across, read_profiles
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import evenly, normals, runs, values_at
 
@@ -251,10 +251,7 @@ class SliceInk:
                 profiles = read_profiles(self.found, points[at], across, usual)
                 alone[at] = profiles.valid
                 mass[at] = profiles.mass
-                offsets = profiles.offset(noisy)
-                if noisy:
-                    offsets = add_brightness(self.found, points[at], across, profiles, offsets)
-                offset[at] = offsets
+                offset[at] = profiles.offset(self.found, points[at], across, noisy)
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.

@@ -37,7 +37,7 @@ MAX_STEPS = 20_000
 # No places.
 NOTHING = np.zeros(0, complex)
 
-SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box", "outline")
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box")
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,11 @@ class Session:
         titles = [_title(step) for step in self.steps]
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
-            | {"is_ink": entry.what == "ink", "left_out": entry.middle in geometry.excluded_ink}
+            | {
+                "outline": [] if entry.piece is None else entry.piece.outline,
+                "is_ink": entry.what == "ink",
+                "left_out": entry.middle in geometry.excluded_ink,
+            }
             for entry in geometry.account
         ]
         state = {

@@ -97,15 +97,11 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     InputError
         The file is damaged, of another kind, or of a shape that is not supported, or there is no
         such structure.
-    MissingExtra
-        pydicom is not installed.
     """
     data, digest = read_bytes(path, MAX_TEXT_BYTES)
     refuse_costly(data, str(path))
     file = io.BytesIO(data)
-    with open_dataset(
-        file, str(path), InputError, extra="surface", needs_preamble=False
-    ) as dataset:
+    with open_dataset(file, str(path), InputError, needs_preamble=False) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
             return contours_of_rtstruct(dataset, structure, {"contours": digest})

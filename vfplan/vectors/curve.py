@@ -202,58 +202,46 @@ def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool
     return meets
 
 
-@dataclass(frozen=True, eq=False)
-class Annotation:
-    """One graphic that was drawn on an image.
+def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
+    """The one line of a DICOM presentation state, or number `number` from 1.
 
-    name: what it is, for messages
-    drawn_on: the images' SOP instance UIDs, each with its frames, from 1; empty where all are meant
-    points: a line's (M, 2) points (u, v) [px]; `None` for a graphic that is no line
-    joined: what joins a line's points
+    Raises `CurveError` where there is no such line, or several and none was chosen.
     """
-
-    name: str
-    drawn_on: dict[str, list[int]]
-    points: NDArray[np.float64] | None = None
-    joined: Joined = "straight"
-
-
-def read_annotations(data: bytes, where: str) -> list[Annotation]:
-    """The lines of a DICOM presentation state, then its graphics that are no lines.
-
-    Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
-    """
-    annotations = []
     with memory_file(data) as file:
-        answers = run_in_sandbox(
-            "vfplan.vectors.curve:read_graphics", where, file=file, where=where, kind=CurveError
+        job = "vfplan.vectors.curve:read_line"
+        drawn, (points,) = run_in_sandbox(
+            job, where, number, file=file, where=where, kind=CurveError
         )
-        for head in answers:
-            points = next(answers)[0] if head.pop("is_line") else None
-            if points is not None and points.shape[1] == 2:
-                points = points - CORNER_PX
-            annotations.append(Annotation(points=points, **head))
-    return annotations
+    points, closed = without_repeated_end(points)
+    curve = VectorDrawing(
+        distinct_points(points, closed), closed, drawn["joined"], "", tuple(drawn["warnings"]),
+        drawn["drawn_on"],
+    )  # fmt: skip
+    if curve.joined == "straight":
+        return curve
+    warning = (
+        f"{where}: DICOM leaves open how points are joined. A spline was laid through them, "
+        f"up to {curve.distance_from_straight():.2g} px from straight lines. Compare it with the "
+        "drawing"
+    )
+    return replace(curve, warnings=(*curve.warnings, warning))
 
 
-def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
-    """What `read_annotations` returns, in the child process: a head each, then a line's points."""
+def read_line(
+    file: BinaryIO, where: str, number: int | None
+) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+    """The chosen line, in the child process: how it was drawn, then its points [px or m]."""
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
-    lines = []
-    others = []
+    lines, others = [], []
     with open_dataset(file, where, ImageError) as dataset:
         everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
         for kind, name, drawn_on, values, width in everything:
-            if kind not in OPEN and kind not in CLOSED:
+            if kind in OPEN or kind in CLOSED:
+                points = np.array(values, np.float64).reshape(-1, width)
+                lines.append((kind, name, drawn_on, points))
+            else:
                 others.append(name)
-                continue
-            points = np.array(values, np.float64).reshape(-1, width)
-            if kind in CLOSED:
-                points = np.vstack([points, points[:1]])
-            joined = "spline" if kind == "INTERPOLATED" else "straight"
-            head = {"is_line": True, "name": name, "drawn_on": drawn_on, "joined": joined}
-            lines.append((head, points * (1e-3 if width == 3 else 1.0)))
         modality = str(dataset.get("Modality", ""))[:16]
     if not lines:
         content = "; ".join(others[:6]) or f"no drawing ({modality})"
@@ -261,11 +249,35 @@ def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple
             f"is DICOM with {content}. Give a presentation state, a report or an RTSTRUCT with a "
             "line in it."
         )
-    for head, points in lines:
-        yield head
-        yield (points,)
-    for name in others:
-        yield {"is_line": False, "name": name, "drawn_on": {}}
+    names = [f"{k}: {line[1]}" for k, line in enumerate(lines, start=1)]
+    not_read = "".join(f"; not read: {name}" for name in others[:8])
+    listed = "; ".join(names[:8]) + not_read
+    numbers = {"curves": len(lines), "number": number}
+    count = f"{len(lines)} curves" if len(lines) > 1 else "1 curve"
+    is_alone = len(lines) + len(others) == 1
+    if number is None and not is_alone:
+        raise CurveError(
+            f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
+            code="vector-several", numbers=numbers,
+        )  # fmt: skip
+    if number is not None and number > len(lines):
+        raise CurveError(
+            f"holds no curve number {number}. Choose one of these: {listed}",
+            code="vector-number", numbers=numbers,
+        )  # fmt: skip
+    chosen = (number or 1) - 1
+    kind, _, drawn_on, points = lines[chosen]
+    warnings = []
+    if not is_alone:
+        warnings = [
+            f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with "
+            "--stroke N where it is the wrong one"
+        ]
+    if kind in CLOSED:
+        points = np.vstack([points, points[:1]])
+    joined = "spline" if kind == "INTERPOLATED" else "straight"
+    yield {"joined": joined, "drawn_on": drawn_on, "warnings": warnings}
+    yield (points - CORNER_PX if points.shape[1] == 2 else 1e-3 * points,)
 
 
 # Lines of presentation states and reports, and contours of structures, that are open or closed.
@@ -334,50 +346,6 @@ def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> d
             frames = [frames]
         images[str(image.ReferencedSOPInstanceUID)] = [int(frame) for frame in frames]
     return images
-
-
-def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:
-    """The one line of a DICOM presentation state, or number `number` from 1.
-
-    Raises `CurveError` where there is no such line, or several and none was chosen.
-    """
-    annotations = read_annotations(data, where)
-    lines = [annotation for annotation in annotations if annotation.points is not None]
-    names = [f"{k}: {line.name}" for k, line in enumerate(lines, start=1)]
-    others = annotations[len(lines) :][:8]
-    not_read = "".join(f"; not read: {annotation.name}" for annotation in others)
-    listed = "; ".join(names[:8]) + not_read
-    numbers = {"curves": len(lines), "number": number}
-    count = f"{len(lines)} curves" if len(lines) != 1 else "1 curve"
-    if number is None and len(annotations) > 1:
-        raise CurveError(
-            f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
-            code="vector-several", numbers=numbers,
-        )  # fmt: skip
-    if number is not None and number > len(lines):
-        raise CurveError(
-            f"holds no curve number {number}. Choose one of these: {listed}",
-            code="vector-number", numbers=numbers,
-        )  # fmt: skip
-    chosen = (number or 1) - 1
-    warnings = ()
-    if len(annotations) > 1:
-        warnings = (
-            f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with "
-            "--stroke N where it is the wrong one",
-        )
-    drawn = lines[chosen]
-    points, closed = without_repeated_end(drawn.points)
-    points = distinct_points(points, closed)
-    curve = VectorDrawing(points, closed, drawn.joined, "", warnings, drawn.drawn_on)
-    if curve.joined == "straight":
-        return curve
-    warning = (
-        f"{where}: DICOM leaves open how points are joined. A spline was laid through them, "
-        f"up to {curve.distance_from_straight():.2g} px from straight lines. Compare it with the "
-        "drawing"
-    )
-    return replace(curve, warnings=(*warnings, warning))
 
 
 def check_drawn_on(
