@@ -10,19 +10,6 @@
 
 #include "vfplan/base/vec.hpp"
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#include <immintrin.h>
-#define VFPLAN_X86 1
-#else
-#define VFPLAN_X86 0
-#endif
-// Define VFPLAN_NARROW to compile the baseline only, in a third of the time; the bits are the same.
-#if VFPLAN_X86 && !defined(VFPLAN_NARROW)
-#define VFPLAN_WIDE 1
-#else
-#define VFPLAN_WIDE 0
-#endif
-
 namespace vfplan::inline v1 {
 
 /// How many float64 the processor's registers are asked to hold; `automatic`: the most it has.
@@ -113,81 +100,19 @@ struct Kernels {
 
 namespace detail {
 
-#if defined(__GNUC__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wpsabi"
-#endif
-
 inline constexpr double far_away = 1e15;  // coordinate of a lane without a point
 inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
-
-#define VFPLAN_PRAGMA(...) _Pragma(#__VA_ARGS__)
-#if defined(__clang__)
-#define VFPLAN_BEGIN(features) \
-    VFPLAN_PRAGMA(clang attribute push(__attribute__((target(features))), apply_to = function))
-#define VFPLAN_END VFPLAN_PRAGMA(clang attribute pop)
-#else
-#define VFPLAN_BEGIN(features) \
-    VFPLAN_PRAGMA(GCC push_options) VFPLAN_PRAGMA(GCC target(features, "prefer-vector-width=512"))
-#define VFPLAN_END VFPLAN_PRAGMA(GCC pop_options)
-#endif
-
-#define VFPLAN_LANES 2
-namespace lanes2 {
-#include "vfplan/cloud/kernels.inl"
-}
-#undef VFPLAN_LANES
-
-#if VFPLAN_WIDE
-VFPLAN_BEGIN("avx2")
-#define VFPLAN_LANES 4
-namespace lanes4 {
-#include "vfplan/cloud/kernels.inl"
-}
-#undef VFPLAN_LANES
-VFPLAN_END
-
-VFPLAN_BEGIN("avx2,avx512f,avx512dq,avx512vl")
-#define VFPLAN_LANES 8
-namespace lanes8 {
-#include "vfplan/cloud/kernels.inl"
-}
-#undef VFPLAN_LANES
-VFPLAN_END
-#endif
-#undef VFPLAN_PRAGMA
-#undef VFPLAN_BEGIN
-#undef VFPLAN_END
-
-#if defined(__GNUC__)
-#pragma GCC diagnostic pop
-#endif
 
 }  // namespace detail
 
 /// The widest the processor at hand can run.
-inline Width widest() noexcept {
-#if VFPLAN_WIDE
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
-        return Width::eight;
-    if (__builtin_cpu_supports("avx2")) return Width::four;
-#endif
-    return Width::two;
-}
-
+VFPLAN_COMPILED_ONCE Width widest() noexcept;
 /// The loops for a width; one that the processor lacks falls back to the widest it has.
 template <int D>
-Kernels<D> kernels(Width width = Width::automatic) noexcept {
-    const Width available = widest();
-    if (width == Width::automatic || static_cast<int>(width) > static_cast<int>(available))
-        width = available;
-#if VFPLAN_WIDE
-    if (width == Width::eight) return detail::lanes8::table<D>();
-    if (width == Width::four) return detail::lanes4::table<D>();
-#endif
-    return detail::lanes2::table<D>();
-}
+Kernels<D> kernels(Width width = Width::automatic) noexcept;
 
 }  // namespace vfplan::inline v1
+
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
+#include "vfplan/cloud/widths.inl"
+#endif
