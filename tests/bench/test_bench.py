@@ -341,6 +341,9 @@ def test_the_ball_of_the_bench_is_closed_and_round():
     assert np.linalg.norm(corners, axis=1) == pytest.approx(ball.radius)
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    one, two, three = np.moveaxis(corners[triangles], 1, 0)
+    outwards = (np.cross(two - one, three - one) * one).sum(axis=1)
+    assert (outwards > 0).all(), "turned alike, so that the smooth body is rendered"
 
 
 def test_a_peer_that_cannot_be_built_says_what_is_missing(monkeypatch, tmp_path):
