@@ -2,8 +2,7 @@
 
 sheet     the plan at true scale with its tags, the board of a calibration, and tags on a bone
 pose      the camera, where it stands, and how far off what is drawn may be
-window    the frames in a page of the browser
-overlay   line, bands, outline and tool on a frame, or why nothing is drawn
+overlay   line, bands, outline and tool on a frame, or why nothing is drawn; the page of the frames
 
 A leaf room: no other package imports it. Its command is `vfplan ar`.
 """

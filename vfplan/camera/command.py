@@ -237,7 +237,7 @@ def ticks_to_show(fixture: Fixture, arguments: dict[str, Any]) -> Callable[[floa
 
 def open_window(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Any:
     """The page of the frames, with its address printed and opened in the browser."""
-    from vfplan.camera.window import Window
+    from vfplan.camera.overlay import Window
     from vfplan.cli.review import open_door
 
     window = Window(fixture.name, arguments["port"])
