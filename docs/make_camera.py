@@ -37,7 +37,8 @@ def main() -> None:
         half = Path(folder) / "half.csv"
         np.savetxt(half, places, "%s", ",")
         planned = vfplan.plan(slice_file, image, half)
-    page = camera_scene.page(draw_print(Shown.of(planned, "elbow.h5"), "a4"))
+    shown = Shown(planned.fixture, "elbow.h5", planned.extracted.image)
+    page = camera_scene.page(draw_print(shown, "a4"))
     rng = np.random.default_rng(3)
     frame = camera_scene.photograph(page, camera_scene.pose(rng, (0.42, 0.45)), rng)
     plan = plan_of(planned.fixture)

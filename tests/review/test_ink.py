@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import slices
 from drawing import jpeg, normal_errors
-from review_slices import RED, double, miss, wave
+from review_slices import double, miss, wave
 
 import vfplan
 from vfplan.review.geometry import routes_through
@@ -91,12 +91,3 @@ def test_every_way_through_a_fork_and_around_a_ring():
     assert way.closed
     assert not forks
     assert routes_through(np.zeros((9, 9), bool)) == ([], [])
-
-
-def test_ink_in_an_excluded_box_does_not_count():
-    picture = np.full((100, 100, 3), 90, np.uint8)
-    picture[50:53] = RED
-    assert SliceInk(picture, "red").mask[51].all()
-    mask = SliceInk(picture, "red").without(((20, 40, 30, 30),)).mask
-    assert not mask[51, 22:48].any()
-    assert mask[51, 60:].all()

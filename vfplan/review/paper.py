@@ -140,13 +140,9 @@ class Paper:
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
         self._texts.append([])
 
-    def has_space(self, y: float, height: float) -> bool:
-        """Whether something of this height fits between the row `y` and the foot of the page."""
-        return y + height <= FOOT - 12
-
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
-        if self.has_space(y, height):
+        if y + height <= FOOT - 12:
             return y
         self.add_page()
         return float(MARGIN)

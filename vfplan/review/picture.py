@@ -14,7 +14,7 @@ import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import arc_lengths, runs, values_at
+from vfplan.geometry.lines import runs
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
@@ -52,7 +52,7 @@ def ends_of(stroke: Stroke) -> list[LineEnd]:
 # Side [px of the page] of a view: two stand side by side.
 VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
 
-# Points or triangles of a view: it has no pixels for more.
+# Points of a view at most: it has no pixels for more.
 MAX_DRAWN = 50_000
 
 
@@ -68,10 +68,9 @@ class View:
     middle: paper.Array
     scale: float
 
-    def project(self, points: paper.Array) -> tuple[paper.Array, paper.Array]:
-        """(M, 2) places in the view [px of the page], and how far they lie towards the viewer."""
-        turned = (points - self.middle) @ self.turn.T * self.scale
-        return turned[:, :2] + VIEW_PX / 2 - 0.5, turned[:, 2]
+    def project(self, points: paper.Array) -> paper.Array:
+        """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
+        return (points - self.middle) @ self.turn[:2].T * self.scale + VIEW_PX / 2 - 0.5
 
     @property
     def plane(self) -> paper.Array:
@@ -94,7 +93,12 @@ def draw_views(sheet: paper.Paper, shown: Shown, y: float) -> tuple[float, float
     Returns the corner of the quarter that they leave free, and where the next thing below begins.
     """
     points = shown.fixture.points
-    everything = np.vstack([points, *(marker.place for marker in shown.markers)])
+    markers = [(marker.label, marker.place) for marker in shown.markers]
+    findings = [
+        (f"F{number}", finding.place_m)
+        for number, finding in enumerate(shown.findings, 1) if finding.place_m is not None
+    ]  # fmt: skip
+    everything = np.vstack([points, *(place for _, place in markers)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
     # Each view cuts what is rendered in its middle.
@@ -112,7 +116,9 @@ def draw_views(sheet: paper.Paper, shown: Shown, y: float) -> tuple[float, float
             draw_rendered(canvas, outline, lambda points: points, ())
             outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
-        _draw_marks(sheet, box, view, shown)
+        # Markers stand in the view that spreads them most; from the side they lie on each other.
+        is_widest = turn[2][int((high - low).argmin())] != 0
+        _draw_marks(sheet, box, view, (markers if is_widest else []) + findings)
         unit, per_metre = ("px", 1.0) if shown.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
@@ -136,40 +142,28 @@ def draw_scale_bar(
 
 
 def _geometry(view: View, shown: Shown) -> paper.Pixels:
-    """The points or the triangles, those in front over those behind."""
+    """The points, or the edges of the triangles."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    points, mesh = shown.fixture.points, shown.fixture.mesh
-    if mesh is not None and len(mesh) <= MAX_DRAWN:
-        # The more a triangle is turned away, the darker it is.
-        normals = np.cross(points[mesh[:, 1]] - points[mesh[:, 0]],
-                           points[mesh[:, 2]] - points[mesh[:, 0]])  # fmt: skip
-        facing = np.abs(normals @ view.turn[2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
-        colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
-        flat, depth = view.project(points)
-        for k in np.argsort(depth[mesh].mean(axis=1)):
-            outline = paper.fixed_point(flat[mesh[k]])
-            cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
+    flat, mesh = view.project(shown.fixture.points), shown.fixture.mesh
+    if mesh is not None:
+        triangles = [paper.fixed_point(corners) for corners in flat[mesh]]
+        cv2.polylines(canvas, triangles, True, LINE_COLOUR, 1, cv2.LINE_AA, paper.SHIFT)
         return canvas
-    flat, depth = view.project(points[:: max(1, len(points) // MAX_DRAWN)])
-    radius = float(np.clip(400 / np.sqrt(len(flat)), 1.5, 4))
-    # What lies behind is pale, and what lies in front has the full colour.
-    share = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-12)
-    colours = 255 + (0.35 + 0.65 * share[:, None]) * (np.array(LINE_COLOUR) - 255)
-    for k in np.argsort(depth):
-        paper.draw_disc(canvas, flat[k], radius, colours[k].tolist())
+    drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
+    radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
+    for place in drawn:
+        paper.draw_disc(canvas, place, radius, LINE_COLOUR)
     return canvas
 
 
-def _draw_marks(sheet: paper.Paper, box: paper.Box, view: View, shown: Shown) -> None:
-    """Draw the markers and the findings that have a place, with captions."""
+def _draw_marks(
+    sheet: paper.Paper, box: paper.Box, view: View, marks: list[tuple[str, Any]]
+) -> None:
+    """Draw a ring with a caption at each place."""
     part = sheet.part(box)
-    marks = [(marker.label, marker.place) for marker in shown.markers]
-    for number, finding in enumerate(shown.findings, 1):
-        if finding.place_m is not None:
-            marks.append((f"F{number}", finding.place_m))
     keep = np.zeros((VIEW_PX, VIEW_PX), np.uint8)
     keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # The scale stands here.
-    drawn = [view.project(np.array([place]))[0][0] for _, place in marks]
+    drawn = [view.project(np.array([place]))[0] for _, place in marks]
     for place in drawn:
         paper.draw_disc(part, place, 11, WHITE, 5)
         paper.draw_disc(part, place, 11, BLACK, 2)
@@ -326,12 +320,11 @@ RENDERED_COLOUR = {"wall": paper.WALL_COLOUR, "guide": paper.GUIDE_COLOUR}
 # What the legend says of it.
 RENDERED_IN_WORDS = {
     "wall": "Red line: the tool's centre stops there, says the engine",
-    "guide": "Green line with ticks: the tip is held within it; arrow: its pull",
+    "guide": "Green line: the tip is held within it; arrow: its pull",
 }
 
-# Distance between the ticks of a guide, their length, and that of the arrow of its pull [px of the
-# page]. They stand on the side on which the guide pushes back.
-TICK_STEP, TICK_LENGTH, PULL_LENGTH = 16.0, 7.0, 70.0
+# Length of the arrow of a guide's pull, and its distance from the tube [px of the page].
+PULL_LENGTH, PULL_GAP = 70.0, 21.0
 
 
 def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
@@ -350,17 +343,8 @@ def draw_rendered(
     """
     casing, drawn = (np.zeros(canvas.shape[:2], np.uint8) for _ in range(2))
     for line in map(place, outline.lines):
-        parts = [line]
-        if outline.kind == "guide":
-            arc = arc_lengths(line, False)
-            at = values_at(line, np.interp(np.arange(0, arc[-1], TICK_STEP), arc, range(len(arc))))
-            along = np.gradient(at, axis=0) if len(at) > 1 else np.zeros_like(at)
-            along /= np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-            outward = TICK_LENGTH * np.column_stack([-along[:, 1], along[:, 0]])
-            parts += list(np.stack([at, at + outward], axis=1))
-        for part in parts:
-            paper.draw_line(casing, part, 255, 5)
-            paper.draw_line(drawn, part, 255, 2)
+        paper.draw_line(casing, line, 255, 5)
+        paper.draw_line(drawn, line, 255, 2)
     for layer in (casing, drawn):
         for end in ends:
             paper.draw_disc(layer, end, FREE_RADIUS + 4, 0)
@@ -372,7 +356,7 @@ def draw_rendered(
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
-        middle = start + (np.hypot(*(line - start).T).min() + TICK_LENGTH + 14) * across
+        middle = start + (np.hypot(*(line - start).T).min() + PULL_GAP) * across
         half = PULL_LENGTH / 2 * along
         paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 

@@ -12,8 +12,6 @@ file holds. The middle of an inset is marked by four small triangles outside of 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -59,50 +57,16 @@ ONE_GREY = 2
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
-ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
+ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 20
 
 
 # What the sheet calls an entry of the account.
-WORDS_OF_ENTRY = {
-    "ink": "",
-    "bridge": "gap in the line",
-    "hidden": "line hidden",
-    "gap": "gap in the line, or line hidden",
-}
+WORDS_OF_ENTRY = {"ink": "", "gap": "gap in the line, or line hidden"}
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
     "draw the rest with vfplan review."
 )
-
-
-@dataclass(frozen=True)
-class TextLine:
-    """A line of a list, its indent, and the space above it [px of the page].
-
-    `is_head` is true where the next line belongs to this one: both stand on one page.
-    """
-
-    words: str
-    style: paper.Style = BODY
-    indent: float = 0
-    above: float = 0
-    is_head: bool = False
-
-    @property
-    def height(self) -> float:
-        """The space that it takes [px of the page]."""
-        return self.style.line_height + self.above
-
-    def draw(self, sheet: Paper, x: float, y: float) -> float:
-        """Write it; returns where the next line begins."""
-        sheet.text(x + self.indent, y + self.above, self.words, self.style)
-        return y + self.height
-
-
-def total_height(lines: Iterable[TextLine]) -> float:
-    """The space that lines take one below the other [px of the page]."""
-    return sum(line.height for line in lines)
 
 
 def verdict_of(shown: Shown) -> str:
@@ -125,15 +89,21 @@ def verdict_of(shown: Shown) -> str:
 
 def facts_of(shown: Shown) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
+    recipe, image = shown.fixture.provenance.settings, shown.image
+    slice_in_words, pixel = recipe.get(SLICE_IN_WORDS, ""), ""
+    if not slice_in_words and image is not None and image.T_patient_image is not None:
+        slice_in_words = height_in_words(image)
+    if image is not None and shown.metres_per_px is not None:
+        pixel = f"{MM * shown.metres_per_px:.4g} mm"
     margin = "none" if shown.kind else ""
     if shown.margin_m is not None:
         margin = f"{millimetres(shown.margin_m, 2)} on every side"
-    elif "margin" in shown.fixture.provenance.settings:
+    elif "margin" in recipe:
         margin = "the 95 % bound"
     facts = [
         ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
-        ("Slice", _slice_in_words(shown)),
-        ("Pixel", _pixel_in_words(shown)),
+        ("Slice", slice_in_words),
+        ("Pixel", pixel),
         ("Markers", _markers_in_words(shown.fixture)),
         ("Place of the line", _error_in_words(shown)),
         ("Margin", margin),
@@ -159,28 +129,6 @@ def _geometry_in_words(shown: Shown) -> str:
         of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
         parts = [f"{len(shown.fixture.points)} points{of_mesh}"]
     return ". ".join(parts)
-
-
-def _slice_in_words(shown: Shown) -> str:
-    recipe, image = shown.fixture.provenance.settings, shown.image
-    if SLICE_IN_WORDS in recipe or image is None or image.T_patient_image is None:
-        return recipe.get(SLICE_IN_WORDS, "")
-    words = height_in_words(image)
-    return f"slice {recipe['frame']}, {words}" if "frame" in recipe else words
-
-
-def _pixel_in_words(shown: Shown) -> str:
-    if shown.image is None or shown.metres_per_px is None:
-        return ""
-    # Where markers and image say different sizes, both stand there.
-    size = stated = f"{shown.metres_per_px * 1e3:.4g}"
-    record, image = shown.fixture.registration, shown.fixture.image
-    by_markers = record is not None and record.source_frame == "image"
-    if by_markers and image is not None and image.pixel_spacing_mm is not None:
-        stated = f"{math.sqrt(math.prod(image.pixel_spacing_mm)):.4g}"
-    if stated == size:
-        return f"{size} mm"
-    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
 
 
 def _markers_in_words(fixture: Fixture) -> str:
@@ -250,69 +198,73 @@ def _facts_of_ends(shown: Shown) -> list[tuple[str, str]]:
     return facts
 
 
-def draw_lists(sheet: Paper, shown: Shown, y: float) -> float:
-    """The findings and the other ink, over the whole width."""
-    lines = list_lines(shown, paper.CONTENT_WIDTH)
-    for number, line in enumerate(lines):
-        # A heading does not stand alone at the foot of a page.
-        together = number
-        while lines[together].is_head:
-            together += 1
-        y = sheet.space_for(y, total_height(lines[number : together + 1]))
-        y = line.draw(sheet, MARGIN, y)
-    return y
+# Lines that stand together: the words, the style and the indent [px of the page] of each.
+Block = list[tuple[str, paper.Style, float]]
 
 
-def list_lines(shown: Shown, width: float) -> list[TextLine]:
-    """The findings and the other ink, line by line."""
-    lines = []
-    if shown.kind:
-        heading = f"The robot renders a {shown.kind}"
-        lines = text_lines(heading, width, HEADING, is_head=True)
-        for heading, words in described(shown.fixture):
-            lines += text_lines(f"{heading}: {words}", width, BODY)
-    heading = "Findings" if shown.findings else "Findings: none"
-    above = 20 if lines else 0
-    lines += text_lines(heading, width, HEADING, above=above, is_head=bool(shown.findings))
+def lists_of(shown: Shown) -> list[tuple[str, list[Block]]]:
+    """The findings, the other ink and what the robot renders: (heading, entries) each."""
+    findings = []
     for number, finding in enumerate(shown.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
-        head = f"F{number}  {kind}: {finding.code}"
+        head, words = f"F{number}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
             head += f", at ({finding.place_px[0]:.0f}, {finding.place_px[1]:.0f})"
-        lines += text_lines(head, width, style, above=6, is_head=True)
-        words = finding.text
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
-        lines += text_lines(words, width, BODY, indent=30)
-    if shown.image is None:
-        return lines
-    account = shown.other_ink
-    heading = f"Other ink in the pen's colour{'' if account else ': none'}"
-    lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
-    for entry in account[:MAX_NUMBERED]:
-        what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
-        words = (
-            f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
-            f"{entry.v:.0f})"
-        )
-        lines += text_lines(words, width, BODY)
-    smaller = account[MAX_NUMBERED:]
-    if smaller:
-        pixels = sum(entry.pixels for entry in smaller)
-        lines += text_lines(f"and {len(smaller)} smaller, {pixels} px together", width, BODY)
-    return lines
+        findings.append([(head, style, 0), (words, BODY, 30)])
+    lists = [("Findings" if findings else "Findings: none", findings)]
+    if shown.image is not None:
+        words = []
+        for entry in shown.other_ink[:MAX_NUMBERED]:
+            what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
+            place = f"({entry.u:.0f}, {entry.v:.0f})"
+            words.append(f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at {place}")
+        smaller = shown.other_ink[MAX_NUMBERED:]
+        if smaller:
+            pixels = sum(entry.pixels for entry in smaller)
+            words.append(f"and {len(smaller)} smaller, {pixels} px together")
+        heading = f"Other ink in the pen's colour{'' if words else ': none'}"
+        lists.append((heading, [[(line, BODY, 0)] for line in words]))
+    if shown.kind:
+        rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(shown.fixture)]
+        lists.append((f"The robot renders a {shown.kind}", rows))
+    return lists
 
 
-def text_lines(
-    words: str, width: float, style: paper.Style, *, indent: float = 0, above: float = 0,
-    is_head: bool = False,
-) -> list[TextLine]:  # fmt: skip
-    """A text in lines of at most this width; the first has the space above it."""
-    lines = paper.wrapped(words, width - indent, style)
-    return [
-        TextLine(line, style, indent, 0 if number else above, is_head)
-        for number, line in enumerate(lines)
-    ]
+def draw_lists(
+    sheet: Paper, shown: Shown, y: float, beside: tuple[float, float] | None = None
+) -> None:
+    """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
+    x, top = beside or (MARGIN, y)
+
+    def lines_of(blocks: list[Block]) -> Block:
+        width = paper.PAGE_WIDTH - MARGIN - x
+        return [
+            (line, style, indent)
+            for block in blocks for words, style, indent in block
+            for line in paper.wrapped(words, width - indent, style)
+        ]  # fmt: skip
+
+    def height_of(blocks: list[Block]) -> float:
+        return sum(style.line_height for _, style, _ in lines_of(blocks))
+
+    for number, (heading, entries) in enumerate(lists_of(shown)):
+        # A heading does not stand alone at the foot of a page.
+        first = [(heading, HEADING, 0), *(entries[0] if entries else [])]
+        blocks = [first, *entries[1:]]
+        top += 14 if number else 0
+        for block in blocks:
+            # Findings stand in one column.
+            is_first = number == 0 and block is first
+            if x > MARGIN and top + height_of(blocks if is_first else [block]) > y:
+                x, top = MARGIN, y
+            needed = height_of([block])
+            for line, style, indent in lines_of([block]):
+                top = sheet.space_for(top, needed)
+                sheet.text(x + indent, top, line, style)
+                top += style.line_height
+                needed = style.line_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -575,18 +527,9 @@ def draw_sheet(shown: Shown) -> Sheet:
         column_y = draw_facts(sheet, shown, COLUMN_X, column_y + 10, COLUMN_WIDTH)
         insets = insets_of(shown)
         last_row, y = draw_insets(sheet, insets, rgb, shown, max(bottom, column_y) + 20)
-        # Where the page ends below the insets, short lists stand in what the last row leaves free,
-        # so that most sheets are one page.
         in_last_row = len(insets) % INSETS_IN_A_ROW
-        x = MARGIN + in_last_row * INSET_STEP
-        lines = list_lines(shown, paper.PAGE_WIDTH - MARGIN - x)
-        height_below = total_height(list_lines(shown, paper.CONTENT_WIDTH))
-        is_beside = in_last_row > 0 and sheet.has_space(last_row, total_height(lines))
-        if is_beside and not sheet.has_space(y, height_below):
-            for line in lines:
-                last_row = line.draw(sheet, x, last_row)
-        else:
-            draw_lists(sheet, shown, y)
+        beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
+        draw_lists(sheet, shown, y, beside)
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"
