@@ -95,14 +95,6 @@ def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
 
 
-def test_a_second_review_into_the_same_draft_is_refused(tmp_path, vfplan_cli):
-    review = Review(SLICE, "-o", tmp_path / "o.h5")
-    words = ("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser", "--json")
-    vfplan_cli(*words).fails(3, error="draft-in-use")
-    review.send(leave=True)
-    assert review.end()[0] == 1
-
-
 @pytest.mark.parametrize("with_slice", [False, True])
 def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vfplan_cli):
     output, signed = tmp_path / "o.h5", tmp_path / "s.h5"

@@ -280,7 +280,7 @@ class Geometry:
         """The ink that is not the curve and its bridged stretches, the largest first."""
         if self.ink is None:
             return ()
-        return list_account(self.leftover, self.lines, max(int(self.ink.mask.sum()), 1))
+        return list_account(self.leftover, self.lines, max(int(self.ink.found.mask.sum()), 1))
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
