@@ -193,6 +193,7 @@ class Fit:
         registration, steps = self.registration, self.metres_per_step
         loo_m = {}
         if registration is not None:
+            onto_slice = np.linalg.pinv(steps)
             loo_m = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
         rows = []
         for marker in self.markers:
@@ -207,7 +208,7 @@ class Fit:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
                 residual = np.array(marker.target_m) - reached
                 row["residual_m"] = float(np.linalg.norm(residual))
-                row["residual_px"] = (np.linalg.pinv(steps) @ residual).tolist()
+                row["residual_px"] = (onto_slice @ residual).tolist()
             rows.append(row)
         return rows
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -270,6 +271,7 @@ class Session:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@lru_cache(maxsize=8)
 def marker_state(plan: Plan) -> dict[str, Any]:
     """The markers, their residuals and the bound; also of markers that are being dragged."""
     fit, registration = plan.fit, plan.fit.registration
